@@ -1,0 +1,1 @@
+"""The HTTP service: routes that decide nothing, errors, settings, the offline console."""

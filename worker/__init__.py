@@ -1,0 +1,1 @@
+"""The worker: science, formats, contracts, storage, tasks and the execution of jobs."""

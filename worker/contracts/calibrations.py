@@ -1,0 +1,214 @@
+"""Calibrations: what can be asked, and the answer with everything that is known about it."""
+
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from worker.contracts.base import Contract, Handedness, Identifier, Rotation, Rows, Stamped
+from worker.contracts.geometry import (
+    ScannerConstants,
+    SourceFrame,
+    SourceFrameDeviation,
+    Theta,
+    ThetaDeviation,
+)
+from worker.contracts.jobs import Failure
+
+
+class CalibrationMethod(StrEnum):
+    """`default` is what users want; `paper` is the published search."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+class PaperOptions(Contract):
+    """Switches of the published search (arXiv 2206.14444)."""
+
+    objective: Literal["image", "projection"] = Field(
+        "image", description="Correlate FBP images, or compare sinograms."
+    )
+    weighting: Literal["none", "exact"] = Field("none", description="FBP weights; the published pipeline has none.")
+    correlation: Literal["unnormalised", "normalised"] = "unnormalised"
+    stop: Literal["published", "tight"] = Field(
+        "published", description="SciPy's default stop, or one that waits for convergence."
+    )
+    max_generations: Annotated[int, Field(ge=1, le=10_000)] = 1000
+    image_size: Annotated[int, Field(ge=32, le=1024)] = 256
+
+
+class CalibrationOptions(Contract):
+    """How to calibrate, apart from what."""
+
+    rows: Rows | None = Field(None, description="Rows to average; null: the scan's phantom rows, else all.")
+    views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
+    handedness: Handedness | None = Field(None, description="Null: the scanner's, else both are tried.")
+    rotation: Rotation | None = Field(None, description="Null: the scanner's, else both are tried.")
+    method: CalibrationMethod = CalibrationMethod.DEFAULT
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 7
+    rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
+        None, description="Rays a cell in the model; null averages over the whole cell, as a real detector does."
+    )
+    paper: PaperOptions = PaperOptions()
+
+
+class CalibrationAsk(CalibrationOptions):
+    """Ask for a calibration."""
+
+    scan_id: Identifier = Field(examples=["example"])
+    phantom_id: Identifier | None = Field(
+        None, description="Null: the phantom that the scan names.", examples=["l-shape"]
+    )
+    activate: bool = Field(
+        default=False, description="Make it the scanner's active calibration if its verdict is pass."
+    )
+
+
+class StandardDeviation(Contract):
+    """Of theta and of the source frame."""
+
+    theta: ThetaDeviation
+    source_frame: SourceFrameDeviation
+
+
+class PredictedRayError(Contract):
+    """What the covariance says the rays are off by, inside the log's disc."""
+
+    rms: float
+    max: float
+    radius_mm: float
+
+
+class Residual(Contract):
+    """What the model leaves of the sinogram."""
+
+    rms: float = Field(description="In the unit of the sinogram.")
+    relative: float = Field(description="Against the RMS of the background-free sinogram.")
+
+
+class Hypothesis(Contract):
+    """One of the four: handedness and sense of rotation."""
+
+    handedness: Handedness
+    rotation: Rotation
+    relative_residual: float
+
+
+class Search(Contract):
+    """How the valley was found."""
+
+    method: str
+    seed: int
+    evaluations: int
+    generations: int
+    best_value: float
+    converged: bool
+    message: str
+
+
+class Timing(Contract):
+    """Seconds; total runs from the sinogram in memory to the complete answer."""
+
+    total: float
+    search: float
+    refine: float
+    uncertainty: float
+
+
+class Comparison(Contract):
+    """Against the scanner's active calibration."""
+
+    calibration_id: Identifier
+    ray_change_mm: float = Field(description="RMS distance between the two calibrations' rays inside the log's disc.")
+    angle_change_deg: float = Field(description="Change of the first angle.")
+    cor_column_change_mm: float
+    source_distance_change_mm: float
+    tilt_change_deg: float
+    within_tolerance: bool
+    reason: str
+
+
+class CalibrationResult(Contract):
+    """The answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+
+    theta: Theta
+    theta_twin: Theta | None = Field(
+        description="The other theta with the same sinogram; null where the source shift is zero."
+    )
+    source_frame: SourceFrame
+    standard_deviation: StandardDeviation
+    covariance: list[list[float]] = Field(
+        description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "
+        "a fixed parameter's row is zero."
+    )
+    unconstrained_source_distance_mm: float = Field(description="R before it was held at source_to_cor_mm, if it was.")
+    scale_uncertainty_mm: float = Field(
+        description="What R inherits from the phantom's size tolerance: a systematic share."
+    )
+    predicted_ray_error_mm: PredictedRayError
+    handedness: Handedness
+    rotation: Rotation
+    hypotheses: list[Hypothesis] = Field(description="All that were tried, best first.")
+    phantom_position_mm: tuple[float, float]
+    gain: float
+    offset: float
+    residual: Residual
+    verdict: Literal["pass", "watch", "fail"]
+    reasons: list[str]
+    scanner: ScannerConstants
+    phantom: str
+    views: int
+    rows: tuple[int, int] = Field(description="First row and the one after the last.")
+    search: Search
+    timing_s: Timing
+    software_version: str
+    input_sha256: str
+    comparison: Comparison | None = None
+
+
+class CalibrationLinks(Contract):
+    """Where its files are."""
+
+    self: str
+    job: str
+    report: str
+    hdf5: str
+
+
+class CalibrationHeader(Stamped):
+    """What every calibration carries from the moment it was asked for."""
+
+    scanner_id: Identifier
+    scan_id: Identifier
+    phantom_id: Identifier
+    job_id: Identifier
+    schedule_id: Identifier | None = None
+    options: CalibrationOptions
+
+
+class CalibrationUnfinished(CalibrationHeader):
+    """Waiting, running, or ended without an answer."""
+
+    state: Literal["queued", "running", "failed", "cancelled"]
+    failure: Failure | None = None
+    links: CalibrationLinks | None = None
+
+
+class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
+    """With its answer."""
+
+    state: Literal["succeeded"] = "succeeded"
+    links: CalibrationLinks | None = None
+
+
+Calibration = Annotated[CalibrationUnfinished | CalibrationSucceeded, Field(discriminator="state")]
+
+
+def calibration_from(
+    header: dict[str, Any], state: str, result: dict[str, Any] | None
+) -> CalibrationUnfinished | CalibrationSucceeded:
+    """Put a stored header and result together."""
+    if result is not None and state == "succeeded":
+        return CalibrationSucceeded.model_validate({**header, **result, "state": state})
+    return CalibrationUnfinished.model_validate({**header, "state": state})

@@ -1,0 +1,48 @@
+"""Scanners: known constants, search bounds, tolerances, the active calibration."""
+
+from pydantic import Field
+
+from worker.contracts.base import Contract, Handedness, Identifier, Name, PositiveMm, Rotation, Stamped
+from worker.contracts.geometry import ScannerConstants, ThetaBounds
+
+
+class Tolerances(Contract):
+    """What the mill accepts. A calibration beyond one of them is not a pass."""
+
+    predicted_ray_error_mm: PositiveMm = Field(
+        0.1, description="RMS predicted ray error up to which a calibration passes."
+    )
+    ray_change_mm: PositiveMm = Field(
+        0.5, description="RMS ray distance to the active calibration up to which nothing moved."
+    )
+    angle_change_deg: PositiveMm = Field(0.5, description="Change of the first angle up to which nothing moved.")
+
+
+class ScannerSpec(Contract):
+    """A scanner as its owner describes it."""
+
+    name: Name = Field(examples=["Line 2"])
+    constants: ScannerConstants
+    bounds: ThetaBounds = ThetaBounds()
+    tolerances: Tolerances = Tolerances()
+    log_radius_mm: PositiveMm = Field(
+        150.0, description="Radius of the largest log: the disc in which ray errors are counted."
+    )
+    handedness: Handedness | None = Field(None, description="Null: every calibration tries both.")
+    rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")
+
+
+class Scanner(Stamped, ScannerSpec):
+    """A scanner as it stands."""
+
+    active_calibration_id: Identifier | None = Field(
+        None, description="The calibration that reconstructions use unless told."
+    )
+
+
+class Activation(Contract):
+    """One entry of a scanner's history: from then on this calibration was the active one."""
+
+    calibration_id: Identifier
+    activated_at: str
+    reason: str = Field(description="Who or what activated it.")

@@ -1,0 +1,142 @@
+"""Analytic fan-beam projection of polygons and discs, and its derivatives: no pixels anywhere."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.tomography import _analytic_numba as kernels
+from worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from worker.tomography.phantom import Phantom
+
+PARAMETERS = kernels.PARAMETERS
+
+
+@dataclass(frozen=True)
+class DetectorCells:
+    """Where the detector's cells lie: the first one's border in mm, their width in mm, their number."""
+
+    first_border_mm: float
+    width_mm: float
+    count: int
+
+    @classmethod
+    def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
+        """The scanner's cells, `binned` of them taken together; a remainder at the far end is left out."""
+        return cls(
+            -0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm,
+            scanner.detector_pitch_mm * binned,
+            scanner.num_detector_pixels // binned,
+        )
+
+
+def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
+    """Whether a phantom of this radius around the COR stays in front of the source, along the detector normal."""
+    return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
+
+
+def _check(phantom: Phantom, frame: SourceFrame, position_mm: tuple[float, float]) -> None:
+    reach = phantom.radius_mm + math.hypot(*position_mm)
+    if not clears(reach, frame):
+        raise GeometryError(
+            f"the phantom {phantom.name!r} reaches {reach:.4g} mm from the centre of rotation, so far that it touches "
+            f"the source at {frame.source_distance_mm:.4g} mm (tilt {frame.tilt_rad:.3g} rad)"
+        )
+
+
+def project(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> FloatArray:
+    """The phantom's sinogram.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        Moved by `position_mm` in the image frame.
+    cells : DetectorCells
+        Where the cells lie.
+    frame : SourceFrame
+        The geometry.
+    angles_rad : (views,) float64
+        View angles as the scanner's sense of rotation reads them.
+    rays_per_cell : int, optional
+        So many equidistant rays a cell; by default the mean over the whole cell.
+
+    Returns
+    -------
+    (views, cells) float64
+        Line integrals, mm times density.
+
+    Raises
+    ------
+    GeometryError
+        If the phantom reaches the source.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((angles_rad.size, cells.count))
+    kernels.project(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out
+
+
+def project_with_derivative(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
+    _check(phantom, frame, position_mm)
+    out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
+    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out[PARAMETERS], out[:PARAMETERS]
+
+
+def gram(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    sinogram: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> FloatArray:
+    """Inner products over the cells of (seven derivatives, projection, 1, sinogram), per view: (views, 10, 10).
+
+    All that least squares needs, without ever storing the derivative.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((angles_rad.size, PARAMETERS + 3, PARAMETERS + 3))
+    kernels.gram(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), sinogram, out)
+    return out
+
+
+def _arguments(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    position_mm: tuple[float, float],
+    rays_per_cell: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float, NDArray[np.float64], float, float, int]:
+    return (
+        phantom.edges,
+        phantom.discs,
+        frame.to_vector(),
+        position_mm[0],
+        position_mm[1],
+        np.ascontiguousarray(angles_rad, np.float64),
+        cells.first_border_mm,
+        cells.width_mm,
+        rays_per_cell or 0,
+    )

@@ -1,0 +1,1 @@
+"""Calibration: the default method, the published one, and what both answer."""

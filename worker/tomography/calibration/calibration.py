@@ -1,0 +1,151 @@
+"""What a calibration answers, whichever search found the valley."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from worker.tomography.geometry import (
+    FloatArray,
+    Handedness,
+    Rotation,
+    Scanner,
+    SourceFrame,
+    Theta,
+    ThetaBounds,
+)
+from worker.tomography.phantom import Phantom
+from worker.tomography.ray_error import RayError
+
+
+class CalibrationError(Exception):
+    """No calibration could be made of this scan.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: phantom-not-found, too-few-views, no-geometry, flat-scan.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """How the valley was found."""
+
+    method: str
+    seed: int
+    evaluations: int
+    generations: int
+    best_value: float
+    converged: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class HypothesisReport:
+    """One of the four hypotheses and how much of the sinogram it leaves unexplained."""
+
+    handedness: Handedness
+    rotation: Rotation
+    relative_residual: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The complete answer.
+
+    Attributes
+    ----------
+    phantom : Phantom
+        As drawn. `seen` is the phantom as the scan shows it: mirrored if seen from behind, and where it stood.
+    covariance : (5, 5) float64
+        Of (psi, R, SDD, u_c, tau); the row of a fixed parameter is zero.
+    theta_deviation : (5,) float64 or None
+        Standard deviations of theta; None where the source shift is not resolved.
+    source_distance_fixed : bool
+        R was held at r_S, because the free fit gave less: `unconstrained_source_distance_mm`.
+    inflation : float
+        Factor by which the residual's correlation within views widened the covariance; 1 for white noise.
+    """
+
+    scanner: Scanner
+    phantom: Phantom
+    frame: SourceFrame
+    theta: Theta
+    theta_twin: Theta | None
+    covariance: FloatArray
+    theta_deviation: FloatArray | None
+    source_distance_fixed: bool
+    unconstrained_source_distance_mm: float
+    scale_uncertainty_mm: float
+    predicted_ray_error: RayError
+    log_radius_mm: float
+    inflation: float
+    handedness: Handedness
+    rotation: Rotation
+    hypotheses: tuple[HypothesisReport, ...]
+    position_mm: tuple[float, float]
+    gain: float
+    offset: float
+    residual_rms: float
+    relative_residual: float
+    model: FloatArray
+    residual: FloatArray
+    verdict: str
+    reasons: tuple[str, ...]
+    search: SearchReport
+    seconds: dict[str, float]
+
+    @property
+    def seen(self) -> Phantom:
+        """The phantom as the scan shows it, in the image frame of theta."""
+        drawn = self.phantom if self.handedness is Handedness.AS_DRAWN else self.phantom.mirrored()
+        return drawn.moved(*self.position_mm)
+
+    @property
+    def frame_deviation(self) -> FloatArray:
+        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero for a fixed parameter."""
+        r, sdd = self.frame.source_distance_mm, self.frame.source_to_detector_mm
+        slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
+        magnification = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
+        return np.append(np.sqrt(np.diag(self.covariance)), magnification)
+
+
+def choose_theta(scanner: Scanner, frame: SourceFrame, bounds: ThetaBounds | None) -> tuple[Theta, Theta | None]:
+    """The theta to report and its twin: the one inside the bounds; where both or neither are, the one with h_S >= 0."""
+    theta = frame.theta(scanner.source_to_cor_mm)
+    if theta.source_shift_mm == 0.0:
+        return theta, None
+    twin = theta.twin(scanner.source_to_cor_mm)
+    if bounds is not None and bounds.contain(twin) and not bounds.contain(theta):
+        return twin, theta
+    return theta, twin
+
+
+def theta_deviation(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
+    """Standard deviations of theta to first order, (5,); None where h_S is not resolved from zero."""
+    r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
+    spread = math.sqrt(float(covariance[1, 1]))
+    if spread == 0.0 or r - r_s <= 2.0 * spread:
+        return None
+    sign = 1 if theta.source_shift_mm >= 0.0 else -1
+    vector = frame.to_vector()
+    # A step in R must stay well above r_S, where h_S has a square-root branch point.
+    steps = np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])
+    columns = []
+    for index, step in enumerate(steps):
+        ends = []
+        for direction in (1.0, -1.0):
+            moved = vector.copy()
+            moved[index] += direction * step
+            ends.append(SourceFrame.from_vector(moved).theta(r_s, source_shift_sign=sign).to_vector())
+        change = ends[0] - ends[1]
+        change[0] = math.remainder(change[0], 2.0 * math.pi)
+        columns.append(change / (2.0 * step))
+    slope = np.stack(columns, -1)
+    deviation: FloatArray = np.sqrt(np.diag(slope @ covariance @ slope.T))
+    return deviation
