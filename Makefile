@@ -37,7 +37,7 @@ test: lint
 	@$(BIN)/python -m pytest
 
 openapi: install
-	@$(BIN)/sawmill openapi > openapi/openapi.json
+	@$(BIN)/sawmill openapi
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -1,5 +1,6 @@
 """Calibrations: what can be asked, and the answer with everything that is known about it."""
 
+import json
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
@@ -137,8 +138,8 @@ class CalibrationResult(Contract):
         description="The other theta with the same sinogram; null where the source shift is zero."
     )
     source_frame: SourceFrame
-    standard_deviation: StandardDeviation
-    covariance: list[list[float]] = Field(
+    standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
+    covariance: list[list[float]] | None = Field(
         description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "
         "a fixed parameter's row is zero."
     )
@@ -146,7 +147,7 @@ class CalibrationResult(Contract):
     scale_uncertainty_mm: float = Field(
         description="What R inherits from the phantom's size tolerance: a systematic share."
     )
-    predicted_ray_error_mm: PredictedRayError
+    predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
     handedness: Handedness
     rotation: Rotation
     hypotheses: list[Hypothesis] = Field(description="All that were tried, best first.")
@@ -165,6 +166,28 @@ class CalibrationResult(Contract):
     software_version: str
     input_sha256: str
     comparison: Comparison | None = None
+
+
+class CalibrationFile(CalibrationResult):
+    """What the command line prints: an answer that belongs to no service."""
+
+    id: str
+    state: Literal["succeeded"] = "succeeded"
+
+    @classmethod
+    def read(cls, text: str) -> CalibrationResult:
+        """The answer in RESULT.json, whether the command line or the service wrote it.
+
+        Raises
+        ------
+        ValueError
+            The text is no JSON object, or not a calibration that succeeded.
+        """
+        document = json.loads(text)
+        if not isinstance(document, dict) or document.get("state") != "succeeded":
+            raise ValueError("it is not a calibration that succeeded")
+        known = {name: document[name] for name in CalibrationResult.model_fields if name in document}
+        return CalibrationResult.model_validate(known)
 
 
 class CalibrationLinks(Contract):

@@ -1,5 +1,7 @@
 """Scanners: known constants, search bounds, tolerances, the active calibration."""
 
+from typing import Annotated
+
 from pydantic import Field
 
 from worker.contracts.base import Contract, Handedness, Identifier, Name, PositiveMm, Rotation, Stamped
@@ -15,7 +17,10 @@ class Tolerances(Contract):
     ray_change_mm: PositiveMm = Field(
         0.5, description="RMS ray distance to the active calibration up to which nothing moved."
     )
-    angle_change_deg: PositiveMm = Field(0.5, description="Change of the first angle up to which nothing moved.")
+    angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
+        None,
+        description="Change of the first angle up to which nothing moved; null: it turns with the phantom's mounting.",
+    )
 
 
 class ScannerSpec(Contract):
@@ -23,7 +28,9 @@ class ScannerSpec(Contract):
 
     name: Name = Field(examples=["Line 2"])
     constants: ScannerConstants
-    bounds: ThetaBounds = ThetaBounds()
+    bounds: ThetaBounds | None = Field(
+        None, description="Where theta is searched; null: wherever the phantom can be seen."
+    )
     tolerances: Tolerances = Tolerances()
     log_radius_mm: PositiveMm = Field(
         150.0, description="Radius of the largest log: the disc in which ray errors are counted."

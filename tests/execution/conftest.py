@@ -1,0 +1,92 @@
+"""A store with jobs to run, and processes that run them without science."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from worker.contracts.geometry import ScannerConstants
+from worker.contracts.jobs import Job
+from worker.contracts.scanners import ScannerSpec
+from worker.contracts.scans import DataKind, ScanSpec
+from worker.execution.settings import ExecutionSettings
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+HERE = Path(__file__).parent
+
+
+@pytest.fixture
+def storage(tmp_path: Path) -> StorageSettings:
+    return StorageSettings(data_folder=tmp_path / "data", database_url=None)
+
+
+@pytest.fixture
+def store(storage: StorageSettings) -> Iterator[Store]:
+    opened = Store.open(storage)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def settings() -> ExecutionSettings:
+    """The product's, made quick."""
+    return ExecutionSettings(
+        lease_s=2,
+        heartbeat_s=0.2,
+        progress_s=0.05,
+        poll_s=0.05,
+        housekeeping_s=0.2,
+        sweep_s=0.5,
+        stop_grace_s=1,
+        kill_grace_s=0.3,
+        spare_processes=1,
+        broker_url=None,
+        memory_limit_bytes=2**29,
+    )
+
+
+@pytest.fixture
+def command() -> list[str]:
+    return [sys.executable, str(HERE / "fake_science.py")]
+
+
+@pytest.fixture
+def queue(store: Store) -> Callable[[str], Job]:
+    """Queue a job that behaves as told."""
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
+
+    def accept(behaviour: str) -> Job:
+        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+        scan = store.scans.accept(spec, store.files.receive([behaviour.encode()], max_bytes=100))
+        return store.jobs.get(scan.job_id)
+
+    return accept
+
+
+@pytest.fixture
+def wait_for() -> Callable[[Callable[[], bool]], None]:
+    def wait(condition: Callable[[], bool], timeout_s: float = 20.0) -> None:
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            assert time.monotonic() < deadline, "waited in vain"
+            time.sleep(0.02)
+
+    return wait
+
+
+def running(process_id: int) -> bool:
+    """Whether a process exists and is no zombie."""
+    try:
+        state = Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+@pytest.fixture
+def is_running() -> Callable[[int], bool]:
+    return running

@@ -1,0 +1,14 @@
+"""The real Celery application over tasks without science, for `celery -A fake_celery worker`."""
+
+import sys
+from pathlib import Path
+
+from worker.execution.celery_app import make_celery
+from worker.execution.settings import ExecutionSettings
+from worker.storage.settings import StorageSettings
+
+app = make_celery(
+    ExecutionSettings(),
+    StorageSettings(),
+    command=[sys.executable, str(Path(__file__).with_name("fake_science.py"))],
+)

@@ -1,0 +1,117 @@
+import contextlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from structlog.testing import capture_logs
+
+from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.jobs import JobState
+from worker.execution.celery_app import Waker, _Engine, make_celery
+from worker.execution.environment import environment_with
+from worker.execution.settings import ExecutionSettings
+
+HERE = Path(__file__).parent
+CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery"]
+NEVER_S = 80_000
+
+
+@contextlib.contextmanager
+def celery_worker(storage, settings):
+    process = subprocess.Popen(
+        [*CELERY, "worker", "--loglevel", "warning", "--without-mingle", "--without-gossip"],
+        cwd=HERE,
+        env=environment_with(storage, settings),
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(timeout=20)
+
+
+@pytest.fixture
+def on_redis(settings, redis_url):
+    return settings.model_copy(update={"broker_url": redis_url, "sweep_s": NEVER_S})
+
+
+@pytest.fixture
+def wake(on_redis, storage):
+    return Waker(make_celery(on_redis, storage))
+
+
+def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_redis, wake, queue, wait_for):
+    job = queue("stumble")
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=job.subject_id, phantom_id="l-shape"))
+    with celery_worker(storage, on_redis):
+        wake(job.id)
+        wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
+    assert (store.jobs.get(job.id).state, store.jobs.get(job.id).attempt) == (JobState.SUCCEEDED, 2)
+
+
+def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wake, queue, wait_for):
+    jobs = [queue("succeed") for _ in range(3)]
+    for job_id in [job.id for job in jobs] * 3 + ["nothing"]:
+        wake(job_id)
+    with celery_worker(storage, on_redis.model_copy(update={"workers": 3})):
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+    assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 1]
+
+
+def test_a_lost_wake_up_is_sent_again(store, storage, on_redis, queue, wait_for):
+    jobs = [queue("succeed") for _ in range(2)]
+    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5})):
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+
+
+def test_a_stopping_celery_worker_gives_its_job_back(store, storage, on_redis, wake, queue, wait_for, is_running):
+    job = queue("talk")
+    with celery_worker(storage, on_redis):
+        wake(job.id)
+        wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
+        attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+    assert store.jobs.get(job.id).state is JobState.QUEUED
+    assert not is_running(attempt)
+
+
+def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage):
+    out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
+    with capture_logs() as log:
+        Waker(make_celery(out_of_reach, storage))("some-job")
+    assert [(entry["event"], entry["job"]) for entry in log] == [("wake-up-not-sent", "some-job")]
+
+
+def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue):
+    queue("succeed")
+    out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0", "sweep_s": 1e-9})
+    engine = _Engine(make_celery(out_of_reach, storage), out_of_reach, storage, ["true"])
+    engine._store = store
+    with capture_logs() as log:
+        engine._sweep()
+    assert [(entry["event"], entry["waiting"]) for entry in log] == [("sweep-put-off", 1)]
+
+
+def test_a_forking_pool_is_refused(storage, on_redis):
+    answer = subprocess.run(
+        [*CELERY, "worker", "--pool", "processes"],
+        cwd=HERE,
+        env=environment_with(storage, on_redis),
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert answer.returncode == 1
+    assert "use the threads or the solo pool" in answer.stderr
+
+
+def test_a_broker_must_be_named(storage):
+    with pytest.raises(ValueError, match="SAWMILL_BROKER_URL"):
+        make_celery(ExecutionSettings(broker_url=None), storage)
+
+
+def test_importing_the_module_makes_nothing():
+    program = "import worker.execution.celery_app as module; assert 'app' not in vars(module); module.app"
+    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert "SAWMILL_BROKER_URL" in answer.stderr

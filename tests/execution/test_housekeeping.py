@@ -1,0 +1,43 @@
+import threading
+
+from structlog.testing import capture_logs
+
+from worker.contracts.jobs import JobState
+from worker.contracts.schedules import ScheduleSpec
+from worker.execution.housekeeping import Housekeeping
+from worker.storage.errors import StorageUnavailable
+
+
+def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):
+    job = queue("succeed")
+    store.jobs.claim("lost", lease_s=0.01)
+    schedule = store.schedules.create(
+        ScheduleSpec(scanner_id=store.scans.get(job.subject_id).scanner_id, cron="* * * * *")
+    )
+    with store._database.write() as session:
+        session.connection().exec_driver_sql("UPDATE schedules SET next_due_at = created_at")
+    stop = threading.Event()
+    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping.start()
+    wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
+    wait_for(lambda: store.schedules.get(schedule.id).last_run is not None)
+    stop.set()
+    housekeeping.join()
+
+
+def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for):
+    rounds = []
+
+    def and_then():
+        rounds.append(1)
+        if len(rounds) == 1:
+            raise StorageUnavailable("the database does not answer: away")
+
+    stop = threading.Event()
+    with capture_logs() as log:
+        housekeeping = Housekeeping(store, settings, stop, and_then=and_then)
+        housekeeping.start()
+        wait_for(lambda: len(rounds) > 1)
+        stop.set()
+        housekeeping.join()
+    assert [entry["event"] for entry in log] == ["housekeeping-put-off"]

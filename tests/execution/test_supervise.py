@@ -1,0 +1,88 @@
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from worker.contracts.jobs import JobState
+from worker.execution.environment import environment_with
+from worker.execution.supervise import WorkerSupervisor
+
+HERE = Path(__file__).parent
+WORKER = [sys.executable, str(HERE / "fake_worker.py")]
+
+
+@pytest.fixture
+def supervisor(storage, settings):
+    with WorkerSupervisor(storage, settings.model_copy(update={"workers": 2}), command=WORKER) as running:
+        yield running
+
+
+def processes_of(folder: Path) -> list[int]:
+    """Every live process whose environment names this data folder."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit() and int(entry.name) != os.getpid():
+            try:
+                environment = (entry / "environ").read_bytes()
+            except OSError:
+                continue
+            if f"SAWMILL_DATA_FOLDER={folder}".encode() in environment.split(b"\0"):
+                found.append(int(entry.name))
+    return found
+
+
+@pytest.mark.usefixtures("supervisor")
+def test_workers_run_jobs_without_being_told(store, queue, wait_for):
+    jobs = [queue("succeed") for _ in range(4)]
+    wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+
+
+def test_a_killed_worker_is_replaced_and_its_job_runs_again(store, supervisor, queue, wait_for, is_running):
+    job = queue("talk")
+    wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
+    attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+    victim = int(store.jobs.get(job.id).worker.rpartition("-")[2])
+    assert victim in supervisor.process_ids
+    os.kill(victim, signal.SIGKILL)
+    wait_for(lambda: not is_running(attempt))
+    wait_for(lambda: store.jobs.get(job.id).attempt == 2)
+    wait_for(lambda: len(supervisor.process_ids) == 2)
+    assert victim not in supervisor.process_ids
+
+
+def test_leaving_ends_everything_and_gives_the_job_back(store, storage, settings, queue, wait_for):
+    with WorkerSupervisor(storage, settings, command=WORKER):
+        job = queue("talk")
+        wait_for(lambda: store.jobs.get(job.id).progress is not None)
+    assert store.jobs.get(job.id).state is JobState.QUEUED
+    assert processes_of(storage.data_folder) == []
+
+
+def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
+    program = (
+        "import sys, time; from worker.execution.supervise import WorkerSupervisor;"
+        "from worker.execution.settings import ExecutionSettings; from worker.storage.settings import StorageSettings;"
+        f"WorkerSupervisor(StorageSettings(), ExecutionSettings(), command={WORKER!r}).__enter__(); time.sleep(60)"
+    )
+    service = subprocess.Popen([sys.executable, "-c", program], env=environment_with(storage, settings))
+    job = queue("talk")
+    wait_for(lambda: store.jobs.get(job.id).progress is not None)
+    assert len(processes_of(storage.data_folder)) >= 3
+    service.kill()
+    service.wait()
+    wait_for(lambda: processes_of(storage.data_folder) == [])
+    assert store.jobs.get(job.id).state is JobState.QUEUED
+
+
+def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, settings, tmp_path, wait_for):
+    log = tmp_path / "starts"
+    log.touch()
+    program = f"import time; open({str(log)!r}, 'a').write(f'{{time.time()}}\\n')"
+    with WorkerSupervisor(storage, settings, command=[sys.executable, "-c", program]):
+        wait_for(lambda: len(log.read_text().splitlines()) == 3)
+    first, second, third = map(float, log.read_text().splitlines())
+    assert second - first > 0.5
+    assert third - second > 1.0

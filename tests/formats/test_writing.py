@@ -1,0 +1,218 @@
+"""What is written can be read back, is described in the file itself, and is never half there."""
+
+import json
+import resource
+import subprocess
+import sys
+import textwrap
+
+import h5py
+import numpy as np
+import pytest
+
+from worker.formats.atomic import whole_hdf5
+from worker.formats.nexus import unit_of
+from worker.formats.reading import read_scan
+from worker.formats.result_files import write_calibration, write_reconstruction
+from worker.formats.scan_file import read_stored_scan, write_raw_scan, write_scan
+
+
+@pytest.fixture
+def scan(stack, angles_deg):
+    return {
+        "line_integrals": stack,
+        "angles_rad": np.deg2rad(angles_deg),
+        "detector_pitch_mm": 1.502864583,
+        "row_pitch_mm": 2.0,
+        "air_level": np.full(stack.shape[1:], 59_993, np.float32),
+        "provenance": {"input_sha256": "abc", "remarks": "none"},
+    }
+
+
+def test_written_scan_reads_as_an_upload(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **scan)
+    read = read_scan(tmp_path / "scan.h5", counts=False, detector_pitch_mm=1.502864583, row_pitch_mm=2.0)
+    np.testing.assert_array_equal(read.projections, scan["line_integrals"])
+    np.testing.assert_allclose(read.angles_rad, scan["angles_rad"], rtol=1e-15)
+    assert (read.detector_pitch_mm, read.row_pitch_mm) == (1.502864583, 2.0)
+    assert read.remarks == ()
+
+
+def test_stored_scan_reads_whole(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **scan)
+    stored = read_stored_scan(tmp_path / "scan.h5")
+    np.testing.assert_array_equal(stored.line_integrals, scan["line_integrals"])
+    np.testing.assert_array_equal(stored.air_level, scan["air_level"])
+    assert (stored.detector_pitch_mm, stored.row_pitch_mm) == (1.502864583, 2.0)
+
+
+def test_stored_scan_reads_rows_and_views_in_the_order_asked_for(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **scan)
+    views = np.array([4, 0])
+    stored = read_stored_scan(tmp_path / "scan.h5", slice(1, 3), views)
+    np.testing.assert_array_equal(stored.line_integrals, scan["line_integrals"][views, 1:3])
+    np.testing.assert_allclose(stored.angles_rad, scan["angles_rad"][views])
+    assert stored.air_level.shape == (2, 8)
+
+
+def test_one_rows_sinogram_is_one_chunk(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **scan)
+    with h5py.File(tmp_path / "scan.h5") as file:
+        assert file["entry/instrument/detector/data"].chunks == (6, 1, 8)
+        assert file["entry/data/data"] == file["entry/instrument/detector/data"]
+        assert file["entry/provenance/input_sha256"][()] == b"abc"
+
+
+def test_scan_without_air_level_and_row_pitch(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **(scan | {"air_level": None, "row_pitch_mm": None}))
+    stored = read_stored_scan(tmp_path / "scan.h5")
+    assert stored.air_level is None
+    assert stored.row_pitch_mm is None
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32])
+def test_raw_counts_round_trip(tmp_path, stack, angles_deg, dtype):
+    flats, darks = np.full((2, 3, 8), 60_000, dtype), np.full((4, 3, 8), 50, dtype)
+    write_raw_scan(
+        tmp_path / "raw.h5",
+        counts=stack.astype(dtype),
+        flats=flats,
+        darks=darks,
+        angles_rad=np.deg2rad(angles_deg),
+        detector_pitch_mm=1.5,
+        row_pitch_mm=2.0,
+    )
+    scan = read_scan(tmp_path / "raw.h5", counts=True)
+    np.testing.assert_array_equal(scan.projections, stack)
+    np.testing.assert_array_equal(scan.flats, flats)
+    np.testing.assert_array_equal(scan.darks, darks)
+    np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
+
+
+def test_shapes_that_disagree_are_wrong_use(tmp_path, scan):
+    with pytest.raises(ValueError, match="one angle for each view"):
+        write_scan(tmp_path / "scan.h5", **(scan | {"angles_rad": np.zeros(5)}))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture
+def reconstruction(tmp_path, rng):
+    volume = rng.random((3, 6, 4), dtype=np.float32)
+    path = tmp_path / "volume.h5"
+
+    def write(row_pitch_mm=2.0):
+        write_reconstruction(
+            path,
+            volume,
+            pixel_mm=1.5,
+            row_pitch_mm=row_pitch_mm,
+            unit="1/mm",
+            geometry={"theta": {"initial_angle_rad": 2.5, "detector_tilt": 0.28}},
+            parameters={"filter": "hann", "size": 6, "field_mm": 9.0, "rows": None},
+            software_version="0.1.0",
+            input_sha256="f00",
+        )
+        return path, volume
+
+    return write
+
+
+def test_volume_carries_axes_units_and_origin(reconstruction):
+    path, volume = reconstruction()
+    with h5py.File(path) as file:
+        entry = file["entry"]
+        assert entry["definition"][()] == b"NXtomoproc"
+        data = entry["reconstruction"]
+        assert data.attrs["NX_class"] == "NXdata"
+        assert data.attrs["signal"] == "data"
+        assert list(data.attrs["axes"]) == ["z", "x", "y"]
+        np.testing.assert_array_equal(data["data"], volume)
+        assert data["data"].dtype == np.float32
+        assert data["data"].attrs["units"] == "1/mm"
+        np.testing.assert_allclose(data["x"], [-3.75, -2.25, -0.75, 0.75, 2.25, 3.75])
+        np.testing.assert_allclose(data["z"], [-2, 0, 2])
+        assert data["y"].attrs["units"] == "mm"
+        assert entry["data/data"] == data["data"]
+        assert entry["process/version"][()] == b"0.1.0"
+        assert entry["process/input_sha256"][()] == b"f00"
+        assert entry["process/parameters/field_mm"].attrs["units"] == "mm"
+        assert entry["process/parameters/rows"].shape is None
+        assert entry["geometry/theta/initial_angle_rad"][()] == 2.5
+        assert entry["geometry/theta/initial_angle_rad"].attrs["units"] == "rad"
+        assert "units" not in entry["geometry/theta/detector_tilt"].attrs
+
+
+def test_slices_without_spacing_are_counted(reconstruction):
+    path, _ = reconstruction(row_pitch_mm=None)
+    with h5py.File(path) as file:
+        data = file["entry/reconstruction"]
+        assert list(data.attrs["axes"]) == ["slice", "x", "y"]
+        np.testing.assert_array_equal(data["slice"], [0, 1, 2])
+
+
+def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
+    result = {
+        "theta": {"source_shift_mm": 319.9},
+        "standard_deviation": {"theta": {"source_shift_mm": None}},
+        "predicted_ray_error_mm": {"rms": 0.02, "radius_mm": 150},
+        "covariance": [[1.0, 0.5], [0.5, 2.0]],
+        "reasons": [],
+        "hypotheses": [{"handedness": "as-drawn"}],
+        "ragged": [[1, 2], [3]],
+        "verdict": "pass",
+        "converged": True,
+    }
+    residual = rng.random((5, 4)).astype(np.float32)
+    path = tmp_path / "calibration.h5"
+    arrays = {"residual": (residual, "1", "view, detector")}
+    write_calibration(path, result, arrays, software_version="0.1.0", input_sha256="f00")
+    with h5py.File(path) as file:
+        assert json.loads(file["entry/calibration_json"][()]) == result
+        group = file["entry/calibration"]
+        assert group["theta/source_shift_mm"][()] == 319.9
+        assert group["standard_deviation/theta/source_shift_mm"].shape is None
+        assert group["predicted_ray_error_mm/rms"].attrs["units"] == "mm"
+        np.testing.assert_array_equal(group["covariance"], result["covariance"])
+        assert json.loads(group["hypotheses"][()]) == result["hypotheses"]
+        assert json.loads(group["ragged"][()]) == result["ragged"]
+        assert bool(group["converged"][()])
+        np.testing.assert_array_equal(file["entry/arrays/residual"], residual)
+        assert file["entry/arrays/residual"].attrs["axes_description"] == "view, detector"
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [("pixel_mm", "mm"), ("psi_rad", "rad"), ("attenuation_per_mm", "1/mm"), ("s", None), ("views", None)],
+)
+def test_unit_is_taken_from_the_name(name, unit):
+    assert unit_of(name) == unit
+
+
+def test_failure_leaves_nothing_and_keeps_the_older_file(tmp_path):
+    path = tmp_path / "result.h5"
+    path.write_bytes(b"older")
+
+    with pytest.raises(ZeroDivisionError), whole_hdf5(path) as file:
+        file["data"] = [1 // 0]
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("result.h5", b"older")]
+
+
+def test_full_disk_is_a_sentence_and_leaves_nothing(tmp_path):
+    # In a process of its own: the limit on file sizes stands for a full disk, and HDF5 has crashed on one.
+    program = f"""
+        import resource, numpy
+        from pathlib import Path
+        from worker.formats.scan_file import write_scan
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, {resource.RLIM_INFINITY}))
+        stack = numpy.random.default_rng(5).random((50, 20, 200), dtype="f4")
+        try:
+            write_scan(Path({str(tmp_path / "scan.h5")!r}), line_integrals=stack, angles_rad=numpy.arange(50.0),
+                       detector_pitch_mm=1.0, row_pitch_mm=None, air_level=None, provenance={{}})
+        except OSError as error:
+            print(error)
+        """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[Errno 27] scan.h5 could not be written: File too large"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,127 @@
+import subprocess
+import sys
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from worker.pictures.images import image_png, image_png16, sinogram_png
+from worker.pictures.windows import round_length, ticks, window_of
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20261120)
+
+
+def decoded(png):
+    return Image.open(BytesIO(png))
+
+
+def panel_of(png, side):
+    """The left upper part of the picture's panel: it begins inside the first long lines of its frame."""
+    page = np.asarray(decoded(png))
+    frame = page == 120
+    left = np.flatnonzero(frame.sum(axis=0) > 500)[0] + 1
+    top = np.flatnonzero(frame.sum(axis=1) > 500)[0] + 1
+    return page[top : top + side, left : left + side]
+
+
+def test_row_is_x_and_column_is_y():
+    image = np.zeros((256, 256))
+    image[10, 200] = 1.0
+    panel = panel_of(image_png(image, pixel_mm=None, unit="1", window=(0, 1)), 512)
+    assert np.argwhere(panel == 255).tolist() == [[20, 400], [20, 401], [21, 400], [21, 401]]
+
+
+def test_small_images_are_enlarged_by_whole_factors(rng):
+    image = rng.random((100, 130))
+    png = image_png(image, pixel_mm=2.0, unit="1/mm", title="row 3")
+    assert decoded(png).mode == "L"
+    assert min(decoded(png).size) >= 512
+    panel = panel_of(png, 600)
+    np.testing.assert_array_equal(panel[::6, ::6][:, :100], panel[5::6, 5::6][:, :100])
+
+
+def test_scale_bar_has_the_length_it_says(rng):
+    page = np.asarray(decoded(image_png(rng.random((256, 256)), pixel_mm=400 / 256, unit="1/mm", window=(-1, 0))))
+    bar = max(int(np.argmax(row != 20)) for row in page[530:, 15:])
+    assert bar == 128  # 100 mm at 400 mm over 512 pixels
+
+
+def test_window_clips():
+    image = np.array([[-5.0, 0.0], [1.0, 9.0]])
+    panel = panel_of(image_png(image, pixel_mm=None, unit="1", window=(0, 1)), 512)
+    assert [panel[0, 0], panel[0, -1], panel[-1, 0], panel[-1, -1]] == [0, 0, 255, 255]
+
+
+def test_constant_image_has_a_picture():
+    assert decoded(image_png(np.ones((16, 16)), pixel_mm=1.0, unit="1")).size[0] > 512
+
+
+def test_16_bit_gives_the_values_back(rng):
+    image = rng.normal(size=(30, 40))
+    png = decoded(image_png16(image))
+    low, high = float(png.text["window_low"]), float(png.text["window_high"])
+    assert (low, high) == (image.min(), image.max())
+    grey = np.asarray(png)
+    assert grey.dtype == np.uint16
+    np.testing.assert_allclose(low + grey / 65535 * (high - low), image, atol=(high - low) / 65535 / 1.99)
+
+
+def test_16_bit_takes_a_window(rng):
+    grey = np.asarray(decoded(image_png16(rng.random((8, 8)), window=(10.0, 20.0))))
+    assert grey.max() == 0
+
+
+@pytest.mark.parametrize(("views", "cells"), [(360, 768), (20, 768), (3, 5)])
+def test_sinogram_shows_views_downwards(views, cells):
+    sinogram = np.zeros((views, cells))
+    sinogram[0] = 1.0
+    png = sinogram_png(sinogram, angles_deg=np.arange(views) * 1.0, pitch_mm=1.5, unit="1")
+    width, height = decoded(png).size
+    assert width > 512
+    assert height > 512
+    assert (panel_of(png, 500)[0] == 255).all()
+    assert (panel_of(png, 500)[-1] == 0).all()
+
+
+def test_wrong_use_is_a_sentence():
+    with pytest.raises(ValueError, match=r"two-dimensional image, not one of shape \(3,\)"):
+        image_png(np.zeros(3), pixel_mm=None, unit="1")
+    with pytest.raises(ValueError, match="not finite"):
+        image_png16(np.array([[np.nan, 1.0]]), window=(0, 1))
+    with pytest.raises(ValueError, match="low < high"):
+        image_png16(np.zeros((2, 2)), window=(1, 1))
+    with pytest.raises(ValueError, match="3 views needs as many angles, not 2"):
+        sinogram_png(np.zeros((3, 4)), angles_deg=np.zeros(2), pitch_mm=1.0, unit="1")
+
+
+@pytest.mark.parametrize(("longest", "length"), [(133.0, 100), (99.9, 50), (50, 50), (0.3, 0.2), (10, 10)])
+def test_round_length(longest, length):
+    assert round_length(longest) == pytest.approx(length)
+
+
+@pytest.mark.parametrize(("low", "high"), [(-577.1, 577.1), (0, 1), (-0.03, 0.07), (3, 3000)])
+def test_ticks_are_round_few_and_inside(low, high):
+    values = ticks(low, high)
+    assert 2 <= len(values) <= 6
+    assert low <= values[0] < values[-1] <= high
+
+
+def test_window_leaves_outliers_out(rng):
+    values = rng.random((100, 100))
+    values[0, 0] = 1e6
+    assert window_of(values)[1] < 1.1
+
+
+def test_images_need_neither_matplotlib_nor_anything_of_ours():
+    program = (
+        "import sys, worker.pictures.images as _; "
+        "print(sorted(m for m in sys.modules if m.split('.')[0] in ('matplotlib', 'worker', 'service')))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == str(
+        ["worker", "worker.pictures", "worker.pictures.images", "worker.pictures.windows"]
+    )

@@ -1,0 +1,301 @@
+"""A service on a real store in a temporary folder, and a data folder as a fresh installation has it."""
+
+import asyncio
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import h5py
+import httpx
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.app import create_app
+from service.openapi_document import Application
+from service.settings import ServiceSettings
+from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.geometry import ScannerConstants
+from worker.contracts.jobs import JobKind, JobState
+from worker.contracts.phantoms import DiscShape, PhantomDrawing
+from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.scanners import ScannerSpec
+from worker.contracts.scans import DataKind, ScanSpec
+from worker.contracts.schedules import ScheduleSpec
+from worker.storage.jobs import Claim
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+from worker.storage.tables import JobRow
+
+ORIGIN = "http://127.0.0.1:8000"
+VIEWS, ROWS, CELLS = 12, 4, 16
+SLICES, SIDE = 3, 32
+
+
+@dataclass
+class Client:
+    """Sends requests to the application, without a network."""
+
+    app: Application
+    headers: dict[str, str] = field(default_factory=dict)
+
+    def request(self, method: str, path: str, **options: Any) -> httpx.Response:
+        async def send() -> httpx.Response:
+            transport = httpx.ASGITransport(self.app)
+            async with httpx.AsyncClient(transport=transport, base_url=ORIGIN, headers=self.headers) as client:
+                return await client.request(method, path, **options)
+
+        return asyncio.run(send())
+
+    def get(self, path: str, **options: Any) -> httpx.Response:
+        return self.request("GET", path, **options)
+
+    def post(self, path: str, **options: Any) -> httpx.Response:
+        return self.request("POST", path, **options)
+
+    def put(self, path: str, **options: Any) -> httpx.Response:
+        return self.request("PUT", path, **options)
+
+    def delete(self, path: str, **options: Any) -> httpx.Response:
+        return self.request("DELETE", path, **options)
+
+
+@pytest.fixture(scope="session")
+def empty_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data folder as it is when the service has started for the first time."""
+    folder = tmp_path_factory.mktemp("empty") / "data"
+    Store.open(StorageSettings(data_folder=folder, database_url=None)).close()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def seeded_data(empty_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data folder that holds the examples."""
+    folder = tmp_path_factory.mktemp("seeded") / "data"
+    shutil.copytree(empty_data, folder)
+    opened = Store(StorageSettings(data_folder=folder, database_url=None))
+    seed(opened, FakeWorker(opened))
+    opened.close()
+    return folder
+
+
+@pytest.fixture
+def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
+    """A store of the test's own, with the examples where the test asks for `seeded`."""
+    template: Path = request.getfixturevalue("seeded_data" if "seeded" in request.fixturenames else "empty_data")
+    shutil.copytree(template, tmp_path / "data")
+    opened = Store(StorageSettings(data_folder=tmp_path / "data", database_url=None))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def woken() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def settings() -> ServiceSettings:
+    return ServiceSettings(max_upload_bytes=100_000, max_picture_bytes=50_000, max_json_bytes=20_000, event_poll_s=0.01)
+
+
+@pytest.fixture
+def client(store: Store, settings: ServiceSettings, woken: list[str]) -> Client:
+    return Client(create_app(settings, store, woken.append))
+
+
+@pytest.fixture
+def worker(store: Store) -> "FakeWorker":
+    return FakeWorker(store)
+
+
+@pytest.fixture
+def seeded(client: Client) -> Client:
+    """The client of a service whose data folder holds the examples."""
+    return client
+
+
+@dataclass
+class FakeWorker:
+    """Does the oldest job without any science."""
+
+    store: Store
+
+    def claim(self) -> Claim:
+        claim = self.store.jobs.claim("test", lease_s=60)
+        assert claim is not None
+        return claim
+
+    def finish_scan(self) -> None:
+        shape = {"views": VIEWS, "rows": ROWS, "detector": CELLS}
+        self._finish(write_scan, {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)})
+
+    def finish_calibration(self, **changes: Any) -> None:
+        self._finish(write_calibration, calibration_result() | changes)
+
+    def finish_reconstruction(self) -> None:
+        self._finish(write_reconstruction, reconstruction_result())
+
+    def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
+        claim = self.claim()
+        output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        write(output)
+        self.store.jobs.succeed(claim, result, output)
+
+
+def seed(store: Store, worker: FakeWorker) -> None:
+    spec = ScannerSpec(
+        name="Line <2>",
+        constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=CELLS, detector_pitch_mm=1.5),
+    )
+    for scanner_id in ("example", "example-spare"):
+        store.scanners.create(spec, scanner_id=scanner_id)
+    drawing = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    store.phantoms.create(drawing, phantom_id="example-spare")
+    scan = ScanSpec(scanner_id="example", data=DataKind.LINE_INTEGRALS, phantom_id="l-shape")
+    for scan_id in ("example", "example-spare"):
+        store.scans.accept(scan, store.files.receive([b"original"], max_bytes=100), scan_id=scan_id)
+        worker.finish_scan()
+    store.calibrations.accept(CalibrationAsk(scan_id="example", activate=True), calibration_id="example")
+    worker.finish_calibration()
+    store.reconstructions.accept(ReconstructionAsk(scan_id="example"), reconstruction_id="example")
+    worker.finish_reconstruction()
+    for schedule_id in ("example", "example-spare"):
+        store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
+    add_finished_job(store, "example")
+    examples = store.files.folder / "examples"
+    examples.mkdir()
+    np.savez(examples / "phantom-scan.npz", projections=np.ones((3, 1, CELLS), np.float32))
+
+
+def add_finished_job(store: Store, job_id: str) -> None:
+    """A job with an id of our choice."""
+    with store._database.write() as session:
+        session.add(
+            JobRow(
+                id=job_id,
+                created_at=store._database.now(),
+                kind=JobKind.CALIBRATE,
+                state=JobState.SUCCEEDED,
+                subject_id="example",
+            )
+        )
+
+
+def projections() -> np.ndarray:
+    """(views, rows, detector), another constant in each row."""
+    rows = np.linspace(0.1, 0.9, ROWS, dtype=np.float32)
+    return np.broadcast_to(rows[None, :, None], (VIEWS, ROWS, CELLS)).copy()
+
+
+@pytest.fixture
+def volume() -> np.ndarray:
+    return make_volume()
+
+
+@pytest.fixture
+def theta() -> dict[str, float]:
+    return THETA
+
+
+def make_volume() -> np.ndarray:
+    """(slices, x, y), rising along x by a step a slice."""
+    ramp = np.linspace(0.0, 1.0, SIDE, dtype=np.float32)[None, :, None]
+    return np.broadcast_to(ramp, (SLICES, SIDE, SIDE)) * np.arange(1, SLICES + 1, dtype=np.float32)[:, None, None]
+
+
+def write_scan(folder: Path) -> None:
+    with h5py.File(folder / "scan.h5", "w") as file:
+        file["/entry/instrument/detector/data"] = projections()
+        file["/entry/instrument/detector/x_pixel_size"] = 1.5
+        file["/entry/sample/rotation_angle"] = np.arange(VIEWS) * 30.0
+
+
+def write_calibration(folder: Path) -> None:
+    for name in ("report.png", "overlay.png"):
+        Image.new("L", (8, 8), 128).save(folder / name)
+    with h5py.File(folder / "result.h5", "w") as file:
+        file["gain"] = 1.0
+
+
+def write_reconstruction(folder: Path) -> None:
+    with h5py.File(folder / "volume.h5", "w") as file:
+        data = file.create_dataset("/entry/reconstruction/data", data=make_volume())
+        data.attrs["units"] = "1/mm"
+        file["/entry/reconstruction/x"] = np.arange(SIDE) * 1.25
+
+
+THETA = {
+    "initial_angle_rad": 2.55,
+    "detector_to_cor_mm": 714.7,
+    "source_shift_mm": 319.9,
+    "detector_shift_mm": 43.7,
+    "detector_tilt": 0.281,
+}
+
+
+def calibration_result() -> dict[str, Any]:
+    frame = {
+        "psi_rad": 2.907,
+        "source_distance_mm": 917.1,
+        "source_to_detector_mm": 1619.3,
+        "cor_column_mm": -209.1,
+        "tilt_rad": -0.083,
+    }
+    return {
+        "theta": THETA,
+        "theta_twin": None,
+        "source_frame": {**frame, "magnification": 1.766},
+        "standard_deviation": {
+            "theta": dict.fromkeys(THETA),
+            "source_frame": dict.fromkeys([*frame, "magnification"]),
+        },
+        "covariance": [[0.0] * 5] * 5,
+        "unconstrained_source_distance_mm": 917.1,
+        "scale_uncertainty_mm": 0.9,
+        "predicted_ray_error_mm": {"rms": 0.02, "max": 0.05, "radius_mm": 150.0},
+        "handedness": "as-drawn",
+        "rotation": "as-given",
+        "hypotheses": [],
+        "phantom_position_mm": (0.0, 0.0),
+        "gain": 1.0,
+        "offset": 0.0,
+        "residual": {"rms": 0.1, "relative": 0.001},
+        "verdict": "pass",
+        "reasons": [],
+        "scanner": {"source_to_cor_mm": 859.46, "num_detector_pixels": CELLS, "detector_pitch_mm": 1.5},
+        "phantom": "L-shape",
+        "views": VIEWS,
+        "rows": (0, ROWS),
+        "search": {
+            "method": "test",
+            "seed": 7,
+            "evaluations": 1,
+            "generations": 1,
+            "best_value": 0.0,
+            "converged": True,
+            "message": "",
+        },
+        "timing_s": {"total": 1.0, "search": 0.5, "refine": 0.3, "uncertainty": 0.2},
+        "software_version": "0",
+        "input_sha256": "0" * 64,
+    }
+
+
+def reconstruction_result() -> dict[str, Any]:
+    return {
+        "shape": (SLICES, SIDE, SIDE),
+        "pixel_mm": 1.25,
+        "unit": "1/mm",
+        "value_range": (0.0, 3.0),
+        "theta": THETA,
+        "rotation": "as-given",
+        "handedness": "as-drawn",
+        "views": VIEWS,
+        "rows": (0, SLICES),
+        "time_s": 0.1,
+        "software_version": "0",
+        "input_sha256": "0" * 64,
+    }

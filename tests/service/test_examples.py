@@ -1,0 +1,48 @@
+"""Everything that the console offers to try works on a fresh data folder."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from service.openapi_document import write
+
+FOLDER = Path(__file__).parents[2] / "openapi"
+FILES = sorted((FOLDER / "requests").glob("*.json"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_the_committed_example_request_works(seeded, path):
+    example = json.loads(path.read_text())
+    options = {"params": example["query"]}
+    if example["body_file"]:
+        offered = seeded.get(example["body_file"])
+        assert offered.status_code == 200
+        options |= {"content": offered.content, "headers": {"Content-Type": example["media_type"]}}
+    elif example["media_type"]:
+        options["json"] = example["body"]
+    answer = seeded.request(example["method"], example["path"], **options)
+    assert answer.status_code < 300, answer.text
+
+
+def texts(folder: Path) -> dict[str, str]:
+    return {str(path.relative_to(folder)): path.read_text() for path in folder.rglob("*.json")}
+
+
+def test_what_is_committed_is_what_the_service_generates(client, tmp_path):
+    (tmp_path / "requests").mkdir()
+    (tmp_path / "requests/gone.json").write_text("{}")
+    write(client.app, tmp_path)
+    assert texts(FOLDER) == texts(tmp_path), "stale: run `make openapi`"
+
+
+def test_each_operation_has_one_example(client):
+    operations = [operation for item in client.app.openapi()["paths"].values() for operation in item.values()]
+    assert {path.stem for path in FILES} == {operation["operationId"] for operation in operations}
+
+
+def test_every_required_parameter_has_an_example(client):
+    for path, item in client.app.openapi()["paths"].items():
+        for operation in item.values():
+            missing = [p["name"] for p in operation.get("parameters", []) if p["required"] and "example" not in p]
+            assert not missing, f"{path}: {missing}"

@@ -1,0 +1,56 @@
+import pytest
+
+from service.app import create_app
+from service.settings import ServiceSettings
+
+SPEC = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:8000", "localhost:9", "LOCALHOST", "[::1]:8000", "[::1]"])
+def test_loopback_names_are_answered(client, host):
+    assert client.get("/health/live", headers={"Host": host}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "host", ["mill.example", "127.0.0.1.evil.example", "localhost@evil.example", "", "evil:127.0.0.1"]
+)
+def test_other_names_are_refused(client, host):
+    answer = client.get("/health/live", headers={"Host": host})
+    assert (answer.status_code, answer.json()["code"]) == (421, "unknown-host")
+
+
+def test_a_configured_name_is_answered(client, store):
+    client.app = create_app(ServiceSettings(allowed_hosts=["Scanner.Mill"]), store, print)
+    assert client.get("/health/live", headers={"Host": "scanner.mill:8000"}).status_code == 200
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Sec-Fetch-Site": "cross-site"},
+        {"Sec-Fetch-Site": "same-site"},
+    ],
+)
+def test_another_sites_page_may_read_nothing_into_and_change_nothing(client, headers):
+    answer = client.post("/v1/scanners", json=SPEC, headers=headers)
+    assert (answer.status_code, answer.json()["code"]) == (403, "other-site")
+    assert client.get("/v1/scanners").json()["items"] == []
+    assert "Access-Control-Allow-Origin" not in client.get("/v1/scanners", headers=headers).headers
+
+
+@pytest.mark.parametrize("headers", [{}, {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}])
+def test_programs_and_our_own_pages_may(client, headers):
+    assert client.post("/v1/scanners", json=SPEC, headers=headers).status_code == 201
+
+
+@pytest.mark.parametrize("path", ["/", "/docs", "/v1/scanners", "/nothing", "/static/console.js"])
+def test_every_answer_is_protected(client, path):
+    headers = client.get(path).headers
+    assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"

@@ -1,0 +1,63 @@
+"""What the service reaches: no science, and no network."""
+
+import subprocess
+import sys
+
+FORBIDDEN = ("worker.tomography", "worker.formats", "worker.tasks", "numba", "scipy", "matplotlib")
+
+IMPORTS = """
+import sys
+import service.app
+reached = [name for name in sys.modules if name.startswith({forbidden!r})]
+assert not reached, reached
+"""
+
+OFFLINE = """
+import asyncio, socket, sys
+from pathlib import Path
+
+def refuse(*arguments, **_):
+    raise AssertionError(f"the network was asked for: {arguments}")
+
+socket.getaddrinfo = socket.create_connection = refuse
+connect = socket.socket.connect
+def connect_locally(self, address):
+    if self.family != socket.AF_UNIX and address[0] not in ("127.0.0.1", "::1"):
+        refuse(address)
+    return connect(self, address)
+socket.socket.connect = socket.socket.connect_ex = connect_locally
+
+import httpx
+from service.app import create_app
+from service.settings import ServiceSettings
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+async def main():
+    store = Store.open(StorageSettings(data_folder=Path(sys.argv[1]), database_url=None))
+    app = create_app(ServiceSettings(), store, lambda _: None)
+    async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://127.0.0.1") as client:
+        for path in ("/", "/docs", "/openapi.json", "/v1/phantoms", "/v1/jobs", "/health/ready", "/metrics"):
+            assert (await client.get(path)).status_code == 200, path
+    store.close()
+
+asyncio.run(main())
+try:
+    socket.socket().connect(("192.0.2.1", 80))
+except AssertionError:
+    print("offline")
+"""
+
+
+def run(script: str, *arguments: str) -> str:
+    done = subprocess.run([sys.executable, "-c", script, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_service_imports_no_science():
+    run(IMPORTS.format(forbidden=FORBIDDEN))
+
+
+def test_the_service_works_without_a_network(tmp_path):
+    assert run(OFFLINE, str(tmp_path)).strip() == "offline"

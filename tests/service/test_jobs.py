@@ -1,0 +1,77 @@
+import json
+import threading
+import time
+
+import pytest
+
+from worker.contracts.jobs import Failure, FailureKind, Progress
+
+
+@pytest.fixture
+def job_id(seeded):
+    return seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
+
+
+def events(text: str) -> list[tuple[str, object]]:
+    """(event, data) of each block."""
+    blocks = [dict(line.split(": ", 1) for line in block.splitlines()) for block in text.strip().split("\n\n")]
+    return [(block["event"], json.loads(block["data"])) for block in blocks]
+
+
+def test_a_job_tells_its_place_in_the_queue(seeded, job_id):
+    second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
+    assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]
+
+
+def test_jobs_are_listed_by_kind_and_state(seeded, job_id):
+    listed = seeded.get("/v1/jobs?kind=calibrate&state=queued").json()["items"]
+    assert [job["id"] for job in listed] == [job_id]
+    assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
+
+
+def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id):
+    def work():
+        claim = worker.claim()
+        for step in (0.25, 0.5):
+            time.sleep(0.2)
+            store.jobs.heartbeat(claim, Progress(fraction=step, stage="search", generation=3), lease_s=60)
+        time.sleep(0.2)
+        store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here"))
+
+    working = threading.Thread(target=work)
+    working.start()
+    answer = seeded.get(f"/v1/jobs/{job_id}/events", timeout=20)
+    working.join()
+    assert answer.headers["Content-Type"].startswith("text/event-stream")
+    seen = events(answer.text)
+    assert {name for name, _ in seen[:-1]} == {"job"}
+    assert seen[-1] == ("end", "failed")
+    states = [(job["state"], (job["progress"] or {}).get("fraction")) for _, job in seen[:-1]]
+    assert [state for state in states if state[0] == "running"][-2:] == [("running", 0.25), ("running", 0.5)]
+    assert seen[-2][1]["failure"]["code"] == "phantom-not-found"
+
+
+def test_the_stream_of_an_ended_job_ends_at_once(seeded):
+    assert [name for name, _ in events(seeded.get("/v1/jobs/example/events").text)] == ["job", "end"]
+
+
+def test_the_stream_of_no_job_is_a_problem(seeded):
+    answer = seeded.get("/v1/jobs/nothing/events")
+    assert (answer.status_code, answer.json()["code"]) == (404, "job-not-found")
+
+
+def test_a_queued_job_is_cancelled_at_once(seeded, job_id):
+    answer = seeded.post(f"/v1/jobs/{job_id}/cancel")
+    assert answer.json()["state"] == "cancelled"
+    assert seeded.get(answer.headers["Location"]).json()["state"] == "cancelled"
+
+
+def test_a_running_job_is_asked_to_stop(seeded, store, worker, job_id):
+    claim = worker.claim()
+    assert seeded.post(f"/v1/jobs/{job_id}/cancel").json()["cancel_requested"]
+    assert store.jobs.heartbeat(claim, lease_s=60)
+
+
+def test_cancelling_what_has_ended_changes_nothing(seeded):
+    assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
+    assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404

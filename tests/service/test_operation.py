@@ -1,0 +1,67 @@
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from worker.contracts.jobs import JobState
+from worker.storage.errors import StorageUnavailable
+
+
+def samples(client) -> dict[tuple[str, ...], float]:
+    text = client.get("/metrics").text
+    return {
+        (sample.name, *sample.labels.values()): sample.value
+        for family in text_string_to_metric_families(text)
+        for sample in family.samples
+    }
+
+
+def test_requests_are_counted_by_route_not_by_path(client):
+    for identifier in ("one", "two"):
+        client.get(f"/v1/scanners/{identifier}")
+    client.get("/no/such/path")
+    counted = samples(client)
+    assert counted["sawmill_http_requests_total", "GET", "/v1/scanners/{scanner_id}", "404"] == 2
+    assert counted["sawmill_http_requests_total", "GET", "unmatched", "404"] == 1
+    assert counted["sawmill_http_request_seconds_count", "GET", "/v1/scanners/{scanner_id}"] == 2
+
+
+def test_jobs_are_counted_by_state(seeded):
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    counted = samples(seeded)
+    assert counted["sawmill_jobs", "queued"] == 1
+    assert counted["sawmill_jobs", "running"] == 0
+
+
+def test_a_service_with_nothing_to_do_is_ready(client):
+    assert client.get("/health/live").text == "alive"
+    assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}
+
+
+def test_a_data_folder_or_database_that_is_away_is_told(client, store, monkeypatch):
+    def away():
+        raise StorageUnavailable("the database does not answer")
+
+    monkeypatch.setattr(store, "check", away)
+    answer = client.get("/health/ready")
+    assert (answer.status_code, answer.json()["detail"]) == (503, "the database does not answer")
+    assert client.get("/health/live").status_code == 200
+
+
+@pytest.mark.parametrize(("running", "state"), [(0, "without-worker"), (1, "ready")])
+def test_jobs_that_nobody_does_are_told(client, store, running, state):
+    store.jobs = Waiting(running)
+    answer = client.get("/health/ready")
+    assert (answer.status_code, answer.json()["state"]) == (200, state)
+
+
+class Waiting:
+    """Jobs of which two have waited for long."""
+
+    def __init__(self, running: int) -> None:
+        self.running = running
+
+    def queued_job_ids(self, *, older_than_s: float) -> list[str]:
+        assert older_than_s > 0
+        return ["a", "b"]
+
+    def counts(self) -> dict[JobState, int]:
+        return dict.fromkeys(JobState, 0) | {JobState.RUNNING: self.running}

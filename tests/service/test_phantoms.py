@@ -1,0 +1,56 @@
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image, ImageDraw
+
+import service
+from worker.contracts.built_in import BUILT_IN_PHANTOMS
+
+PICTURE = (Path(service.__file__).parent / "static/phantom.png").read_bytes()
+
+
+def test_the_built_in_ones_are_there_and_stay(client):
+    for phantom_id in ("l-shape", "rectangle-with-hole"):
+        assert client.get(f"/v1/phantoms/{phantom_id}").json()["state"] == "ready"
+        assert client.delete(f"/v1/phantoms/{phantom_id}").json()["code"] == "phantom-built-in"
+
+
+def test_a_drawn_phantom_is_ready_at_once(client):
+    drawing = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+    created = client.post("/v1/phantoms", json=drawing)
+    assert created.status_code == 201
+    assert client.get(created.headers["Location"]).json()["drawing"]["shapes"][0]["radius_mm"] == 50
+
+
+def test_a_picture_is_kept_as_it_came_and_traced_by_a_job(client, store, woken):
+    accepted = client.post("/v1/phantoms/pictures?name=ell&width_mm=400", content=PICTURE)
+    assert accepted.status_code == 202
+    assert accepted.headers["Retry-After"] == "1"
+    phantom = client.get(accepted.headers["Location"]).json()
+    assert (phantom["state"], phantom["drawing"]) == ("tracing", None)
+    assert woken == [phantom["job_id"]]
+    kept = store.files.folder / "uploads/phantoms" / phantom["id"] / "original"
+    assert kept.read_bytes() == PICTURE
+
+
+@pytest.mark.parametrize("query", ["name=ell", "name=ell&width_mm=-1", "name=&width_mm=400"])
+def test_a_picture_needs_a_name_and_a_positive_width(client, query):
+    assert client.post(f"/v1/phantoms/pictures?{query}", content=PICTURE).status_code == 422
+
+
+def test_a_picture_may_not_be_larger_than_the_limit(client, settings):
+    answer = client.post("/v1/phantoms/pictures?name=ell&width_mm=400", content=bytes(settings.max_picture_bytes + 1))
+    assert answer.status_code == 413
+
+
+def test_the_picture_offered_to_try_is_the_l_shape():
+    shown = np.asarray(Image.open(io.BytesIO(PICTURE)), dtype=float) / 255
+    fine = 8
+    drawn = Image.new("L", (400 * fine, 400 * fine))
+    outline = BUILT_IN_PHANTOMS["l-shape"].shapes[0].vertices_mm
+    ImageDraw.Draw(drawn).polygon([((y + 200) * fine, (x + 200) * fine) for x, y in outline], fill=255)
+    expected = np.asarray(drawn.resize((400, 400), Image.Resampling.BOX), dtype=float) / 255
+    assert shown.shape == (400, 400)
+    assert np.abs(shown - expected).mean() < 0.002

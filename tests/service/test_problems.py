@@ -1,0 +1,134 @@
+import json
+
+import pytest
+from openapi_spec_validator import validate
+
+from service.problems import Problem
+from worker.storage.errors import StorageFull, StorageUnavailable
+
+SPEC = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+
+def problem(answer):
+    assert answer.headers["Content-Type"] == "application/problem+json"
+    found = Problem.model_validate(answer.json())
+    assert found.status == answer.status_code
+    assert found.type.endswith(found.code)
+    return found
+
+
+def test_a_refused_value_is_named_and_quoted(client):
+    constants = {**SPEC["constants"], "source_to_cor_mm": -3, "pitch": 1}
+    found = problem(client.post("/v1/scanners", json={"name": "", "constants": constants}))
+    assert found.status == 422
+    sentences = {error.location: error.message for error in found.errors}
+    assert sentences["body.constants.source_to_cor_mm"] == "should be greater than 0, not -3"
+    assert sentences["body.constants.pitch"] == "is not a known field"
+    assert found.detail.endswith("(and 2 more)")
+
+
+def test_a_huge_value_is_not_echoed(client):
+    found = problem(client.post("/v1/scanners", json={**SPEC, "handedness": "x" * 10_000}))
+    assert len(found.detail) < 300
+
+
+@pytest.mark.parametrize("body", ['{"name": ', "[1, 2", "\xff\xfe", '{"name": "a"} trailing'])
+def test_what_is_not_json_is_a_problem(client, body):
+    answer = client.post("/v1/scanners", content=body.encode("latin-1"), headers={"Content-Type": "application/json"})
+    assert problem(answer).status in {400, 422}
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "1e999"])
+def test_numbers_that_are_none_are_refused(client, number):
+    body = json.dumps(SPEC).replace("859.46", number)
+    answer = client.post("/v1/scanners", content=body, headers={"Content-Type": "application/json"})
+    assert problem(answer).status == 422
+
+
+def test_deeply_nested_json_is_a_problem(client):
+    answer = client.post("/v1/scanners", content="[" * 15_000, headers={"Content-Type": "application/json"})
+    assert problem(answer).status in {400, 422}
+
+
+def test_json_must_say_that_it_is_json(client):
+    answer = client.post("/v1/scanners", content=json.dumps(SPEC), headers={"Content-Type": "text/plain"})
+    assert problem(answer).detail == "body must be JSON, with Content-Type: application/json"
+
+
+def test_a_body_above_the_limit_is_refused(client, settings):
+    answer = client.post("/v1/scanners", json={**SPEC, "name": "x" * settings.max_json_bytes})
+    assert problem(answer).code == "body-too-large"
+
+
+def test_an_unknown_path_is_a_problem(client):
+    found = problem(client.get("/v1/scaners"))
+    assert (found.status, found.code, found.instance) == (404, "unknown-path", "/v1/scaners")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("POST", "/v1/scanners/example/history", "GET"),
+        ("PATCH", "/v1/scanners", "GET, POST"),
+        ("POST", "/v1/scanners/example", "DELETE, GET, PUT"),
+        ("POST", "/docs", "GET"),
+        ("GET", "/operator/activate/example", "POST"),
+    ],
+)
+def test_a_wrong_method_is_a_problem_that_says_which_is_right(client, method, path, allowed):
+    answer = client.request(method, path)
+    assert problem(answer).code == "method-not-allowed"
+    assert answer.headers["Allow"] == allowed
+
+
+@pytest.mark.parametrize("identifier", ["EXAMPLE", "..%2f..%2fetc", "a" * 65, "%00", "-x", "é", "a b"])
+def test_an_identifier_that_cannot_be_is_a_problem(client, identifier):
+    assert problem(client.get(f"/v1/scanners/{identifier}")).status in {404, 422}
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "code"),
+    [
+        (StorageFull("the disk is full"), 507, "storage-full"),
+        (StorageUnavailable("the database is away"), 503, "storage-unavailable"),
+    ],
+)
+def test_storage_trouble_is_told(client, store, error, status, code):
+    store.scanners = Failing(error)
+    found = problem(client.get("/v1/scanners"))
+    assert (found.status, found.code, found.detail) == (status, code, str(error))
+
+
+def test_an_unexpected_error_gives_nothing_away(client, store):
+    store.scanners = Failing(RuntimeError("the secret"))
+    answer = client.get("/v1/scanners")
+    assert problem(answer).code == "internal"
+    assert "secret" not in answer.text
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+
+
+class Failing:
+    """A resource of which every method raises."""
+
+    def __init__(self, error):
+        self.error = error
+
+    def __getattr__(self, _):
+        def fail(**_):
+            raise self.error
+
+        return fail
+
+
+def test_the_document_is_valid_openapi_and_answers_problems_everywhere(client):
+    document = client.get("/openapi.json").json()
+    validate(document)
+    assert document["openapi"].startswith("3.1")
+    operations = [operation for item in document["paths"].values() for operation in item.values()]
+    assert all(o["responses"]["default"] == {"$ref": "#/components/responses/Problem"} for o in operations)
+    assert all(o["summary"] and o["description"] and o["tags"] for o in operations)
+    assert len({o["operationId"] for o in operations}) == len(operations)
+    assert "HTTPValidationError" not in document["components"]["schemas"]

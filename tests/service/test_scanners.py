@@ -1,0 +1,39 @@
+SPEC = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+
+def test_a_scanner_lives_from_creation_to_deletion(client):
+    created = client.post("/v1/scanners", json=SPEC)
+    assert created.status_code == 201
+    path = created.headers["Location"]
+    assert client.get(path).json() == created.json()
+    replaced = client.put(path, json={**SPEC, "name": "Line 3"})
+    assert (replaced.json()["name"], replaced.json()["id"]) == ("Line 3", created.json()["id"])
+    assert client.delete(path).status_code == 204
+    assert client.get(path).json()["code"] == "scanner-not-found"
+
+
+def test_lists_are_paged_newest_first(client):
+    made = [client.post("/v1/scanners", json=SPEC).json()["id"] for _ in range(5)]
+    seen, after = [], {}
+    while after is not None:
+        page = client.get("/v1/scanners", params={"limit": 2, **after}).json()
+        seen += [scanner["id"] for scanner in page["items"]]
+        after = {"after": page["next"]} if page["next"] else None
+    assert seen == made[::-1]
+
+
+def test_a_false_cursor_is_a_problem(client):
+    assert client.get("/v1/scanners?after=nonsense").json()["code"] == "invalid-cursor"
+
+
+def test_a_used_scanner_cannot_be_deleted(seeded):
+    answer = seeded.delete("/v1/scanners/example")
+    assert (answer.status_code, answer.json()["code"]) == (409, "scanner-in-use")
+
+
+def test_history_names_the_active_calibration(seeded):
+    assert [entry["calibration_id"] for entry in seeded.get("/v1/scanners/example/history").json()] == ["example"]
+    assert seeded.get("/v1/scanners/example").json()["active_calibration_id"] == "example"

@@ -1,0 +1,159 @@
+import asyncio
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.app import create_app
+from worker.storage.store import Store
+
+UPLOAD = "/v1/scans?scanner_id=example&data=counts"
+
+
+def leftovers(store: Store) -> list[str]:
+    uploads = [path for path in (store.files.folder / "uploads/scans").glob("*") if not path.name.startswith("example")]
+    return [path.name for path in (*(store.files.folder / "incoming").iterdir(), *uploads)]
+
+
+def test_an_upload_is_kept_as_it_came_and_read_by_a_job(seeded, store, woken):
+    content = np.random.default_rng(1).bytes(5000)
+    answer = seeded.post(UPLOAD + "&name=morning&phantom_id=l-shape&phantom_rows=0:2", content=content)
+    assert answer.status_code == 202
+    assert answer.headers["Retry-After"] == "1"
+    scan = seeded.get(answer.headers["Location"]).json()
+    assert (scan["state"], scan["name"], scan["size_bytes"]) == ("ingesting", "morning", 5000)
+    assert woken == [scan["job_id"]]
+    assert (store.files.folder / "uploads/scans" / scan["id"] / "original").read_bytes() == content
+
+
+def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
+    seen = []
+    seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
+    assert seeded.post(UPLOAD, content=b"x").status_code == 202
+    assert seen == ["queued"]
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "code"),
+    [
+        ("scanner_id=nowhere&data=counts", 404, "scanner-not-found"),
+        ("scanner_id=example&data=counts&phantom_id=nothing", 404, "phantom-not-found"),
+        ("scanner_id=example", 422, "invalid-request"),
+        ("scanner_id=example&data=guess", 422, "invalid-request"),
+        ("scanner_id=../etc&data=counts", 422, "invalid-request"),
+        ("scanner_id=example&data=counts&phantom_rows=5:2", 422, "invalid-request"),
+        ("scanner_id=example&data=counts&angle=3", 422, "invalid-request"),
+    ],
+)
+def test_a_refused_upload_leaves_nothing(seeded, store, woken, query, status, code):
+    answer = seeded.post(f"/v1/scans?{query}", content=b"bytes")
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert leftovers(store) == []
+    assert woken == []
+
+
+def test_an_empty_upload_is_refused(seeded, store):
+    assert seeded.post(UPLOAD, content=b"").json()["code"] == "empty-body"
+    assert leftovers(store) == []
+
+
+def test_a_declared_size_above_the_limit_is_refused_before_a_byte_is_read(seeded, store, settings):
+    answer = seeded.post(UPLOAD, content=bytes(settings.max_upload_bytes + 1))
+    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+    assert leftovers(store) == []
+
+
+def test_an_undeclared_size_above_the_limit_is_refused_while_it_streams(seeded, store, settings):
+    sent = 0
+
+    async def endless():
+        nonlocal sent
+        while True:
+            sent += 10_000
+            yield bytes(10_000)
+
+    answer = seeded.post(UPLOAD, content=endless())
+    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+    assert sent <= settings.max_upload_bytes + 10_000
+    assert leftovers(store) == []
+
+
+@pytest.mark.parametrize("declared", ["3", "4000", "-1", "many"])
+def test_a_false_content_length_is_refused(seeded, store, declared):
+    answer = seeded.post(UPLOAD, content=b"1234", headers={"Content-Length": declared})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-length")
+    assert leftovers(store) == []
+
+
+def test_a_client_that_goes_away_leaves_nothing(seeded, store, woken):
+    messages = iter([{"type": "http.request", "body": b"half", "more_body": True}, {"type": "http.disconnect"}])
+    sent = []
+
+    async def receive():
+        return next(messages)
+
+    async def send(message):
+        sent.append(message)
+
+    scope = {
+        "type": "http",
+        "method": "POST",
+        "path": "/v1/scans",
+        "raw_path": b"/v1/scans",
+        "root_path": "",
+        "query_string": b"scanner_id=example&data=counts",
+        "headers": [(b"host", b"127.0.0.1")],
+        "scheme": "http",
+        "http_version": "1.1",
+    }
+    asyncio.run(seeded.app(scope, receive, send))
+    assert sent == []
+    assert leftovers(store) == []
+    assert woken == []
+
+
+def test_scans_are_listed_by_scanner_and_state(seeded):
+    seeded.post(UPLOAD, content=b"x")
+    assert len(seeded.get("/v1/scans").json()["items"]) == 3
+    assert len(seeded.get("/v1/scans?state=ready").json()["items"]) == 2
+    assert seeded.get("/v1/scans?scanner_id=example-spare").json()["items"] == []
+
+
+def test_a_deleted_scan_is_gone_with_its_files(seeded, store):
+    assert seeded.delete("/v1/scans/example-spare").status_code == 204
+    assert seeded.get("/v1/scans/example-spare").status_code == 404
+    assert not (store.files.folder / "scans/example-spare").exists()
+
+
+def test_a_scan_that_a_job_needs_cannot_be_deleted(seeded):
+    path = seeded.post(UPLOAD, content=b"x").headers["Location"]
+    assert seeded.delete(path).json()["code"] == "scan-in-use"
+
+
+def test_a_sinogram_is_drawn_and_not_drawn_twice(seeded):
+    first = seeded.get("/v1/scans/example/sinogram.png?row=1")
+    assert Image.open(io.BytesIO(first.content)).format == "PNG"
+    again = seeded.get("/v1/scans/example/sinogram.png?row=1", headers={"If-None-Match": first.headers["ETag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    other = seeded.get("/v1/scans/example/sinogram.png?row=2", headers={"If-None-Match": first.headers["ETag"]})
+    assert other.status_code == 200
+    assert other.content != first.content
+
+
+def test_the_preview_is_the_middle_row(seeded):
+    middle = seeded.get("/v1/scans/example/sinogram.png?row=2")
+    assert seeded.get("/v1/scans/example/preview").content == middle.content
+
+
+@pytest.mark.parametrize("row", ["4", "-1", "one", "99999999999999999999999"])
+def test_a_row_that_is_not_there_is_a_problem(seeded, row):
+    answer = seeded.get(f"/v1/scans/example/sinogram.png?row={row}")
+    assert answer.status_code == 422
+    assert row in answer.json()["detail"]
+
+
+def test_a_scan_that_is_not_read_yet_has_no_picture(seeded):
+    path = seeded.post(UPLOAD, content=b"x").headers["Location"]
+    answer = seeded.get(f"{path}/preview")
+    assert (answer.status_code, answer.json()["code"]) == (409, "scan-ingesting")

@@ -1,0 +1,30 @@
+import pytest
+
+SPEC = {"scanner_id": "example", "cron": "30 5 * * 1-6"}
+
+
+def test_a_schedule_lives_from_creation_to_deletion(seeded):
+    created = seeded.post("/v1/schedules", json=SPEC)
+    assert created.status_code == 201
+    path = created.headers["Location"]
+    assert seeded.get(path).json()["next_due_at"].endswith("05:30:00Z")
+    paused = seeded.put(path, json={**SPEC, "enabled": False})
+    assert paused.json()["next_due_at"] is None
+    assert seeded.get(f"{path}/runs").json() == []
+    assert seeded.delete(path).status_code == 204
+    assert seeded.get(path).status_code == 404
+
+
+@pytest.mark.parametrize("cron", ["30 5 * *", "99 5 * * *", "often", "0 0 30 2 *"])
+def test_a_wrong_cron_expression_is_a_problem(seeded, cron):
+    answer = seeded.post("/v1/schedules", json={**SPEC, "cron": cron})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-cron")
+    assert cron in answer.json()["detail"]
+
+
+def test_a_schedule_needs_a_scanner(seeded):
+    assert seeded.post("/v1/schedules", json={**SPEC, "scanner_id": "nowhere"}).json()["code"] == "scanner-not-found"
+
+
+def test_schedules_are_listed(seeded):
+    assert {item["id"] for item in seeded.get("/v1/schedules").json()["items"]} == {"example", "example-spare"}

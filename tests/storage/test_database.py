@@ -1,0 +1,70 @@
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+from sqlalchemy import text
+
+from worker.storage.database import Database, make_engine
+from worker.storage.errors import StorageUnavailable
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+from worker.storage.tables import Base
+
+
+def test_the_migrations_make_the_tables_of_the_models(store):
+    with store._database.engine.connect() as connection:
+        context = MigrationContext.configure(connection, opts={"compare_type": True})
+        assert compare_metadata(context, Base.metadata) == []
+
+
+def test_a_commit_is_durable_and_references_are_checked(store):
+    with store._database.read() as session:
+        pragmas = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in ("journal_mode", "synchronous")}
+        foreign_keys = session.execute(text("PRAGMA foreign_keys")).scalar()
+    assert pragmas == {"journal_mode": "wal", "synchronous": 2}
+    assert foreign_keys == 1
+
+
+def test_several_processes_may_open_a_new_store_at_once(tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from worker.storage.settings import StorageSettings;"
+        "from worker.storage.store import Store;"
+        "store = Store.open(StorageSettings(data_folder=Path(sys.argv[1]), database_url=None));"
+        "print(len(store.phantoms.page().items))"
+    )
+    processes = [
+        subprocess.Popen([sys.executable, "-c", program, str(tmp_path / "data")], stdout=subprocess.PIPE)
+        for _ in range(4)
+    ]
+    answers = [process.communicate(timeout=60)[0].strip() for process in processes]
+    assert answers == [b"2"] * 4
+
+
+def test_a_database_that_is_no_database_is_told_in_a_sentence(tmp_path):
+    (tmp_path / "not-a-folder").write_text("")
+    database = Database(make_engine(f"sqlite:///{tmp_path}/not-a-folder/sawmill.db"))
+    with pytest.raises(StorageUnavailable, match="does not answer"), database.read() as session:
+        session.execute(text("SELECT 1"))
+
+
+def test_check_says_what_is_wrong_with_the_data_folder(store, monkeypatch):
+    store.check()
+    monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
+    with pytest.raises(StorageUnavailable, match="cannot be written to"):
+        store.check()
+
+
+def test_opening_a_store_again_keeps_what_is_in_it(settings: StorageSettings):
+    first = Store.open(settings)
+    seeded = first.phantoms.get("l-shape")
+    first.close()
+    second = Store.open(settings)
+    assert second.phantoms.get("l-shape") == seeded
+    second.close()
+
+
+def test_the_url_of_the_default_database_lies_in_the_data_folder():
+    assert StorageSettings(data_folder=Path("/mill"), database_url=None).url == "sqlite:////mill/sawmill.db"

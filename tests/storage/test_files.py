@@ -1,0 +1,105 @@
+import asyncio
+import errno
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from worker.contracts.jobs import JobKind
+from worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
+from worker.storage.files import FileStore
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> FileStore:
+    return FileStore(tmp_path)
+
+
+def incoming(files: FileStore) -> list[Path]:
+    return list((files.folder / "incoming").iterdir())
+
+
+def test_an_upload_is_counted_and_hashed(files):
+    received = files.receive([b"ab", b"", b"c"], max_bytes=3)
+    assert received.path.read_bytes() == b"abc"
+    assert (received.size_bytes, received.sha256) == (3, hashlib.sha256(b"abc").hexdigest())
+
+
+def test_a_streamed_upload_is_the_same(files):
+    async def chunks():
+        yield b"ab"
+        yield b"c"
+
+    received = asyncio.run(files.receive_stream(chunks(), max_bytes=3))
+    assert received.sha256 == hashlib.sha256(b"abc").hexdigest()
+
+
+def test_an_upload_beyond_its_limit_leaves_nothing(files):
+    with pytest.raises(UploadTooLarge, match="larger than the 3 bytes allowed"):
+        files.receive([b"ab", b"cd"], max_bytes=3)
+    assert incoming(files) == []
+
+
+def test_an_upload_that_breaks_off_leaves_nothing(files):
+    async def chunks():
+        yield b"ab"
+        raise ConnectionResetError
+
+    with pytest.raises(ConnectionResetError):
+        asyncio.run(files.receive_stream(chunks(), max_bytes=10))
+    assert incoming(files) == []
+
+
+def test_a_full_disk_is_told_and_leaves_nothing(files):
+    def chunks():
+        yield b"ab"
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with pytest.raises(StorageFull, match="the disk is full: the upload was given up"):
+        files.receive(chunks(), max_bytes=10)
+    assert incoming(files) == []
+
+
+def test_other_trouble_with_the_disk_is_not_called_full():
+    with pytest.raises(PermissionError), disk_full_told("a test"):
+        raise PermissionError(errno.EACCES, "no")
+
+
+@pytest.mark.parametrize("identifier", ["..", "a/b", "", "A", "-a", "a" * 65, "a.b"])
+def test_an_identifier_cannot_leave_its_folder(files, identifier):
+    with pytest.raises(NotFound):
+        files.results(JobKind.INGEST, identifier)
+
+
+def test_publishing_replaces_an_older_folder(files):
+    final = files.results(JobKind.CALIBRATE, "one")
+    for attempt in (1, 2):
+        output = files.make_attempt_folder("job", attempt)
+        (output / f"{attempt}.txt").write_text("result")
+        files.publish(output, final)
+    assert [path.name for path in final.iterdir()] == ["2.txt"]
+    assert list((files.folder / "removed").iterdir()) == []
+
+
+def test_an_attempt_begins_empty_and_ends_earlier_ones(files):
+    first = files.make_attempt_folder("job", 1)
+    other = files.make_attempt_folder("job-2", 1)
+    (first / "half-written").write_text("")
+    again = files.make_attempt_folder("job", 1)
+    assert list(again.iterdir()) == []
+    files.make_attempt_folder("job", 2)
+    assert not first.exists()
+    assert other.exists(), "another job's id may begin with this one's"
+
+
+def test_a_result_that_was_not_written_is_not_found(files):
+    with pytest.raises(NotFound, match="there is no volume-h5 'one'"):
+        files.volume("one")
+
+
+def test_only_old_leftovers_are_removed(files):
+    old, new = (files.receive([b"x"], max_bytes=1).path for _ in range(2))
+    os.utime(old, (0, 0))
+    files.remove_leftovers()
+    assert incoming(files) == [new]

@@ -1,0 +1,239 @@
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from pydantic import ValidationError
+
+from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.jobs import Failure, FailureKind, JobState, Progress
+from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.scans import ScanState
+from worker.storage.errors import Conflict, LeaseLost, NotFound
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
+OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
+READING = {
+    "format": "NPZ",
+    "shape": {"views": 20, "rows": 1, "detector": 768},
+    "angular_range_deg": (0.0, 342.0),
+}
+
+
+def claim(store, lease_s: float = 60.0):
+    taken = store.jobs.claim("test", lease_s=lease_s)
+    assert taken is not None
+    return taken
+
+
+def claim_all(settings: StorageSettings) -> list[str]:
+    store = Store(settings)
+    taken = []
+    while (claimed := store.jobs.claim("racer", lease_s=60)) is not None:
+        taken.append(claimed.job_id)
+    store.close()
+    return taken
+
+
+def test_each_job_is_claimed_once_by_threads(store, upload):
+    jobs = {upload(store).job_id for _ in range(24)}
+    with ThreadPoolExecutor(8) as pool:
+        taken = [job_id for some in pool.map(claim_all, [store.settings] * 8) for job_id in some]
+    assert len(taken) == 24
+    assert set(taken) == jobs
+
+
+def test_each_job_is_claimed_once_by_processes(store, upload):
+    jobs = {upload(store).job_id for _ in range(24)}
+    program = (
+        "from worker.storage.settings import StorageSettings; from worker.storage.store import Store\n"
+        f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
+        "while (claimed := store.jobs.claim('racer', lease_s=60)) is not None: print(claimed.job_id)"
+    )
+    racers = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    taken = [job_id for racer in racers for job_id in racer.communicate(timeout=60)[0].split()]
+    assert len(taken) == 24
+    assert set(taken) == jobs
+
+
+def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
+    jobs = [upload(store).job_id for _ in range(3)]
+    assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [0, 1, 2]
+    first = claim(store)
+    assert first.job_id == jobs[0]
+    assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [None, 0, 1]
+    assert (first.job.state, first.attempt, first.job.worker) == (JobState.RUNNING, 1, "test")
+    assert store.jobs.claim("test", lease_s=60, job_id=jobs[2]).job_id == jobs[2]
+    assert store.jobs.claim("test", lease_s=60, job_id=jobs[2]) is None
+
+
+def test_a_job_waits_for_what_it_needs(store, upload, finish):
+    scan = upload(store)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    reconstruction = store.reconstructions.accept(ReconstructionAsk(scan_id=scan.id, calibration_id=calibration.id))
+    chain = [scan.job_id, calibration.job_id, reconstruction.job_id]
+    for job_id, next_id in zip(chain, [*chain[1:], None], strict=True):
+        assert list(store.jobs.queued_job_ids()) == [job_id]
+        if next_id is not None:
+            assert store.jobs.claim("test", lease_s=60, job_id=next_id) is None
+        assert finish(store).job_id == job_id
+        assert list(store.jobs.waiting_for(job_id)) == ([next_id] if next_id else [])
+    assert store.jobs.claim("test", lease_s=60) is None
+
+
+def test_a_job_may_start_when_what_it_needs_has_failed(store, upload):
+    scan = upload(store)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    store.jobs.fail(claim(store), OURS)
+    assert claim(store).job_id == calibration.job_id
+
+
+def test_a_result_and_its_files_appear_together(store, upload, finish):
+    scan = upload(store)
+    done = finish(store)
+    assert store.jobs.get(done.job_id).state is JobState.SUCCEEDED
+    assert store.jobs.get(done.job_id).finished_at is not None
+    folder = store.files.results(done.job.kind, scan.id)
+    assert (folder / "result").read_text() == "attempt 1"
+    assert list((store.files.folder / "attempts").iterdir()) == []
+
+
+def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
+    scan = upload(store)
+    late = claim(store, lease_s=0.01)
+    output = store.files.folder / "late"
+    output.mkdir()
+    (output / "result").write_text("late")
+    time.sleep(0.05)
+    assert [job.state for job in store.jobs.requeue_expired()] == [JobState.QUEUED]
+    finish(store)
+    for act in (
+        lambda: store.jobs.succeed(late, READING, output),
+        lambda: store.jobs.fail(late, OURS),
+        lambda: store.jobs.heartbeat(late, lease_s=60),
+        lambda: store.jobs.cancelled(late),
+        lambda: store.jobs.release(late),
+    ):
+        with pytest.raises(LeaseLost, match=f"attempt 1 no longer holds job '{scan.job_id}'"):
+            act()
+    assert (store.files.results(late.job.kind, scan.id) / "result").read_text() == "attempt 2"
+    assert store.scans.get(scan.id).format == "NXtomo"
+
+
+def test_a_result_of_the_wrong_form_is_not_stored(store, upload):
+    scan = upload(store)
+    held = claim(store)
+    output = store.files.make_attempt_folder(held.job_id, held.attempt)
+    with pytest.raises(ValidationError):
+        store.jobs.succeed(held, READING | {"surprise": 1}, output)
+    assert store.scans.get(scan.id).state is ScanState.INGESTING
+    assert store.jobs.get(held.job_id).state is JobState.RUNNING
+
+
+def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
+    scan = upload(store)
+    held = claim(store)
+    with pytest.raises(FileNotFoundError):
+        store.jobs.succeed(held, READING, store.files.folder / "attempts" / "missing")
+    assert store.scans.get(scan.id).state is ScanState.INGESTING
+    assert store.jobs.get(held.job_id).state is JobState.RUNNING
+
+
+def test_a_heartbeat_keeps_the_lease_and_carries_progress_out(store, upload):
+    upload(store)
+    held = claim(store, lease_s=0.01)
+    progress = Progress(fraction=0.5, stage="search", generation=3)
+    assert store.jobs.heartbeat(held, progress, lease_s=60) is False
+    time.sleep(0.05)
+    assert list(store.jobs.requeue_expired()) == []
+    assert store.jobs.get(held.job_id).progress == progress
+    store.jobs.heartbeat(held, lease_s=60)
+    assert store.jobs.get(held.job_id).progress == progress, "no news is not news"
+
+
+def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
+    scan = upload(store)
+    states = []
+    for attempt in (1, 2, 3):
+        held = claim(store, lease_s=0.01)
+        assert held.attempt == attempt
+        store.files.make_attempt_folder(held.job_id, attempt)
+        time.sleep(0.05)
+        states += [job.state for job in store.jobs.requeue_expired()]
+    assert states == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
+    job = store.jobs.get(scan.job_id)
+    assert (job.failure.kind, job.failure.code) == (FailureKind.PASSING, "worker-lost")
+    assert store.scans.get(scan.id).state is ScanState.REFUSED
+    assert list((store.files.folder / "attempts").iterdir()) == []
+
+
+def test_a_passing_failure_is_tried_again_and_the_third_is_final(store, upload):
+    upload(store)
+    assert [store.jobs.fail(claim(store), PASSING) for _ in range(3)] == [
+        JobState.QUEUED,
+        JobState.QUEUED,
+        JobState.FAILED,
+    ]
+
+
+@pytest.mark.parametrize("kind", [FailureKind.INPUT, FailureKind.INTERNAL])
+def test_other_failures_are_final(store, ready_scan, kind):
+    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    failure = OURS.model_copy(update={"kind": kind})
+    assert store.jobs.fail(claim(store), failure) is JobState.FAILED
+    calibration = store.calibrations.get(asked.id)
+    assert (calibration.state, calibration.failure) == ("failed", failure)
+
+
+def test_a_queued_job_is_cancelled_at_once(store, upload):
+    scan = upload(store)
+    assert store.jobs.request_cancel(scan.job_id).state is JobState.CANCELLED
+    assert store.jobs.claim("test", lease_s=60) is None
+    assert store.scans.get(scan.id).state is ScanState.REFUSED
+    with pytest.raises(Conflict, match="has cancelled already"):
+        store.jobs.request_cancel(scan.job_id)
+
+
+def test_a_running_job_hears_of_its_cancellation(store, upload):
+    scan = upload(store)
+    held = claim(store)
+    asked = store.jobs.request_cancel(scan.job_id)
+    assert (asked.state, asked.cancel_requested) == (JobState.RUNNING, True)
+    assert store.jobs.heartbeat(held, lease_s=60) is True
+    store.jobs.cancelled(held)
+    assert store.jobs.get(scan.job_id).state is JobState.CANCELLED
+
+
+def test_a_cancelled_job_of_a_lost_worker_is_not_tried_again(store, upload):
+    scan = upload(store)
+    claim(store, lease_s=0.01)
+    store.jobs.request_cancel(scan.job_id)
+    time.sleep(0.05)
+    assert [job.state for job in store.jobs.requeue_expired()] == [JobState.CANCELLED]
+
+
+def test_a_released_job_goes_back_to_its_place(store, upload):
+    first, second = upload(store), upload(store)
+    store.jobs.release(claim(store))
+    assert list(store.jobs.queued_job_ids()) == [first.job_id, second.job_id]
+    assert claim(store).attempt == 2
+
+
+def test_jobs_are_counted_and_listed_by_state(store, upload):
+    for _ in range(3):
+        upload(store)
+    held = claim(store)
+    assert store.jobs.counts()[JobState.QUEUED] == 2
+    assert store.jobs.counts()[JobState.FAILED] == 0
+    assert [job.id for job in store.jobs.page(state=JobState.RUNNING).items] == [held.job_id]
+    with pytest.raises(NotFound):
+        store.jobs.get("nothing")
+
+
+def test_only_jobs_that_have_waited_are_swept(store, upload):
+    scan = upload(store)
+    assert list(store.jobs.queued_job_ids(older_than_s=60)) == []
+    assert list(store.jobs.queued_job_ids()) == [scan.job_id]

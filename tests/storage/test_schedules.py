@@ -1,0 +1,156 @@
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
+
+import pytest
+
+from worker.contracts.scans import DataKind, ScanSpec
+from worker.contracts.schedules import ScheduleSpec
+from worker.storage.errors import Conflict, Invalid, NotFound
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
+
+
+@pytest.fixture
+def store(settings, clock):
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def schedule(store, scanner):
+    return store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *"))
+
+
+@pytest.mark.parametrize("cron", ["", "* * * *", "* * * * * *", "61 * * * *", "0 0 30 2 *", "@daily"])
+def test_a_wrong_expression_is_refused_in_a_sentence(store, scanner, cron):
+    with pytest.raises(Invalid, match="cron must be five fields"):
+        store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron=cron))
+
+
+def test_a_schedule_reads_back_and_can_be_changed_and_removed(store, scanner, schedule):
+    assert store.schedules.get(schedule.id) == schedule
+    assert schedule.next_due_at == START.replace(minute=30)
+    disabled = store.schedules.update(schedule.id, ScheduleSpec(scanner_id=scanner.id, cron="0 6 * * *", enabled=False))
+    assert (disabled.next_due_at, disabled.cron) == (None, "0 6 * * *")
+    with pytest.raises(Conflict, match="is used by 1 schedules"):
+        store.scanners.delete(scanner.id)
+    store.schedules.delete(schedule.id)
+    with pytest.raises(NotFound):
+        store.schedules.get(schedule.id)
+
+
+def test_nothing_runs_before_its_time_or_while_disabled(store, scanner, schedule, clock):
+    clock.advance(minutes=29)
+    assert store.schedules.run_due() == []
+    store.schedules.update(schedule.id, ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *", enabled=False))
+    clock.advance(hours=5)
+    assert store.schedules.run_due() == []
+
+
+def test_a_due_schedule_queues_the_newest_phantom_scan_once(store, schedule, clock, ready_scan):
+    clock.advance(minutes=30)
+    (run,) = store.schedules.run_due()
+    assert (run.due_at, run.outcome) == (START.replace(minute=30), "queued")
+    calibration = store.calibrations.get(run.calibration_id)
+    assert (calibration.scan_id, calibration.schedule_id) == (ready_scan.id, schedule.id)
+    assert store.schedules.run_due() == []
+    after = store.schedules.get(schedule.id)
+    assert (after.next_due_at, after.last_run) == (START.replace(hour=6), run)
+    clock.advance(minutes=30)
+    (next_run,) = store.schedules.run_due()
+    assert next_run.outcome == "no-new-phantom-scan"
+    assert store.schedules.runs(schedule.id) == [next_run, run]
+    store.schedules.delete(schedule.id)
+    assert store.calibrations.get(run.calibration_id).schedule_id == schedule.id
+
+
+@pytest.mark.usefixtures("schedule")
+def test_an_older_scan_than_the_last_one_used_is_not_new(store, clock, upload, finish):
+    for _ in range(2):
+        clock.advance(minutes=1)
+        upload(store)
+        finish(store)
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "queued"
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "no-new-phantom-scan"
+
+
+@pytest.mark.usefixtures("schedule")
+def test_log_scans_and_unread_scans_are_passed_over(store, scanner, clock, ready_scan, upload):
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    clock.advance(minutes=1)
+    store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
+    upload(store)
+    clock.advance(minutes=30)
+    (run,) = store.schedules.run_due()
+    assert store.calibrations.get(run.calibration_id).scan_id == ready_scan.id
+
+
+@pytest.mark.usefixtures("ready_scan")
+def test_times_missed_while_nothing_ran_are_run_once_for_the_latest(store, schedule, clock):
+    clock.advance(hours=10, minutes=10)
+    (run,) = store.schedules.run_due()
+    assert run.due_at == START.replace(hour=15)
+    assert store.schedules.get(schedule.id).next_due_at == START.replace(hour=15, minute=30)
+
+
+def test_a_due_time_that_came_back_by_an_edit_is_not_run_again(store, scanner, schedule, clock):
+    clock.advance(minutes=30)
+    store.schedules.run_due()
+    clock.advance(minutes=-10)
+    store.schedules.update(schedule.id, ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *"))
+    clock.advance(minutes=10)
+    assert store.schedules.run_due() == []
+    assert len(store.schedules.runs(schedule.id)) == 1
+    assert store.schedules.get(schedule.id).next_due_at == START.replace(hour=6)
+
+
+@pytest.mark.usefixtures("ready_scan")
+@pytest.mark.parametrize(("on_pass", "active"), [("activate", True), ("report", False)])
+def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, finish, on_pass, active):
+    schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *", on_pass=on_pass))
+    clock.advance(minutes=1)
+    (run,) = store.schedules.run_due()
+    finish(store)
+    assert (store.scanners.get(scanner.id).active_calibration_id == run.calibration_id) is active
+    reasons = [entry.reason for entry in store.scanners.history(scanner.id)]
+    assert all(schedule.id in reason for reason in reasons)
+
+
+def run_due_at(settings: StorageSettings, moment: datetime) -> int:
+    store = Store(settings, clock=lambda: moment)
+    ran = len(store.schedules.run_due())
+    store.close()
+    return ran
+
+
+def assert_each_time_ran_once(store, schedule, ran: int) -> None:
+    times = [run.due_at for run in store.schedules.runs(schedule.id)]
+    assert len(times) == len(set(times)) == ran
+    assert times[0] == START.replace(hour=8)
+
+
+def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
+    moments = [START.replace(hour=hour) for hour in (6, 7, 8) for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        ran = sum(pool.map(run_due_at, [store.settings] * len(moments), moments))
+    assert_each_time_ran_once(store, schedule, ran)
+
+
+def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
+    program = (
+        "from datetime import UTC, datetime\n"
+        "from worker.storage.settings import StorageSettings; from worker.storage.store import Store\n"
+        f"settings = StorageSettings.model_validate_json({store.settings.model_dump_json()!r})\n"
+        "moments = [datetime(2026, 3, 2, hour, tzinfo=UTC) for hour in (6, 7, 8)]\n"
+        "print(sum(len(Store(settings, clock=lambda: moment).schedules.run_due()) for moment in moments))"
+    )
+    lookers = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    ran = sum(int(looker.communicate(timeout=60)[0]) for looker in lookers)
+    assert_each_time_ran_once(store, schedule, ran)

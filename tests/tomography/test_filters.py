@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from worker.tomography.filters import FilterName, filter_rows, ramp_response
+from worker.tomography.geometry import GeometryError
+
+PITCH = 1.5
+every_filter = pytest.mark.parametrize("name", list(FilterName))
+# At the cut-off, at half of it, by their definitions.
+WINDOWS = {
+    FilterName.RAM_LAK: (1.0, 1.0),
+    FilterName.SHEPP_LOGAN: (2.0 / np.pi, 2.0 * np.sqrt(2.0) / np.pi),
+    FilterName.COSINE: (0.0, np.sqrt(0.5)),
+    FilterName.HAMMING: (0.08, 0.54),
+    FilterName.HANN: (0.0, 0.5),
+}
+
+
+@every_filter
+@pytest.mark.parametrize("scaling", [1.0, 0.5])
+def test_the_window_is_what_its_name_says(name, scaling):
+    # 256 cells pad to 512: the cut-off and its half fall on frequencies of the transform.
+    response, length = ramp_response(256, PITCH, name, scaling)
+    ramp, _ = ramp_response(256, PITCH, FilterName.RAM_LAK, 1.0)
+    assert length == 512
+    cut = round(256 * scaling)
+    expected_at_cut, expected_at_half = WINDOWS[name]
+    assert response[cut] / ramp[cut] == pytest.approx(expected_at_cut, abs=1e-12)
+    assert response[cut // 2] / ramp[cut // 2] == pytest.approx(expected_at_half, abs=1e-12)
+    np.testing.assert_array_equal(response[cut + 1 :], 0.0)
+
+
+def test_the_ramp_is_the_frequency_in_cycles_per_mm():
+    response, length = ramp_response(512, PITCH, FilterName.RAM_LAK, 1.0)
+    frequency = np.arange(response.size) / (length * PITCH)
+    # The kernel is cut off after 512 cells: its transform differs from |f| by 1 / (2 pi^2 n pitch) at most, 1e-4.
+    np.testing.assert_allclose(response, frequency, atol=1.0 / (np.pi**2 * 512 * PITCH))
+    # The mean of an image hangs on this: the response at 0 is small, but not 0.
+    assert 0.0 < response[0] < 1e-3
+
+
+def test_the_kernel_is_that_of_kak_and_slaney():
+    row = np.zeros((1, 65), np.float32)
+    row[0, 32] = 1.0
+    kernel = filter_rows(row, PITCH, FilterName.RAM_LAK, 1.0)[0]
+    n = np.arange(65) - 32
+    # Eq. 3.61 times the cell's width; single precision relative to the peak.
+    expected = np.where(n % 2 == 1, -1.0 / (np.pi * np.where(n == 0, 1, n) * PITCH) ** 2, 0.0) * PITCH
+    expected[32] = 0.25 / PITCH
+    np.testing.assert_allclose(kernel, expected, atol=1e-6 * expected[32])
+
+
+@every_filter
+def test_filtering_is_the_convolution_with_zeros_outside(name):
+    """No value wraps round from one end of the detector to the other."""
+    rng = np.random.default_rng(401)
+    row = rng.standard_normal((2, 40)).astype(np.float32)
+    wide = np.zeros((2, 400), np.float32)
+    wide[:, :40] = row
+    short = filter_rows(row, PITCH, name, 1.0)
+    long = filter_rows(wide, PITCH, name, 1.0)[:, :40]
+    # The window's own tail is cut by the padding: a thousandth of the peak for the smooth windows, nothing for the ramp.
+    np.testing.assert_allclose(short, long, atol=2e-3 * np.abs(long).max())
+
+
+@every_filter
+def test_a_smooth_row_is_filtered_alike_by_every_window(name):
+    x = np.arange(301) - 150.0
+    row = np.exp(-0.5 * (x / 30.0) ** 2)[None].astype(np.float32)
+    filtered = filter_rows(row, 1.0, name, 1.0)[0]
+    ramp = filter_rows(row, 1.0, FilterName.RAM_LAK, 1.0)[0]
+    # The row's frequencies end near 1 / 60 of the cut-off, where every window is 1 to a hundredth.
+    np.testing.assert_allclose(filtered, ramp, atol=0.01 * np.abs(ramp).max())
+
+
+@pytest.mark.parametrize("scaling", [0.0, -0.5, 1.01, float("nan")])
+def test_a_cut_off_outside_the_detector_s_frequencies_is_refused(scaling):
+    with pytest.raises(GeometryError, match="frequency_scaling must be above 0 and at most 1"):
+        ramp_response(64, PITCH, FilterName.HANN, scaling)

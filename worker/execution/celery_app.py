@@ -1,0 +1,168 @@
+"""The cluster's engine: Redis carries wake-ups, Celery workers claim the jobs they are woken for.
+
+A message says only that there may be a job: it is acknowledged at once, and losing or repeating it does no harm.
+Start a worker with `celery -A worker.execution.celery_app worker`.
+"""
+
+import threading
+from collections.abc import Sequence
+from typing import Any
+
+import structlog
+from celery import Celery, signals
+from celery.worker import WorkController
+from kombu.exceptions import OperationalError
+from redis.exceptions import RedisError
+
+from worker.contracts.jobs import JobState
+from worker.execution.housekeeping import Housekeeping
+from worker.execution.logs import configure_logs
+from worker.execution.runner import ATTEMPT_COMMAND, Runner
+from worker.execution.settings import ExecutionSettings
+from worker.storage.errors import StorageError
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+RUN_JOB = "sawmill.run_job"
+_QUEUE = "sawmill"
+_CONNECT_TIMEOUT_S = 1.0  # a request that wakes a worker waits about that long when Redis is out of reach
+
+
+def make_celery(
+    settings: ExecutionSettings, storage: StorageSettings, *, command: Sequence[str] = ATTEMPT_COMMAND
+) -> Celery:
+    """The Celery application, for workers and for senders.
+
+    Parameters
+    ----------
+    settings
+        With a broker.
+    storage
+        The store that all machines share.
+    command
+        Starts the process of an attempt, as for `Runner`.
+
+    Raises
+    ------
+    ValueError
+        The settings name no broker.
+    """
+    if settings.broker_url is None:
+        raise ValueError("broker_url must name a Redis server, as in redis://127.0.0.1:6379/0; set SAWMILL_BROKER_URL")
+    app = Celery("sawmill", broker=settings.broker_url, set_as_current=False)
+    app.conf.update(
+        accept_content=["json"],
+        task_serializer="json",
+        task_default_queue=_QUEUE,
+        task_ignore_result=True,
+        task_acks_late=False,
+        task_publish_retry=False,  # the sweep sends lost wake-ups again
+        worker_pool="threads",  # each thread supervises a process; forked children and Numba do not go together
+        worker_concurrency=settings.workers,
+        worker_prefetch_multiplier=1,
+        worker_hijack_root_logger=False,
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,  # a worker outlives any outage of Redis
+        broker_transport_options={
+            "socket_connect_timeout": _CONNECT_TIMEOUT_S,
+            "connect_retries_timeout": _CONNECT_TIMEOUT_S,
+            "interval_start": 0.1,
+        },
+    )
+    engine = _Engine(app, settings, storage, command)
+    app.task(engine.run_job, name=RUN_JOB)
+    # The signals are Celery's own and fire in worker processes only.
+    signals.worker_init.connect(engine.start, weak=False)
+    signals.worker_shutting_down.connect(engine.stop, weak=False)
+    signals.worker_shutdown.connect(engine.close, weak=False)
+    return app
+
+
+class Waker:
+    """Sends wake-ups, best effort.
+
+    Parameters
+    ----------
+    app
+        From `make_celery`.
+    """
+
+    def __init__(self, app: Celery) -> None:
+        self._app = app
+
+    def __call__(self, job_id: str) -> None:
+        """Say that there is a job. When Redis is out of reach the sweep says it again later."""
+        try:
+            self._app.send_task(RUN_JOB, args=[job_id])
+        except OperationalError as error:
+            structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
+
+
+class _Engine:
+    """What a Celery worker process holds while it runs."""
+
+    def __init__(
+        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, command: Sequence[str]
+    ) -> None:
+        self._app = app
+        self._command = command
+        self._settings = settings
+        self._storage = storage
+        self._wake = Waker(app)
+        self._stop = threading.Event()
+
+    def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
+        configure_logs(self._settings.log_format)
+        if "prefork" in str(sender.pool_cls):
+            raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
+        try:
+            self._store = Store.open(self._storage)
+        except StorageError as error:  # Celery would log it and go on without a store
+            raise SystemExit(f"this worker cannot start: {error}") from error
+        self._runner = Runner(self._store, self._settings, self._stop, command=self._command)
+        self._runner.warm_up()
+        self._housekeeping = Housekeeping(self._store, self._settings, self._stop, and_then=self._sweep)
+        self._housekeeping.start()
+
+    def stop(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+
+    def close(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+        self._runner.close()
+        self._housekeeping.join()
+        self._store.close()
+
+    def run_job(self, job_id: str) -> None:
+        state = self._runner.run_next(job_id)
+        if state is JobState.QUEUED and not self._stop.is_set():
+            self._wake(job_id)
+        if state is not None and state.ended:
+            for waiting in self._store.jobs.waiting_for(job_id):
+                self._wake(waiting)
+
+    def _sweep(self) -> None:
+        """Send the wake-ups of waiting jobs again, once no message is on its way: so they cannot pile up."""
+        lost = self._store.jobs.queued_job_ids(older_than_s=self._settings.sweep_s)
+        try:
+            unheard = bool(lost) and self._messages_waiting() == 0
+        except (OperationalError, RedisError) as error:
+            structlog.get_logger().warning("sweep-put-off", waiting=len(lost), reason=str(error))
+            return
+        if unheard:
+            for job_id in lost:
+                self._wake(job_id)
+
+    def _messages_waiting(self) -> int:
+        with self._app.connection_for_write() as connection:
+            declared = connection.default_channel.queue_declare(queue=_QUEUE, durable=True)
+            return int(declared.message_count)
+
+
+def __getattr__(name: str) -> Celery:
+    """Make `app` when Celery's command line looks for it, from the environment; importing makes nothing."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    app = make_celery(ExecutionSettings(), StorageSettings())
+    globals()["app"] = app
+    return app

@@ -1,0 +1,57 @@
+"""HDF5 in the Data Exchange layout: /exchange/data with data_white, data_dark and theta beside it."""
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.formats.arrays import check_scan_dimensions
+from worker.formats.contents import FileContents
+from worker.formats.errors import UnreadableScan, quoted
+from worker.formats.hdf5_fields import read_angles, read_pitch
+from worker.formats.hdf5_guard import attribute_text, find, numbers, read_float32
+
+DATA = "exchange/data"
+DETECTOR = "measurement/instrument/detector"
+
+
+def is_exchange(file: h5py.File) -> bool:
+    """Whether the file has the group and the dataset that make this layout."""
+    return isinstance(find(file, DATA), h5py.Dataset)
+
+
+def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
+    """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it.
+
+    Raises
+    ------
+    UnreadableScan
+        When the parts cannot be read.
+    """
+    dataset = numbers(file, DATA, max_bytes)
+    if dataset is None:
+        raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
+    check_scan_dimensions(DATA, dataset.shape)
+    axes = attribute_text(dataset, "axes")
+    if axes is not None and not axes.startswith("theta"):
+        raise UnreadableScan(
+            "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
+        )
+    angles_deg, problem = read_angles(file, "exchange/theta", max_bytes, default_unit="deg")
+    detector_pitch_mm, remarks_x = read_pitch(file, f"{DETECTOR}/x_pixel_size", max_bytes)
+    row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", max_bytes)
+    return FileContents(
+        format="hdf5-data-exchange",
+        projections=read_float32(dataset),
+        flats=_optional(file, "exchange/data_white", max_bytes),
+        darks=_optional(file, "exchange/data_dark", max_bytes),
+        angles_deg=angles_deg,
+        angles_unusable=problem,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+        remarks=(*remarks_x, *remarks_y),
+    )
+
+
+def _optional(file: h5py.File, path: str, max_bytes: int) -> NDArray[np.float32] | None:
+    dataset = numbers(file, path, max_bytes)
+    return None if dataset is None else read_float32(dataset)

@@ -1,0 +1,96 @@
+"""HDF5 in the NXtomo layout: one stack of frames, an image key and an angle for each."""
+
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.formats.arrays import check_scan_dimensions
+from worker.formats.contents import FileContents
+from worker.formats.errors import UnreadableScan
+from worker.formats.hdf5_fields import read_angles, read_pitch
+from worker.formats.hdf5_guard import Node, children, numbers, read_float32, read_text
+
+DATA = "instrument/detector/data"
+IMAGE_KEY = "instrument/detector/image_key"
+ANGLES = "sample/rotation_angle"
+
+PROJECTION, FLAT, DARK, INVALID = 0, 1, 2, 3
+
+
+def find_entries(file: h5py.File) -> list[h5py.Group]:
+    """Every group, at the top or one level below it, whose `definition` is NXtomo."""
+    top = [node for _, node in children(file["/"]) if isinstance(node, h5py.Group)]
+    below = [node for group in top if not _is_nxtomo(group) for _, node in children(group)]
+    return [group for group in (*top, *below) if _is_nxtomo(group)]
+
+
+def _is_nxtomo(node: Node) -> bool:
+    return isinstance(node, h5py.Group) and read_text(node, "definition") == "NXtomo"
+
+
+def read_nxtomo(entry: h5py.Group, max_bytes: int) -> FileContents:
+    """Read one NXtomo entry.
+
+    Raises
+    ------
+    UnreadableScan
+        When a part is missing, or the parts do not agree.
+    """
+    dataset = numbers(entry, DATA, max_bytes)
+    if dataset is None:
+        raise UnreadableScan("dataset-missing", f"the NXtomo entry {entry.name!r} has no {DATA}")
+    check_scan_dimensions(DATA, dataset.shape)
+    keys = _read_image_key(entry, len(dataset), max_bytes)
+    angles_deg, problem = read_angles(entry, ANGLES, max_bytes, default_unit=None)
+    if angles_deg is not None and len(angles_deg) != len(dataset):
+        raise UnreadableScan(
+            "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} frames; each frame needs one"
+        )
+    detector_pitch_mm, remarks_x = read_pitch(entry, "instrument/detector/x_pixel_size", max_bytes)
+    row_pitch_mm, remarks_y = read_pitch(entry, "instrument/detector/y_pixel_size", max_bytes)
+    return FileContents(
+        format="hdf5-nxtomo",
+        projections=read_float32(dataset, np.flatnonzero(keys.values == PROJECTION)),
+        flats=_fields(dataset, keys.values, FLAT),
+        darks=_fields(dataset, keys.values, DARK),
+        angles_deg=None if angles_deg is None else angles_deg[keys.values == PROJECTION],
+        angles_unusable=problem,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+        remarks=(*keys.remarks, *remarks_x, *remarks_y),
+    )
+
+
+@dataclass(frozen=True)
+class _ImageKeys:
+    values: NDArray[np.int64]
+    remarks: tuple[str, ...]
+
+
+def _read_image_key(entry: h5py.Group, frames: int, max_bytes: int) -> _ImageKeys:
+    dataset = numbers(entry, IMAGE_KEY, max_bytes)
+    if dataset is None:
+        return _ImageKeys(np.zeros(frames, dtype=np.int64), (f"{IMAGE_KEY} is missing: every frame is a projection.",))
+    if dataset.shape != (frames,):
+        raise UnreadableScan(
+            "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {frames} frames; each frame needs one key"
+        )
+    raw = np.asarray(dataset[()], dtype=np.float64)
+    unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID))
+    if unknown.any():
+        frame = int(np.argmax(unknown))
+        raise UnreadableScan(
+            "wrong-type",
+            f"{IMAGE_KEY} of frame {frame} is {raw[frame]:g}; "
+            "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
+        )
+    invalid = int(np.count_nonzero(raw == INVALID))
+    remarks = (f"{invalid} frames marked invalid (image_key 3) were left out.",) if invalid else ()
+    return _ImageKeys(raw.astype(np.int64), remarks)
+
+
+def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int) -> NDArray[np.float32] | None:
+    frames = np.flatnonzero(keys == key)
+    return read_float32(dataset, frames) if len(frames) else None

@@ -1,0 +1,117 @@
+"""NumPy's own files, never with pickled objects, their headers held against what is really there."""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+from zipfile import ZipFile
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from worker.formats.archives import members
+from worker.formats.arrays import as_float32, check_number_type, check_scan_dimensions, check_size
+from worker.formats.contents import FileContents
+from worker.formats.errors import UnreadableScan, quoted
+from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+
+
+@dataclass(frozen=True)
+class NpyHeader:
+    """What a NPY header declares."""
+
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def data_bytes(self) -> int:
+        """How many bytes of data must follow."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+def read_npy(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+    """Read a NPY file.
+
+    Raises
+    ------
+    UnreadableScan
+        When it holds objects, fewer data than it declares, or no projections.
+    """
+    if dataset is not None:
+        raise UnreadableScan(
+            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(dataset)!r}"
+        )
+    with path.open("rb") as stream:
+        header = read_header(stream)
+        offset = stream.tell()
+    present = path.stat().st_size - offset
+    _check_header("the array", header, present, max_bytes)
+    check_scan_dimensions("the array", header.shape)
+    stored = np.memmap(
+        path,
+        dtype=header.dtype,
+        mode="r",
+        offset=offset,
+        shape=header.shape,
+        order="F" if header.fortran_order else "C",
+    )
+    return FileContents(format="npy", projections=as_float32(stored))
+
+
+def read_npz(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+    """Read an archive of NPY files; only the arrays that are needed are unpacked.
+
+    Raises
+    ------
+    UnreadableScan
+        When it is unsafe to unpack, or holds no projections.
+    """
+    with ZipFile(path) as archive:
+        headers: dict[str, NpyHeader] = {}
+        for info in members(archive, max_bytes):
+            with archive.open(info) as stream:
+                headers[info.filename.removesuffix(".npy")] = read_header(stream)
+        arrays = NamedArrays(
+            format="npz",
+            infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
+            load=partial(_load, archive, headers, max_bytes),
+        )
+        return read_named_arrays(arrays, dataset)
+
+
+def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO
+    """Read magic and header, leaving the stream at the first byte of data."""
+    version = npy_format.read_magic(stream)
+    if version == (1, 0):
+        shape, fortran_order, dtype = npy_format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        shape, fortran_order, dtype = npy_format.read_array_header_2_0(stream)
+    else:
+        raise UnreadableScan("wrong-type", f"NPY version {version} is for records; store a plain array of numbers")
+    if any(n < 0 for n in shape):
+        raise UnreadableScan("wrong-shape", f"the array declares the shape {shape}; no length can be negative")
+    return NpyHeader(tuple(int(n) for n in shape), bool(fortran_order), dtype)
+
+
+def _load(archive: ZipFile, headers: dict[str, NpyHeader], max_bytes: int, name: str) -> NDArray[Any]:
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as stream:
+        header = read_header(stream)
+        _check_header(repr(quoted(name)), header, info.file_size - stream.tell(), max_bytes)
+        data = stream.read(header.data_bytes)
+    values = np.frombuffer(data, dtype=header.dtype)
+    return values.reshape(headers[name].shape, order="F" if header.fortran_order else "C")
+
+
+def _check_header(where: str, header: NpyHeader, present_bytes: int, max_bytes: int) -> None:
+    check_number_type(where, header.dtype)
+    if header.data_bytes > present_bytes:
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} declares {header.data_bytes} bytes of data and the file holds {max(present_bytes, 0)}; "
+            "export it again",
+        )
+    check_size(where, header.shape, header.dtype.itemsize, stored_bytes=present_bytes, max_bytes=max_bytes)

@@ -1,0 +1,193 @@
+"""Scans as the product keeps and hands them out: HDF5 in the NXtomo layout."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.formats.atomic import whole_hdf5
+from worker.formats.hdf5_guard import open_hdf5
+from worker.formats.hdf5_nxtomo import DARK, FLAT, PROJECTION
+from worker.formats.nexus import CHUNK_BYTES, new_entry, new_group, write_compressed, write_scalar
+
+DETECTOR = "entry/instrument/detector"
+
+
+@dataclass(frozen=True, eq=False)
+class StoredScan:
+    """A scan, or the rows and views of it that were asked for.
+
+    Attributes
+    ----------
+    line_integrals : (views, rows, detector) float32, dimensionless
+    angles_rad : (views,) float64
+    air_level : (rows, detector) float32, counts, or None
+        Mean flat less mean dark field; None where the scan was given as line integrals.
+    detector_pitch_mm : float
+    row_pitch_mm : float or None
+    """
+
+    line_integrals: NDArray[np.float32]
+    angles_rad: NDArray[np.float64]
+    air_level: NDArray[np.float32] | None
+    detector_pitch_mm: float
+    row_pitch_mm: float | None
+
+
+def write_scan(
+    path: Path,
+    *,
+    line_integrals: NDArray[np.float32],
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+    air_level: NDArray[np.float32] | None,
+    provenance: Mapping[str, str],
+) -> None:
+    """Write a scan of line integrals so that the sinogram of one row can be read alone.
+
+    Parameters
+    ----------
+    line_integrals : (views, rows, detector) float32, dimensionless
+    angles_rad : (views,) float64
+    detector_pitch_mm, row_pitch_mm : float
+        Distances between cells and between rows.
+    air_level : (rows, detector) float32, counts, or None
+        Mean flat less mean dark field: with it counts can be recovered from line integrals.
+    provenance : mapping of str to str
+        Where the data come from, as the file is to say it.
+
+    Raises
+    ------
+    ValueError
+        When the shapes do not agree.
+    OSError
+        When the file cannot be written.
+    """
+    _check_stack("line_integrals", line_integrals, angles_rad)
+    views, _, detector = line_integrals.shape
+    with whole_hdf5(path) as file:
+        entry = _write_frames(
+            file,
+            line_integrals.astype(np.float32, copy=False),
+            chunks=(_within_chunk(views, detector), 1, detector),
+            units="1",
+            image_key=np.zeros(views, dtype=np.uint8),
+            angles_deg=np.rad2deg(angles_rad),
+            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+        )
+        file[f"{DETECTOR}/data"].attrs["long_name"] = "line integrals"
+        if air_level is not None:
+            write_scalar(file[DETECTOR], "air_level", air_level.astype(np.float32), "counts")
+        group = new_group(entry, "provenance", "NXcollection")
+        for name, text in provenance.items():
+            group[name] = text
+
+
+def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
+    """Read a file of `write_scan`, or part of it.
+
+    Parameters
+    ----------
+    path : Path
+        A file that this product wrote; uploads go through `read_scan`.
+    rows : slice, optional
+        Detector rows, with step 1; all by default.
+    views : (n,) integers, optional
+        Views in the order wanted; all by default.
+    """
+    wanted = rows or slice(None)
+    with open_hdf5(path) as file:
+        detector = file[DETECTOR]
+        # Chunks span the views, so reading all of a row's views and choosing afterwards costs nothing.
+        stack = detector["data"][:, wanted, :]
+        angles = np.deg2rad(file["entry/sample/rotation_angle"][()])
+        return StoredScan(
+            line_integrals=stack if views is None else stack[views],
+            angles_rad=angles if views is None else angles[views],
+            air_level=detector["air_level"][wanted, :] if "air_level" in detector else None,
+            detector_pitch_mm=float(detector["x_pixel_size"][()]),
+            row_pitch_mm=float(detector["y_pixel_size"][()]) if "y_pixel_size" in detector else None,
+        )
+
+
+def write_raw_scan(
+    path: Path,
+    *,
+    counts: NDArray[np.uint16] | NDArray[np.float32],
+    flats: NDArray[np.uint16] | NDArray[np.float32],
+    darks: NDArray[np.uint16] | NDArray[np.float32],
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+) -> None:
+    """Write detector counts as a scanner would: dark fields, flat fields, then the views.
+
+    Parameters
+    ----------
+    counts : (views, rows, detector) uint16 or float32
+    flats, darks : (n, rows, detector), of the same type
+    angles_rad : (views,) float64
+    detector_pitch_mm, row_pitch_mm : float
+
+    Raises
+    ------
+    ValueError
+        When the shapes do not agree.
+    OSError
+        When the file cannot be written.
+    """
+    _check_stack("counts", counts, angles_rad)
+    fields = len(darks) + len(flats)
+    keys = [DARK] * len(darks) + [FLAT] * len(flats) + [PROJECTION] * len(counts)
+    with whole_hdf5(path) as file:
+        _write_frames(
+            file,
+            np.concatenate([darks, flats, counts]),
+            chunks=(1, *counts.shape[1:]),
+            units="counts",
+            image_key=np.array(keys, dtype=np.uint8),
+            angles_deg=np.concatenate([np.zeros(fields), np.rad2deg(angles_rad)]),
+            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+        )
+
+
+def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:
+    if stack.ndim != 3 or angles_rad.shape != (len(stack),):
+        raise ValueError(
+            f"{name} must be (views, rows, detector) with one angle for each view, not of shape {stack.shape} "
+            f"with {angles_rad.shape} angles"
+        )
+
+
+def _within_chunk(views: int, detector: int) -> int:
+    return min(views, max(1, CHUNK_BYTES // (4 * detector)))
+
+
+def _write_frames(
+    file: h5py.File,
+    frames: NDArray[np.uint16] | NDArray[np.float32],
+    *,
+    chunks: tuple[int, int, int],
+    units: str,
+    image_key: NDArray[np.uint8],
+    angles_deg: NDArray[np.float64],
+    pitches_mm: tuple[float, float | None],
+) -> h5py.Group:
+    entry = new_entry(file, "NXtomo")
+    detector = new_group(new_group(entry, "instrument", "NXinstrument"), "detector", "NXdetector")
+    write_compressed(detector, "data", frames, units, chunks)
+    detector["image_key"] = image_key
+    for name, pitch_mm in zip(("x_pixel_size", "y_pixel_size"), pitches_mm, strict=True):
+        if pitch_mm is not None:
+            write_scalar(detector, name, pitch_mm, "mm")
+    sample = new_group(entry, "sample", "NXsample")
+    write_scalar(sample, "rotation_angle", angles_deg, "deg")
+    links = new_group(entry, "data", "NXdata")
+    links.attrs["signal"] = "data"
+    links["data"], links["image_key"] = detector["data"], detector["image_key"]
+    links["rotation_angle"] = sample["rotation_angle"]
+    return entry

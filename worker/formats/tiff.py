@@ -1,0 +1,102 @@
+"""Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
+
+import math
+import struct
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from worker.formats.arrays import as_float32, check_number_type, check_size
+from worker.formats.contents import FileContents
+from worker.formats.errors import UnreadableScan, quoted
+
+MOST_PAGES = 100_000
+UNCOMPRESSED = 1
+READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, 8, 32946, 32773})  # none, both deflates, PackBits
+
+
+def read_tiff(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+    """Read a TIFF file; a single page is the sinogram of one row.
+
+    Raises
+    ------
+    UnreadableScan
+        When a page cannot be a frame of numbers.
+    """
+    if dataset is not None:
+        raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")
+    pages = read_pages(path, "the file", path.stat().st_size, max_bytes)
+    if len(pages) == 1:
+        return FileContents("tiff", pages[0], remarks=("The single page was read as the sinogram of one row.",))
+    return FileContents("tiff", pages)
+
+
+def read_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: int) -> NDArray[np.float32]:
+    """All pages of one TIFF as (pages, rows, detector) float32.
+
+    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    """
+    with tifffile.TiffFile(source) as tiff:
+        count = len(tiff.pages)
+        if not 0 < count <= MOST_PAGES:
+            raise UnreadableScan("wrong-shape", f"{name} has {count} pages; a scan has one for each view")
+        _check_last_page(tiff, name)
+        first = tiff.pages[0]
+        check_size(
+            name,
+            (count, *first.shape),
+            _number_type(first, name).itemsize,
+            stored_bytes=size_bytes,
+            max_bytes=max_bytes,
+        )
+        for index, page in enumerate(tiff.pages):
+            _check_page(page, f"page {index} of {name}", first.shape, size_bytes)
+        stack = np.empty((count, *first.shape), dtype=np.float32)
+        for index, page in enumerate(tiff.pages):
+            stack[index] = as_float32(page.asarray(maxworkers=1))
+        return stack
+
+
+def _check_last_page(tiff: tifffile.TiffFile, name: str) -> None:
+    # The library stops without an error where the chain of pages leads beyond the end of a truncated file.
+    layout, stream = tiff.tiff, tiff.filehandle
+    start = tiff.pages[-1].offset
+    stream.seek(start)
+    (tags,) = struct.unpack(layout.tagnoformat, stream.read(layout.tagnosize))
+    stream.seek(start + layout.tagnosize + tags * layout.tagsize)
+    (following,) = struct.unpack(layout.offsetformat, stream.read(layout.offsetsize))
+    if following:
+        raise UnreadableScan("truncated-file", f"{name} ends before its last page; export it again")
+
+
+def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np.dtype[Any]:
+    if page.dtype is None:
+        raise UnreadableScan(
+            "wrong-type", f"{where} is of no known type; a scan holds integers or floating-point numbers"
+        )
+    dtype: np.dtype[Any] = page.dtype
+    check_number_type(where, dtype)
+    return dtype
+
+
+def _check_page(
+    page: tifffile.TiffPage | tifffile.TiffFrame, where: str, shape: tuple[int, ...], size_bytes: int
+) -> None:
+    itemsize = _number_type(page, where).itemsize
+    if len(page.shape) != 2 or page.shape != shape:
+        raise UnreadableScan(
+            "wrong-shape", f"{where} has the shape {page.shape}; every page must be (rows, detector), grey, of one size"
+        )
+    if int(page.compression) not in READABLE_COMPRESSIONS:
+        method = getattr(page.compression, "name", page.compression)
+        raise UnreadableScan("unsupported-storage", f"{where} is compressed by {method}; use deflate or no compression")
+    stored = sum(page.databytecounts)
+    needed = math.prod(page.shape) * itemsize
+    ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
+        raise UnreadableScan(
+            "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
+        )

@@ -1,0 +1,54 @@
+"""Units as files write them."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MM = {
+    "nm": 1e-6,
+    "um": 1e-3,
+    "µm": 1e-3,  # the micro sign
+    "\u03bcm": 1e-3,  # the Greek letter
+    "micron": 1e-3,
+    "microns": 1e-3,
+    "micrometer": 1e-3,
+    "micrometre": 1e-3,
+    "mm": 1.0,
+    "millimeter": 1.0,
+    "millimetre": 1.0,
+    "cm": 10.0,
+    "m": 1000.0,
+    "meter": 1000.0,
+    "metre": 1000.0,
+}
+_DEGREES = {"deg", "degree", "degrees", "°"}
+_RADIANS = {"rad", "radian", "radians"}
+
+
+def to_mm(value: float, unit: str) -> float | None:
+    """A length in mm; None for a unit that is not one of length."""
+    factor = _MM.get(unit.strip().lower())
+    return None if factor is None else value * factor
+
+
+def to_degrees(values: NDArray[np.float64], unit: str) -> NDArray[np.float64] | None:
+    """Angles in degrees; None for a unit that is not one of angle."""
+    name = unit.strip().lower()
+    if name in _DEGREES:
+        return values
+    return np.rad2deg(values) if name in _RADIANS else None
+
+
+def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, str | None]:
+    """One positive length in mm, or None and the reason why it cannot be used."""
+    if values.size != 1:
+        return None, f"it has {values.size} values instead of one"
+    if unit is None:
+        return None, "it has no units attribute"
+    length_mm = to_mm(float(values.reshape(-1)[0]), unit)
+    if length_mm is None:
+        return None, f"its unit {unit!r} is not a known unit of length"
+    if not (math.isfinite(length_mm) and length_mm > 0):
+        return None, f"it is {length_mm} mm, which is no distance"
+    return length_mm, None

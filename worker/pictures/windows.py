@@ -1,0 +1,45 @@
+"""Grey windows and round numbers, shared by all pictures."""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Window = tuple[float, float]
+
+
+def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
+    """A window between two percentiles, widened where all values are the same."""
+    bottom, top = (float(v) for v in np.percentile(values, (low, high)))
+    return (bottom, top) if top > bottom else (bottom - 0.5, bottom + 0.5)
+
+
+def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.float64]:
+    """Values as fractions of the window, clipped to 0..1.
+
+    Raises
+    ------
+    ValueError
+        When the window is not (low, high) with low below high, or a value is not finite.
+    """
+    low, high = window
+    if not low < high:
+        raise ValueError(f"a window must be (low, high) with low < high, not {window}")
+    if not np.isfinite(values).all():
+        raise ValueError("a picture cannot show values that are not finite")
+    return np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0.0, 1.0)
+
+
+def round_length(longest: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not above the given length."""
+    power = 10.0 ** math.floor(math.log10(longest))
+    return next(digit * power for digit in (5, 2, 1) if digit * power <= longest * (1 + 1e-9))
+
+
+def ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Round values inside a range, at most so many."""
+    step = round_length((high - low) / most)
+    while math.floor(high / step) - math.ceil(low / step) + 1 > most:
+        step = round_length(step * 2.5)
+    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]

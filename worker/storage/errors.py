@@ -1,0 +1,96 @@
+"""What can go wrong in storage.
+
+StorageError
+├── NotFound            no such resource, or it has no such file
+├── Conflict            the resource's state forbids it
+├── Invalid             a value that cannot be right, such as a cron expression of four fields
+├── UploadTooLarge      more bytes than allowed
+├── LeaseLost           another attempt owns the job
+├── StorageFull         no room left on the disk
+└── StorageUnavailable  the database does not answer
+"""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+
+class StorageError(Exception):
+    """The root; `code` is stable, for programs."""
+
+    code = "storage-error"
+
+
+class NotFound(StorageError):  # noqa: N818 - an outcome's name, as HTTP has it
+    """There is no resource of this kind with this id."""
+
+    def __init__(self, kind: str, identifier: str) -> None:
+        super().__init__(f"there is no {kind} {identifier!r}")
+        self.kind = kind
+        self.identifier = identifier
+        self.code = f"{kind}-not-found"
+
+
+class Conflict(StorageError):  # noqa: N818
+    """The resource's state forbids what was asked."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class Invalid(StorageError):  # noqa: N818
+    """A value that cannot be right whatever the state."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class UploadTooLarge(StorageError):  # noqa: N818
+    """An upload went beyond its limit; nothing of it was kept."""
+
+    code = "upload-too-large"
+
+    def __init__(self, limit_bytes: int) -> None:
+        super().__init__(f"the upload is larger than the {limit_bytes} bytes allowed")
+        self.limit_bytes = limit_bytes
+
+
+class LeaseLost(StorageError):  # noqa: N818
+    """Another attempt owns the job now, or it has ended: this one's work no longer counts."""
+
+    code = "lease-lost"
+
+    def __init__(self, job_id: str, attempt: int) -> None:
+        super().__init__(f"attempt {attempt} no longer holds job {job_id!r}")
+
+
+class StorageFull(StorageError):  # noqa: N818
+    """The disk is full; nothing half-written was left behind."""
+
+    code = "storage-full"
+
+
+class StorageUnavailable(StorageError):  # noqa: N818
+    """The database does not answer; asking again later may help."""
+
+    code = "storage-unavailable"
+
+
+@contextmanager
+def disk_full_told(doing: str) -> Iterator[None]:
+    """Turn a full disk or an exhausted quota into `StorageFull`.
+
+    Parameters
+    ----------
+    doing
+        What was being done, for the sentence.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.errno in {errno.ENOSPC, errno.EDQUOT}:
+            msg = f"the disk is full: {doing} was given up; free some space in the data folder and try again"
+            raise StorageFull(msg) from error
+        raise

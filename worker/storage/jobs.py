@@ -1,0 +1,339 @@
+"""The job store: claims, leases, ends (DESIGN section 6).
+
+A claim is one conditional UPDATE. The attempt number fences: whatever an attempt reports counts only while
+the row is still running that attempt.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import timedelta
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
+from sqlalchemy.orm import Session, aliased
+
+from worker.contracts.base import Page
+from worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Progress
+from worker.storage.database import Database, database_now_s
+from worker.storage.errors import Conflict, LeaseLost
+from worker.storage.files import FileStore
+from worker.storage.paging import found, read_page
+from worker.storage.subjects import checked_result, record_end_without_result, record_success
+from worker.storage.tables import JobDependencyRow, JobRow
+
+MAX_ATTEMPTS = 3
+_ENDED = [state for state in JobState if state.ended]
+_CANCELLED = "its job was cancelled before it ended"
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to run one attempt at a job, for as long as heartbeats keep its lease."""
+
+    job: Job
+
+    @property
+    def job_id(self) -> str:
+        """The job's id."""
+        return self.job.id
+
+    @property
+    def attempt(self) -> int:
+        """The number that fences this attempt off from earlier and later ones."""
+        return self.job.attempt
+
+
+class Jobs:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        self._database = database
+        self._files = files
+
+    def get(self, job_id: str) -> Job:
+        """One job, or `NotFound`."""
+        with self._database.read() as session:
+            return _read(session, found(session, JobRow, "job", job_id))
+
+    def page(
+        self,
+        *,
+        state: JobState | None = None,
+        kind: JobKind | None = None,
+        after: str | None = None,
+        limit: int = 50,
+    ) -> Page[Job]:
+        """Jobs, newest first."""
+        statement = select(JobRow)
+        if state is not None:
+            statement = statement.where(JobRow.state == state)
+        if kind is not None:
+            statement = statement.where(JobRow.kind == kind)
+        with self._database.read() as session:
+            return read_page(session, statement, JobRow, lambda row: _read(session, row), after=after, limit=limit)
+
+    def counts(self) -> dict[JobState, int]:
+        """How many jobs are in each state, none included."""
+        with self._database.read() as session:
+            counted = session.execute(select(JobRow.state, func.count().label("number")).group_by(JobRow.state))
+            return dict.fromkeys(JobState, 0) | {row.state: row.number for row in counted}
+
+    def request_cancel(self, job_id: str) -> Job:
+        """Cancel a queued job at once; ask the worker of a running one to stop.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such job, or it has ended.
+        """
+        with self._database.write() as session:
+            row = found(session, JobRow, "job", job_id, lock=True)
+            if row.state.ended:
+                raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
+            row.cancel_requested = True
+            if row.state is JobState.QUEUED:
+                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+            session.flush()
+            return _read(session, row)
+
+    def claim(self, worker: str, *, lease_s: float, job_id: str | None = None) -> Claim | None:
+        """Take a queued job whose dependencies have ended: the oldest, or the one named.
+
+        Parameters
+        ----------
+        worker
+            Who takes it, for people to read.
+        lease_s
+            How long the claim holds without a heartbeat.
+        job_id
+            Only this job.
+
+        Returns
+        -------
+        Claim or None
+            None when there is nothing to do. Of many callers at once, one gets a job.
+        """
+        ready = _claimable().with_only_columns(JobRow.id).order_by(JobRow.created_at, JobRow.id).limit(1)
+        if job_id is not None:
+            ready = ready.where(JobRow.id == job_id)
+        with self._database.write() as session:
+            claimed = session.scalar(
+                update(JobRow)
+                .where(JobRow.id == ready.with_for_update(skip_locked=True).scalar_subquery())
+                .where(JobRow.state == JobState.QUEUED)
+                .values(
+                    state=JobState.RUNNING,
+                    attempt=JobRow.attempt + 1,
+                    worker=worker,
+                    lease_expires_s=database_now_s() + lease_s,
+                    started_at=self._database.now(),
+                    progress=None,
+                )
+                .returning(JobRow.id)
+                .execution_options(synchronize_session=False)
+            )
+            return Claim(_read(session, found(session, JobRow, "job", claimed))) if claimed is not None else None
+
+    def heartbeat(self, claim: Claim, progress: Progress | None = None, *, lease_s: float) -> bool:
+        """Renew the lease and carry progress out.
+
+        Returns
+        -------
+        bool
+            Whether somebody asked for the job to be cancelled.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+        values: dict[str, Any] = {"lease_expires_s": database_now_s() + lease_s}
+        if progress is not None:
+            values["progress"] = progress.model_dump(mode="json")
+        with self._database.write() as session:
+            cancel = session.scalar(
+                update(JobRow)
+                .where(_held_by(claim))
+                .values(values)
+                .returning(JobRow.cancel_requested)
+                .execution_options(synchronize_session=False)
+            )
+        if cancel is None:
+            raise LeaseLost(claim.job_id, claim.attempt)
+        return cancel
+
+    def succeed(self, claim: Claim, result: dict[str, Any], output: Path) -> None:
+        """Publish an attempt's files and result, both or neither.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        result
+            What jobs of its kind answer with; stored with the job's subject.
+        output
+            The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job: nothing was published.
+        pydantic.ValidationError
+            The result is not what jobs of this kind answer with.
+        """
+        kind, subject_id = claim.job.kind, claim.job.subject_id
+        checked = checked_result(kind, result)
+        with self._database.write() as session:
+            row = _held(session, claim)
+            self._end(session, row, JobState.SUCCEEDED)
+            record_success(session, kind, subject_id, checked, self._database.now())
+            session.flush()
+            # Renamed while the row is locked: a late attempt cannot replace a newer one's files.
+            self._files.publish(output, self._files.results(kind, subject_id))
+
+    def fail(self, claim: Claim, failure: Failure, *, max_attempts: int = MAX_ATTEMPTS) -> JobState:
+        """End an attempt that failed: a passing failure goes back to the queue until `max_attempts` are used up.
+
+        Returns
+        -------
+        JobState
+            `queued` or `failed`.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job.
+        """
+        with self._database.write() as session:
+            row = _held(session, claim)
+            self._fail(session, row, failure, max_attempts)
+            return row.state
+
+    def cancelled(self, claim: Claim) -> None:
+        """End a running job as asked by `request_cancel`, or raise `LeaseLost`."""
+        with self._database.write() as session:
+            self._end(session, _held(session, claim), JobState.CANCELLED, reason=_CANCELLED)
+
+    def release(self, claim: Claim) -> None:
+        """Give a running job back to the queue because its worker is stopping, or raise `LeaseLost`."""
+        with self._database.write() as session:
+            _requeue(_held(session, claim))
+
+    def requeue_expired(self, *, max_attempts: int = MAX_ATTEMPTS) -> Sequence[Job]:
+        """See to running jobs whose lease ran out.
+
+        Returns
+        -------
+        list of Job
+            As they stand now: queued again, failed after the last attempt (`worker-lost`), or cancelled if asked.
+        """
+        expired = (
+            select(JobRow)
+            .where(JobRow.state == JobState.RUNNING, JobRow.lease_expires_s < database_now_s())
+            .with_for_update(skip_locked=True)
+        )
+        with self._database.read() as session:
+            if session.scalar(expired.with_only_columns(JobRow.id).limit(1)) is None:
+                return []
+        with self._database.write() as session:
+            rows = session.scalars(expired).all()
+            for row in rows:
+                if row.cancel_requested:
+                    self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                else:
+                    self._fail(session, row, _worker_lost(row), max_attempts)
+            session.flush()
+            jobs = [_read(session, row) for row in rows]
+        for job in jobs:
+            if job.state.ended:
+                self._files.remove_attempts(job.id)
+        return jobs
+
+    def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
+        """Jobs that could start now and were asked for that long ago, oldest first: their wake-up may be lost."""
+        limit = self._database.now() - timedelta(seconds=older_than_s)
+        statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
+        with self._database.read() as session:
+            return session.scalars(statement.order_by(JobRow.created_at, JobRow.id)).all()
+
+    def waiting_for(self, job_id: str) -> Sequence[str]:
+        """Queued jobs that needed this one and could start now."""
+        needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
+        with self._database.read() as session:
+            return session.scalars(_claimable().with_only_columns(JobRow.id).where(needs_it)).all()
+
+    def _fail(self, session: Session, row: JobRow, failure: Failure, max_attempts: int) -> None:
+        if failure.kind is FailureKind.PASSING and row.attempt < max_attempts:
+            _requeue(row)
+            return
+        row.failure = failure.model_dump(mode="json")
+        self._end(session, row, JobState.FAILED, reason=failure.detail)
+
+    def _end(self, session: Session, row: JobRow, state: JobState, *, reason: str | None = None) -> None:
+        row.state = state
+        row.finished_at = self._database.now()
+        row.lease_expires_s = None
+        if reason is not None:
+            record_end_without_result(session, row.kind, row.subject_id, reason)
+
+
+def _claimable() -> Select[JobRow]:
+    needed = aliased(JobRow)
+    unfinished = exists().where(
+        JobDependencyRow.job_id == JobRow.id,
+        needed.id == JobDependencyRow.needs_job_id,
+        needed.state.not_in(_ENDED),
+    )
+    return select(JobRow).where(JobRow.state == JobState.QUEUED, ~unfinished)
+
+
+def _held_by(claim: Claim) -> ColumnElement[bool]:
+    return and_(JobRow.id == claim.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == claim.attempt)
+
+
+def _held(session: Session, claim: Claim) -> JobRow:
+    row = session.scalar(select(JobRow).where(_held_by(claim)).with_for_update())
+    if row is None:
+        raise LeaseLost(claim.job_id, claim.attempt)
+    return row
+
+
+def _requeue(row: JobRow) -> None:
+    row.state = JobState.QUEUED
+    row.worker = row.lease_expires_s = row.started_at = row.progress = None
+
+
+def _worker_lost(row: JobRow) -> Failure:
+    return Failure(
+        kind=FailureKind.PASSING,
+        code="worker-lost",
+        detail=f"attempt {row.attempt} ended without a word: its worker {row.worker!r} stopped or lost its connection",
+    )
+
+
+def _queue_position(session: Session, row: JobRow) -> int | None:
+    if row.state is not JobState.QUEUED:
+        return None
+    older = or_(JobRow.created_at < row.created_at, and_(JobRow.created_at == row.created_at, JobRow.id < row.id))
+    return session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED, older))
+
+
+def _read(session: Session, row: JobRow) -> Job:
+    return Job.model_validate(
+        {
+            "id": row.id,
+            "created_at": row.created_at,
+            "kind": row.kind,
+            "state": row.state,
+            "subject_id": row.subject_id,
+            "queue_position": _queue_position(session, row),
+            "progress": row.progress,
+            "attempt": row.attempt,
+            "worker": row.worker,
+            "cancel_requested": row.cancel_requested,
+            "started_at": row.started_at,
+            "finished_at": row.finished_at,
+            "failure": row.failure,
+        }
+    )

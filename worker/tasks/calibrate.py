@@ -1,0 +1,83 @@
+"""Calibrate a scanner with one of its scans."""
+
+from typing import Any
+
+import numpy as np
+
+from worker.contracts.calibrations import CalibrationOptions, CalibrationResult, CalibrationSucceeded, Comparison
+from worker.contracts.phantoms import PhantomDrawing
+from worker.contracts.scanners import Scanner
+from worker.contracts.scans import Scan, ScanState
+from worker.formats.scan_file import read_stored_scan
+from worker.storage.store import Store
+from worker.tasks.attempt import Attempt
+from worker.tasks.calibrating import CalibrationInput, run_calibration, write_report
+from worker.tasks.comparing import compare
+from worker.tasks.failures import refused
+from worker.tasks.selection import chosen_rows, chosen_views
+
+
+def calibrate(attempt: Attempt) -> dict[str, Any]:
+    """Write report.png, overlay.png and result.h5, and answer with everything known."""
+    store = attempt.store
+    asked = store.calibrations.get(attempt.job.subject_id)
+    scanner = store.scanners.get(asked.scanner_id)
+    options = asked.options.model_copy(
+        update={
+            "handedness": asked.options.handedness or scanner.handedness,
+            "rotation": asked.options.rotation or scanner.rotation,
+        }
+    )
+    given = _load(store, asked.scan_id, options, scanner, _drawing(store, asked.phantom_id))
+    calibration, result = run_calibration(given, options, attempt.report)
+    result = _compared(store, scanner, result)
+    attempt.say(0.97, "report")
+    write_report(attempt.output, calibration, result, given)
+    return result.model_dump(mode="json")
+
+
+def usable_scan(store: Store, scan_id: str) -> Scan:
+    """A scan that is ready; the job that reads it may have refused it since it was asked for."""
+    scan = store.scans.get(scan_id)
+    if scan.state is not ScanState.READY or scan.shape is None:
+        raise refused("scan-refused", f"scan {scan_id!r} cannot be used: {scan.reason or scan.state.value}")
+    return scan
+
+
+def _drawing(store: Store, phantom_id: str) -> PhantomDrawing:
+    phantom = store.phantoms.get(phantom_id)
+    if phantom.drawing is None:
+        raise refused("phantom-refused", f"phantom {phantom_id!r} has no drawing: {phantom.reason}")
+    return phantom.drawing
+
+
+def _load(
+    store: Store, scan_id: str, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
+) -> CalibrationInput:
+    scan = usable_scan(store, scan_id)
+    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    rows = chosen_rows(options.rows or scan.phantom_rows, scan.shape.rows)
+    views = chosen_views(options.views, scan.shape.views)
+    stored = read_stored_scan(store.files.scan(scan_id), rows, views)
+    return CalibrationInput(
+        sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
+        angles_rad=stored.angles_rad,
+        rows=(rows.start, rows.stop),
+        scanner=scanner.constants,
+        bounds=scanner.bounds,
+        drawing=drawing,
+        input_sha256=scan.sha256,
+        log_radius_mm=scanner.log_radius_mm,
+        tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
+    )
+
+
+def _compared(store: Store, scanner: Scanner, result: CalibrationResult) -> CalibrationResult:
+    """The answer with its comparison to the active calibration, where there is one."""
+    if scanner.active_calibration_id is None:
+        return result
+    active = store.calibrations.get(scanner.active_calibration_id)
+    if not isinstance(active, CalibrationSucceeded):
+        return result
+    comparison: Comparison = compare(active, result, scanner)
+    return result.model_copy(update={"comparison": comparison})

@@ -1,0 +1,59 @@
+"""From contracts to the science's value objects, and back."""
+
+from worker.contracts import geometry as contracts
+from worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
+from worker.tomography.geometry import Scanner, SourceFrame, Theta, ThetaBounds
+from worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+
+
+def to_scanner(constants: contracts.ScannerConstants) -> Scanner:
+    """The scanner's known constants."""
+    return Scanner(constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm)
+
+
+def to_bounds(bounds: contracts.ThetaBounds | None) -> ThetaBounds | None:
+    """Where theta is searched."""
+    return None if bounds is None else ThetaBounds(**bounds.model_dump())
+
+
+def to_theta(theta: contracts.Theta) -> Theta:
+    """The calibrated five."""
+    return Theta(**theta.model_dump())
+
+
+def from_theta(theta: Theta) -> contracts.Theta:
+    """The calibrated five, as they cross a boundary."""
+    return contracts.Theta.model_validate(vars(theta))
+
+
+def from_frame(frame: SourceFrame) -> contracts.SourceFrame:
+    """The source frame, as it crosses a boundary."""
+    return contracts.SourceFrame(**vars(frame), magnification=frame.magnification)
+
+
+def to_frame(frame: contracts.SourceFrame) -> SourceFrame:
+    """The source frame without its derived magnification."""
+    return SourceFrame(**frame.model_dump(exclude={"magnification"}))
+
+
+def to_phantom(drawing: PhantomDrawing) -> Phantom:
+    """A phantom as its drawing says."""
+    return Phantom(drawing.name, tuple(_to_shape(shape) for shape in drawing.shapes), drawing.size_tolerance)
+
+
+def from_phantom(phantom: Phantom) -> PhantomDrawing:
+    """The drawing of a phantom."""
+    shapes = [_from_shape(shape) for shape in phantom.shapes]
+    return PhantomDrawing(name=phantom.name, shapes=shapes, size_tolerance=phantom.size_tolerance)
+
+
+def _to_shape(shape: PolygonShape | DiscShape) -> Shape:
+    if isinstance(shape, DiscShape):
+        return Disc(shape.center_mm, shape.radius_mm, shape.density)
+    return Polygon(tuple(shape.vertices_mm), shape.density)
+
+
+def _from_shape(shape: Shape) -> PolygonShape | DiscShape:
+    if isinstance(shape, Disc):
+        return DiscShape(center_mm=shape.center_mm, radius_mm=shape.radius_mm, density=shape.density)
+    return PolygonShape(vertices_mm=list(shape.vertices_mm), density=shape.density)

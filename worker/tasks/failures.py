@@ -1,0 +1,49 @@
+"""How a job fails, and whose fault it is: the one place where the science's and the formats' errors are translated."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from worker.contracts.jobs import FailureKind
+from worker.formats.errors import UnreadableScan
+from worker.tomography.calibration.calibration import CalibrationError
+from worker.tomography.geometry import GeometryError
+from worker.tomography.phantom import PhantomError
+from worker.tomography.preprocess import CountsError
+
+
+class JobFailure(Exception):  # noqa: N818 - the contract's word
+    """A job that ends without a result.
+
+    Attributes
+    ----------
+    kind : FailureKind
+        The asker's fault, a passing one, or ours.
+    code : str
+        Stable, for programs.
+    detail : str
+        One sentence: which value, and what would be right.
+    """
+
+    def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
+        super().__init__(detail)
+        self.kind, self.code, self.detail = kind, code, detail
+
+
+def refused(code: str, detail: str) -> JobFailure:
+    """A failure that is the asker's to mend."""
+    return JobFailure(FailureKind.INPUT, code, detail)
+
+
+@contextmanager
+def input_errors_translated() -> Iterator[None]:
+    """Turn what formats and science say of unusable input into the asker's failure, the cause chained."""
+    try:
+        yield
+    except (UnreadableScan, CalibrationError) as error:
+        raise refused(error.code, str(error)) from error
+    except GeometryError as error:
+        raise refused("geometry", str(error)) from error
+    except PhantomError as error:
+        raise refused("phantom", str(error)) from error
+    except CountsError as error:
+        raise refused("counts", str(error)) from error

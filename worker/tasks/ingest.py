@@ -1,0 +1,59 @@
+"""Read an upload into the one form that every later job uses."""
+
+import math
+from typing import Any
+
+from worker.contracts.base import DataKind
+from worker.contracts.scans import ScanReading, ScanShape
+from worker.formats.angles import parse_angles
+from worker.formats.canonical import CanonicalScan
+from worker.formats.reading import read_scan
+from worker.formats.scan_file import write_scan
+from worker.tasks.attempt import Attempt
+from worker.tasks.failures import refused
+from worker.tasks.line_integrals import as_line_integrals
+
+
+def ingest(attempt: Attempt) -> dict[str, Any]:
+    """Write scan.h5 and answer with what the file turned out to be."""
+    store = attempt.store
+    scan = store.scans.get(attempt.job.subject_id)
+    constants = store.scanners.get(scan.scanner_id).constants
+    attempt.say(0.05, "read")
+    read = read_scan(
+        store.files.upload(attempt.job.kind, scan.id),
+        counts=scan.data is DataKind.COUNTS,
+        dataset=scan.dataset,
+        angles_deg=None if scan.angles_deg is None else parse_angles(scan.angles_deg),
+        detector_pitch_mm=constants.detector_pitch_mm,
+        row_pitch_mm=constants.row_pitch_mm,
+    )
+    _check_detector(read, constants.num_detector_pixels)
+    attempt.say(0.4, "line integrals")
+    stack, air_level, remarks = as_line_integrals(read)
+    attempt.say(0.7, "write")
+    write_scan(
+        attempt.output / "scan.h5",
+        line_integrals=stack,
+        angles_rad=read.angles_rad,
+        detector_pitch_mm=constants.detector_pitch_mm,
+        row_pitch_mm=read.row_pitch_mm,
+        air_level=air_level,
+        provenance={"format": read.format, "input_sha256": scan.sha256, "remarks": " ".join(remarks)},
+    )
+    views, rows, detector = stack.shape
+    return ScanReading(
+        format=read.format,
+        shape=ScanShape(views=views, rows=rows, detector=detector),
+        angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
+        remarks=list(remarks),
+    ).model_dump(mode="json")
+
+
+def _check_detector(read: CanonicalScan, cells: int) -> None:
+    if read.projections.shape[2] != cells:
+        raise refused(
+            "wrong-shape",
+            f"the file has {read.projections.shape[2]} detector cells (of views, rows, cells = "
+            f"{read.projections.shape}), but the scanner has num_detector_pixels {cells}",
+        )
