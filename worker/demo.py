@@ -5,7 +5,7 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import httpx
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -49,18 +50,20 @@ class Truth:
 def run_demo(output: Path) -> int:
     """Leave pictures, HDF5 files and index.html in the folder; the exit code."""
     started = time.perf_counter()
-    output.mkdir(parents=True, exist_ok=True)
     published = published_data()
     try:
-        with tempfile.TemporaryDirectory(prefix="sawmill-demo-") as temporary, _progress() as bar:
-            folder = Path(temporary)
-            with _step(bar, "Starting the service"), demo_client.running_service(folder) as client:
-                pass_on = _Demo(client, output, folder, bar)
-                sections = [pass_on.simulated()]
-                if published is not None:
-                    sections.append(pass_on.published(published))
-    except DemoError as error:
-        console.print(f"[bold red]The demo stopped:[/] {error}")
+        output.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-demo-")))
+            bar = stack.enter_context(_progress())
+            with _step(bar, "Starting the service"):
+                client = stack.enter_context(demo_client.running_service(folder))
+            steps = _Demo(client, output, folder, bar)
+            sections = [steps.simulated()]
+            if published is not None:
+                sections.append(steps.published(published))
+    except (DemoError, httpx.TransportError, OSError) as error:
+        console.print(f"[bold red]The demo stopped:[/] {escape(str(error))}", highlight=False, soft_wrap=True)
         return 1
     write_page(output / "index.html", sections)
     for section in sections:
@@ -69,7 +72,8 @@ def run_demo(output: Path) -> int:
         console.print(
             "The published scans are not here (SAWMILL_PUBLISHED_DATA or ../shared/data): simulated data only."
         )
-    console.print(f"Done in {time.perf_counter() - started:.1f} s. Open [bold]{output / 'index.html'}[/]")
+    done = f"Done in {time.perf_counter() - started:.1f} s. Open [bold]{output / 'index.html'}[/]"
+    console.print(done, highlight=False, soft_wrap=True)
     return 0
 
 
@@ -255,4 +259,4 @@ def _print(section: Section) -> None:
         table.add_row(*row)
     console.print(table)
     for label, value in section.facts:
-        console.print(f"  {label}: {value}", highlight=False)
+        console.print(f"  {label}: {value}", highlight=False, soft_wrap=True)

@@ -1,5 +1,6 @@
 """The service as the demo sees it: from outside, over HTTP, like a scanner's software."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 import httpx
 
 START_TIMEOUT_S = 120.0
+STOP_TIMEOUT_S = 30.0
 POLL_S = 0.05
 CHUNK_BYTES = 2**20
 
@@ -31,15 +33,27 @@ def running_service(folder: Path) -> Iterator[httpx.Client]:
         port = free.getsockname()[1]
     command = [sys.executable, "-m", "service.cli", "serve", "--data", str(folder / "data"), "--port", str(port)]
     log = folder / "service.log"
+    # What is set for a mill's own service, its database above all, is not for the demo's.
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
     with log.open("wb") as sink:
-        service = subprocess.Popen([*command, "--no-examples"], stdout=sink, stderr=sink)  # noqa: S603 - ourselves
+        service = subprocess.Popen(  # noqa: S603 - ourselves
+            [*command, "--no-examples"], stdout=sink, stderr=sink, env=environment
+        )
         try:
             with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as client:
                 _wait_until_ready(client, service, log)
                 yield client
         finally:
-            service.terminate()
-            service.wait()
+            _stop(service)
+
+
+def _stop(service: "subprocess.Popen[bytes]") -> None:
+    service.terminate()
+    try:
+        service.wait(STOP_TIMEOUT_S)
+    except subprocess.TimeoutExpired:  # its workers notice its end and follow it
+        service.kill()
+        service.wait()
 
 
 def _wait_until_ready(client: httpx.Client, service: "subprocess.Popen[bytes]", log: Path) -> None:

@@ -83,7 +83,9 @@ def test_the_mean_over_a_cell_is_the_mean_of_many_rays(phantom, cells, frame, fu
 def test_the_derivative_is_the_slope_of_the_projection(phantom, cells, frame, irregular_turn):
     angles = irregular_turn(13, 201)
     value, slopes = analytic.project_with_derivative(phantom, cells, frame, angles, position_mm=(3.0, -2.0))
-    np.testing.assert_allclose(value, analytic.project(phantom, cells, frame, angles, position_mm=(3.0, -2.0)), atol=1e-9)
+    np.testing.assert_allclose(
+        value, analytic.project(phantom, cells, frame, angles, position_mm=(3.0, -2.0)), atol=1e-9
+    )
     start = np.concatenate([frame.to_vector(), (3.0, -2.0)])
     for index, step in enumerate([1e-6, 1e-3, 1e-3, 1e-3, 1e-6, 1e-3, 1e-3]):
         ends = []
@@ -120,9 +122,7 @@ def test_a_position_is_a_moved_phantom(phantom, cells, frame, full_turn):
 
 @by_name
 def test_projection_is_linear_in_the_shapes(phantom, cells, frame, full_turn):
-    parts = [
-        analytic.project(Phantom("part", (shape,)), cells, frame, full_turn(6)) for shape in phantom.shapes
-    ]
+    parts = [analytic.project(Phantom("part", (shape,)), cells, frame, full_turn(6)) for shape in phantom.shapes]
     np.testing.assert_allclose(sum(parts), analytic.project(phantom, cells, frame, full_turn(6)), atol=1e-9)
 
 

@@ -103,13 +103,14 @@ def test_the_filter_leaves_the_mean_alone(reconstruct, theta, full_turn, filter_
 def test_each_window_lets_less_noise_through_than_the_one_before(scanner, theta, full_turn):
     geometry = FanBeamGeometry(scanner, theta, full_turn(90))
     noise = np.random.default_rng(502).standard_normal(geometry.sinogram_shape)
-    projector = Projector(geometry, ImageGrid(128, FIELD))
+    # Pixels finer than the detector's cells, so that averaging over them takes away little.
+    projector = Projector(geometry, ImageGrid(512, FIELD))
     order = [FilterName.RAM_LAK, FilterName.SHEPP_LOGAN, FilterName.COSINE, FilterName.HAMMING, FilterName.HANN]
     spreads = [float(fbp(projector, noise, filter_name=name).std()) for name in order]
     assert all(less < more for more, less in pairwise(spreads))
     halved = float(fbp(projector, noise, filter_name=FilterName.RAM_LAK, frequency_scaling=0.5).std())
-    # The ramp's noise grows with the 3/2 power of the cut-off; interpolation has taken some of the rest already.
-    assert halved < 0.5 * spreads[0]
+    # The ramp's noise grows with the 3/2 power of the cut-off; interpolation and the pixel took some of the rest.
+    assert halved < 0.6 * spreads[0]
 
 
 def test_a_small_disc_stands_where_it_is(reconstruct, irregular_turn):
@@ -137,7 +138,7 @@ def test_a_quarter_turn_of_the_first_angle_turns_the_image(scanner, theta, full_
     rng = np.random.default_rng(505)
     geometry = FanBeamGeometry(scanner, theta, full_turn(30))
     turned = FanBeamGeometry(
-        scanner, Theta.from_vector(theta.to_vector() + [math.pi / 2.0, 0, 0, 0, 0]), geometry.angles_rad
+        scanner, Theta.from_vector(theta.to_vector() + np.array([math.pi / 2.0, 0, 0, 0, 0])), geometry.angles_rad
     )
     sinogram = rng.standard_normal(geometry.sinogram_shape)
     image = fbp(Projector(geometry, ImageGrid(65, FIELD)), sinogram)
@@ -148,7 +149,7 @@ def test_a_quarter_turn_of_the_first_angle_turns_the_image(scanner, theta, full_
 
 def test_any_turn_of_the_first_angle_turns_the_body(reconstruct, theta, full_turn):
     turn = 0.6
-    turned = Theta.from_vector(theta.to_vector() + [turn, 0, 0, 0, 0])
+    turned = Theta.from_vector(theta.to_vector() + np.array([turn, 0, 0, 0, 0]))
     angles = full_turn(180)
     # The sinogram of LOG with theta is the sinogram of the turned log with the turned theta.
     np.testing.assert_allclose(
@@ -270,17 +271,17 @@ def test_on_the_published_log_the_bias_is_smaller_than_odl_s(
 def test_at_odl_s_noise_the_published_log_is_closer_to_the_truth_than_odl_s(
     odl_fbp, scanner, theta, full_turn, log_sinogram, log_truth
 ):
-    """ODL's adjoint averages over each 1.6 mm pixel, which the detector's 0.85 mm outresolve: a cut-off evens that."""
+    """Both average over each 1.6 mm pixel, ODL by its adjoint: what is left between a square and a width is 7 %."""
     noise = 1.58 * np.random.default_rng(508).standard_normal(log_sinogram.shape)
     projector = Projector(FanBeamGeometry(scanner, theta, full_turn(360)), ImageGrid(256, FIELD))
-    ours = fbp(projector, noise, frequency_scaling=0.87).std()
+    ours = fbp(projector, noise).std()
     theirs = odl_fbp[1](noise, 256).std()
-    assert ours == pytest.approx(theirs, rel=0.03)
+    assert ours == pytest.approx(theirs, rel=0.08)
 
     def error(image):
         return np.linalg.norm(image - log_truth)
 
-    assert error(fbp(projector, log_sinogram, frequency_scaling=0.87)) < error(odl_fbp[1](log_sinogram, 256))
+    assert error(fbp(projector, log_sinogram)) < error(odl_fbp[1](log_sinogram, 256))
 
 
 def test_on_pixels_as_fine_as_the_detector_the_noise_is_below_odl_s(odl_fbp, scanner, theta, full_turn):

@@ -59,7 +59,7 @@ def test_filtering_is_the_convolution_with_zeros_outside(name):
     wide[:, :40] = row
     short = filter_rows(row, PITCH, name, 1.0)
     long = filter_rows(wide, PITCH, name, 1.0)[:, :40]
-    # The window's own tail is cut by the padding: a thousandth of the peak for the smooth windows, nothing for the ramp.
+    # A window's own tail is cut by the padding: a thousandth of the peak.
     np.testing.assert_allclose(short, long, atol=2e-3 * np.abs(long).max())
 
 

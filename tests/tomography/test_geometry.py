@@ -125,7 +125,7 @@ def test_the_mirror_image_alone_is_not_the_detector_read_backwards(scanner, thet
 def test_turning_the_phantom_and_the_scanner_together_changes_nothing(scanner, theta, full_turn):
     cells, angles = DetectorCells.of(scanner), full_turn(9)
     frame = theta.source_frame(R_S)
-    turned = SourceFrame.from_vector(frame.to_vector() + [0.7, 0, 0, 0, 0])
+    turned = SourceFrame.from_vector(frame.to_vector() + np.array([0.7, 0, 0, 0, 0]))
     np.testing.assert_allclose(
         analytic.project(L_SHAPE.rotated(0.7), cells, turned, angles),
         analytic.project(L_SHAPE, cells, frame, angles),

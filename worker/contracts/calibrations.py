@@ -76,9 +76,10 @@ class StandardDeviation(Contract):
 class PredictedRayError(Contract):
     """What the covariance says the rays are off by, inside the log's disc."""
 
-    rms: float
-    max: float
-    radius_mm: float
+    rms: float = Field(description="Root of the expected mean square over rays and points.")
+    max: float = Field(description="Standard deviation at the worst point.")
+    upper_95: float = Field(description="The RMS ray error stays below this in 95 of 100 cases.")
+    radius_mm: float = Field(description="Of the disc in which rays are compared.")
 
 
 class Residual(Contract):
@@ -147,6 +148,9 @@ class CalibrationResult(Contract):
     scale_uncertainty_mm: float = Field(
         description="What R inherits from the phantom's size tolerance: a systematic share."
     )
+    scale_ray_error_mm: float = Field(
+        description="What the rays inherit from the phantom's size tolerance (RMS, systematic); no residual shows it."
+    )
     predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
     handedness: Handedness
     rotation: Rotation
@@ -155,6 +159,7 @@ class CalibrationResult(Contract):
     gain: float
     offset: float
     residual: Residual
+    adjustments: list[str] = Field([], description="What was found in the scan beyond the plain model, and done.")
     verdict: Literal["pass", "watch", "fail"]
     reasons: list[str]
     scanner: ScannerConstants

@@ -1,6 +1,7 @@
 """The fresh process in which one attempt at a job runs: `python -m worker.execution.attempt`.
 
-It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it and ends (see `protocol`).
+It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it and ends
+(see `protocol`).
 """
 
 import os
@@ -18,9 +19,8 @@ from worker.execution.settings import ExecutionSettings
 from worker.storage.files import flush_tree
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
-from worker.tasks import Attempt, run
 from worker.tasks.failures import JobFailure
-from worker.tomography.warm_up import warm_up
+from worker.tasks.running import Attempt, run, warm_up
 
 
 def main() -> None:

@@ -11,7 +11,8 @@ from worker.contracts.scans import Scan, ScanState
 from worker.formats.scan_file import read_stored_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
-from worker.tasks.calibrating import CalibrationInput, run_calibration, write_report
+from worker.tasks.calibrating import CalibrationInput, run_calibration
+from worker.tasks.calibration_files import write_report
 from worker.tasks.comparing import compare
 from worker.tasks.failures import refused
 from worker.tasks.selection import chosen_rows, chosen_views

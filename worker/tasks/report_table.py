@@ -28,7 +28,8 @@ def report_table(result: CalibrationResult) -> list[tuple[str, str]]:
     ]
     if result.predicted_ray_error_mm is not None:
         predicted = result.predicted_ray_error_mm
-        rows.append(("predicted ray error", f"{predicted.rms:.4f} mm RMS, {predicted.max:.4f} mm at most"))
+        rows.append(("predicted ray error", f"{predicted.rms:.4f} mm RMS, 95 % below {predicted.upper_95:.4f} mm"))
+        rows.append(("  from the phantom's size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
     rows += [
         ("seen / turning", f"{result.handedness.value} / {result.rotation.value}"),
         ("phantom's position", "({:.2f}, {:.2f}) mm".format(*result.phantom_position_mm)),

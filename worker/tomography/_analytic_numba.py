@@ -14,6 +14,8 @@ from numba import njit, prange
 
 # psi, R, SDD, u_c, tau, t_x, t_y: the rows of the derivative.
 PARAMETERS = 7
+# Rows that one view fills: the derivatives, the projection, and what `gram` puts beside them.
+ROWS = 13
 # Below this relative change of Y over a cell the midpoint is exact to 2e-6 of the distance; above, three Gauss points.
 _SMOOTH = 0.005
 _GAUSS_X = math.sqrt(0.6)
@@ -22,8 +24,8 @@ _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(inline="always")
-def _edge_point(u, share, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative):
-    """Add one quadrature point's share of the distance, and of its derivatives, to cell m."""
+def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative):
+    """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
     w = u - u_c
     ax = w * c_tau
     ay = sdd + w * s_tau
@@ -43,6 +45,10 @@ def _edge_point(u, share, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, d
         row[4, m] += w * (h * (ay * c_tau - ax * s_tau) + g * s * (s_tau * ey + c_tau * ex))
         row[5, m] += g * dx[2]
         row[6, m] += g * dx[3]
+        # From the source to the edge, at the distance n s: integrals of the coordinates around the COR.
+        half = 0.5 * f * n * s * s
+        row[11, m] += half * ax
+        row[12, m] += half * ay - f * n * s * big_r
 
 
 @njit(inline="always")
@@ -73,7 +79,7 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
             for i in range(rays):
                 u = left + (i + 0.5) * pitch / rays
                 if low <= u < high:
-                    _edge_point(u, 1.0 / rays, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+                    _edge_point(u, 1.0 / rays, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
             continue
         a = max(left, low)
         b = min(left + pitch, high)
@@ -84,13 +90,13 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
         w = mid - u_c
         y_mid = w * c_tau * ey - (sdd + w * s_tau) * ex
         if abs(y_slope * (b - a)) < _SMOOTH * abs(y_mid):
-            _edge_point(mid, share, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
         else:
             off = 0.5 * (b - a) * _GAUSS_X
             outer, inner = share * (5.0 / 18.0), share * (8.0 / 18.0)
-            _edge_point(mid - off, outer, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
-            _edge_point(mid, inner, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
-            _edge_point(mid + off, outer, sign, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid - off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid, inner, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid + off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
 
 
 @njit(inline="always")
@@ -122,6 +128,14 @@ def _segment(d, r):
 
 
 @njit(inline="always")
+def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
+    """Add a chord's first moments around the COR: its length times its middle, the foot of the perpendicular."""
+    ny = math.sqrt(max(1.0 - nx * nx, 0.0))
+    row[11, m] += chord * (qx + d * ny)
+    row[12, m] += chord * (qy - d * nx - big_r)
+
+
+@njit(inline="always")
 def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right):
     """Add one disc to the row of one view; the signed distance grows with u."""
     big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
@@ -148,6 +162,7 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
                     if derivative:
                         for p in range(7):
                             row[p, m] -= density * 2.0 * d * left[p] / (root * rays)
+                        _disc_moments(density * 2.0 * root / rays, d, left[1], qx, qy, big_r, row, m)
         return
     if last < first:
         return
@@ -164,6 +179,8 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
             chord_right = 2.0 * math.sqrt(max(r * r - right[7] * right[7], 0.0))
             for p in range(7):
                 row[p, m] += density * ((chord_right - mean) * right[p] - (chord_left - mean) * left[p]) / width
+            middle = 0.5 * (left[7] + right[7])
+            _disc_moments(density * mean, middle, 0.5 * (left[1] + right[1]), qx, qy, big_r, row, m)
         for p in range(8):
             left[p] = right[p]
         area_left = area_right
@@ -180,52 +197,100 @@ def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays,
         _disc(discs[i], frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
 
 
+@njit(inline="always")
+def _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+    cells = out.shape[1]
+    row = np.zeros((ROWS, cells))
+    left = np.empty(8)
+    right = np.empty(8)
+    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, False, left, right)
+    for m in range(cells):
+        out[k, m] = row[7, m]
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def project(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
     """Fill out (views, cells) with the projection; rays = 0 averages over the cells."""
-    views, cells = out.shape
-    for kk in prange(views):
-        k = np.int64(kk)
-        row = np.zeros((8, cells))
-        left = np.empty(8)
-        right = np.empty(8)
-        _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, False, left, right)
-        for m in range(cells):
-            out[k, m] = row[7, m]
+    for k in prange(out.shape[0]):
+        _project_view(np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out)
+
+
+@njit(cache=True, fastmath=_FAST)
+def project_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
+    """As `project`, where handing work to threads costs more than the work."""
+    for k in range(out.shape[0]):
+        _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
-    """Fill out (8, views, cells): the seven derivatives, then the projection."""
-    _, views, cells = out.shape
+    """Fill out (8 or 10, views, cells): the seven derivatives, the projection, the first moments in x and y."""
+    count, views, cells = out.shape
     for kk in prange(views):
         k = np.int64(kk)
-        row = np.zeros((8, cells))
+        row = np.zeros((ROWS, cells))
         left = np.empty(8)
         right = np.empty(8)
         _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, True, left, right)
         for p in range(8):
             for m in range(cells):
                 out[p, k, m] = row[p, m]
+        if count > 8:
+            c, s = math.cos(angles[k] + frame[0]), math.sin(angles[k] + frame[0])
+            for m in range(cells):
+                out[8, k, m] = c * row[11, m] - s * row[12, m]
+                out[9, k, m] = s * row[11, m] + c * row[12, m]
+
+
+@njit(inline="always")
+def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+    cells = sinogram.shape[1]
+    count = out.shape[1]
+    row = np.zeros((ROWS, cells))
+    left = np.empty(8)
+    right = np.empty(8)
+    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, True, left, right)
+    for m in range(cells):
+        row[8, m] = 1.0
+        row[9, m] = sinogram[k, m]
+    if count > 10:
+        c, s = math.cos(angles[k] + frame[0]), math.sin(angles[k] + frame[0])
+        for m in range(cells):
+            row[10, m] = row[7, m] * row[7, m]
+            x, y = row[11, m], row[12, m]
+            row[11, m] = c * x - s * y
+            row[12, m] = s * x + c * y
+        for p in range(7):
+            for m in range(cells):
+                row[p, m] *= 1.0 + 2.0 * hardening * row[7, m]
+    if weights.shape[0] > 0:
+        for p in range(count):
+            for m in range(cells):
+                row[p, m] *= math.sqrt(weights[k, m])
+    for p in range(count):
+        for q in range(p + 1):
+            total = 0.0
+            for m in range(cells):
+                total += row[p, m] * row[q, m]
+            out[k, p, q] = total
+            out[k, q, p] = total
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, out):
-    """Fill out (views, 10, 10) with the inner products, per view, of (derivatives, projection, 1, sinogram)."""
-    views, cells = sinogram.shape
-    for kk in prange(views):
-        k = np.int64(kk)
-        row = np.zeros((10, cells))
-        left = np.empty(8)
-        right = np.empty(8)
-        _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, True, left, right)
-        for m in range(cells):
-            row[8, m] = 1.0
-            row[9, m] = sinogram[k, m]
-        for p in range(10):
-            for q in range(p + 1):
-                total = 0.0
-                for m in range(cells):
-                    total += row[p, m] * row[q, m]
-                out[k, p, q] = total
-                out[k, q, p] = total
+def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+    """Fill out (views, n, n) with each view's inner products of the first n terms, n = 10 or 13.
+
+    The terms: seven derivatives of p + hardening p^2, p, 1, sinogram, p^2, the first moments in x and y.
+    weights (views, cells) multiply each cell's products; an empty array weighs all alike.
+    """
+    for k in prange(sinogram.shape[0]):
+        _gram_view(
+            np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out
+        )
+
+
+@njit(cache=True, fastmath=_FAST)
+def gram_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+    """As `gram`, where handing work to threads costs more than the work."""
+    for k in range(sinogram.shape[0]):
+        _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out)

@@ -11,6 +11,8 @@ from worker.tomography.geometry import FloatArray, GeometryError, Scanner, Sourc
 from worker.tomography.phantom import Phantom
 
 PARAMETERS = kernels.PARAMETERS
+# Below so many samples one thread is done before others have woken up, on a busy machine by far.
+WORTH_THREADS = 40_000
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ def project(
     """
     _check(phantom, frame, position_mm)
     out = np.empty((angles_rad.size, cells.count))
-    kernels.project(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    kernel = kernels.project_in_one_thread if out.size < WORTH_THREADS else kernels.project
+    kernel(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
     return out
 
 
@@ -101,6 +104,41 @@ def project_with_derivative(
     return out[PARAMETERS], out[:PARAMETERS]
 
 
+def project_with_moments(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As `project`, and the first moments, integrals of x and of y along the ray: (views, cells), (2, views, cells)."""
+    _check(phantom, frame, position_mm)
+    out = np.empty((PARAMETERS + 3, angles_rad.size, cells.count))
+    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out[PARAMETERS], out[PARAMETERS + 1 :]
+
+
+@dataclass(frozen=True)
+class GramOptions:
+    """What `gram` does beyond plain least squares.
+
+    Attributes
+    ----------
+    weights : (views, cells) float64 or None
+        Of each cell's products; None weighs all alike.
+    extended : bool
+        Whether p^2 and the first moments stand beside the rest.
+    hardening : float
+        The derivatives are those of p + hardening p^2.
+    """
+
+    weights: FloatArray | None = None
+    extended: bool = False
+    hardening: float = 0.0
+
+
 def gram(
     phantom: Phantom,
     cells: DetectorCells,
@@ -110,14 +148,21 @@ def gram(
     *,
     position_mm: tuple[float, float] = (0.0, 0.0),
     rays_per_cell: int | None = None,
+    options: GramOptions | None = None,
 ) -> FloatArray:
-    """Inner products over the cells of (seven derivatives, projection, 1, sinogram), per view: (views, 10, 10).
+    """Inner products over the cells, per view, of (seven derivatives, projection p, 1, sinogram): (views, 10, 10).
 
-    All that least squares needs, without ever storing the derivative.
+    Extended, p^2 and the phantom's first moments (integrals of x and of y along the ray) follow: (views, 13, 13).
+    This is all that least squares needs, without ever storing the derivative.
     """
     _check(phantom, frame, position_mm)
-    out = np.empty((angles_rad.size, PARAMETERS + 3, PARAMETERS + 3))
-    kernels.gram(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), sinogram, out)
+    chosen = options or GramOptions()
+    count = kernels.ROWS if chosen.extended else PARAMETERS + 3
+    out = np.empty((angles_rad.size, count, count))
+    arguments = _arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
+    weights = np.empty((0, 0)) if chosen.weights is None else chosen.weights
+    kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
+    kernel(*arguments, sinogram, weights, chosen.hardening, out)
     return out
 
 

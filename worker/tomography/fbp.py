@@ -61,7 +61,9 @@ def fbp(
         # The plain adjoint counts lengths: the density of rays at a pixel is |a| / (n.(x - S)).
         after, power = length, 1
     rows = np.zeros((views, cells + 2), np.float32)
-    rows[:, 1:-1] = filter_rows(data, scanner.detector_pitch_mm, filter_name, frequency_scaling)
+    # A pixel shows the mean over its area: its shadow at the COR is averaged, or its noise would be that of a point.
+    shadow = grid.pixel_mm * frame.magnification
+    rows[:, 1:-1] = filter_rows(data, scanner.detector_pitch_mm, filter_name, frequency_scaling, aperture_mm=shadow)
     rows[:, 1:-1] *= (weights[:, None] * after[None, :]).astype(np.float32)
     out = np.empty((grid.size, grid.size), np.float32)
     back_project(

@@ -36,8 +36,12 @@ def _window(name: FilterName, f: FloatArray) -> FloatArray:
     return np.where(inside, value, 0.0)
 
 
-def ramp_response(cells: int, pitch_mm: float, name: FilterName, frequency_scaling: float) -> tuple[FloatArray, int]:
+def ramp_response(
+    cells: int, pitch_mm: float, name: FilterName, frequency_scaling: float, *, aperture_mm: float = 0.0
+) -> tuple[FloatArray, int]:
     """Frequency response of the windowed ramp for rfft, and the padded length.
+
+    `aperture_mm` is the width on the detector over which the result is averaged: a pixel's shadow.
 
     The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not |f| sampled, so that the
     mean of the image is right. The response contains the cell width of the convolution integral.
@@ -57,14 +61,20 @@ def ramp_response(cells: int, pitch_mm: float, name: FilterName, frequency_scali
     kernel[odd] = -1.0 / (np.pi * offset[odd] * pitch_mm) ** 2
     ramp = scipy.fft.rfft(kernel).real * pitch_mm
     relative = np.arange(ramp.size) * 2.0 / length / frequency_scaling
-    return ramp * _window(name, relative), length
+    mean = np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm))
+    return ramp * _window(name, relative) * mean, length
 
 
 def filter_rows(
-    rows: NDArray[np.float32], pitch_mm: float, name: FilterName, frequency_scaling: float
+    rows: NDArray[np.float32],
+    pitch_mm: float,
+    name: FilterName,
+    frequency_scaling: float,
+    *,
+    aperture_mm: float = 0.0,
 ) -> NDArray[np.float32]:
     """Each row (views, cells) convolved with the windowed ramp, zero padded; in the rows' unit per mm."""
-    response, length = ramp_response(rows.shape[1], pitch_mm, name, frequency_scaling)
+    response, length = ramp_response(rows.shape[1], pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
     spectrum = scipy.fft.rfft(rows, n=length, axis=1, workers=-1)
     spectrum *= response.astype(np.float32)
     filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=length, axis=1, workers=-1)[:, : rows.shape[1]]

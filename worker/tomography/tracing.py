@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from skimage.measure import approximate_polygon, find_contours
 
 from worker.tomography.geometry import FloatArray
 from worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
@@ -38,6 +37,8 @@ def trace(picture: NDArray[np.floating], width_mm: float, *, name: str) -> Phant
     PhantomError
         If the picture shows no outline, or far too many.
     """
+    from skimage.measure import find_contours  # noqa: PLC0415 - takes a second to import, for pictures only
+
     if picture.ndim != 2 or min(picture.shape) < 8:
         raise PhantomError(f"the picture has shape {picture.shape}: give a grey picture of at least 8 x 8 pixels")
     if not (math.isfinite(width_mm) and width_mm > 0.0):
@@ -89,6 +90,8 @@ def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
 
 def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
     """Indices of the outline's corners; it starts at one, so that no side is cut in two."""
+    from skimage.measure import approximate_polygon  # noqa: PLC0415 - takes a second to import, for pictures only
+
     first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
     closed = np.concatenate([outline[first:], outline[: first + 1]])
     kept = approximate_polygon(closed, tolerance)[:-1]

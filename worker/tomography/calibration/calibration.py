@@ -15,7 +15,7 @@ from worker.tomography.geometry import (
     ThetaBounds,
 )
 from worker.tomography.phantom import Phantom
-from worker.tomography.ray_error import RayError
+from worker.tomography.ray_error import PredictedRayError
 
 
 class CalibrationError(Exception):
@@ -24,7 +24,8 @@ class CalibrationError(Exception):
     Attributes
     ----------
     code : str
-        Stable, for programs: phantom-not-found, too-few-views, no-geometry, flat-scan.
+        Stable, for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
+        phantom-not-found.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -68,6 +69,10 @@ class Calibration:
         Standard deviations of theta; None where the source shift is not resolved.
     source_distance_fixed : bool
         R was held at r_S, because the free fit gave less: `unconstrained_source_distance_mm`.
+    adjustments : tuple of str
+        What was found in the scan beyond the plain model, and what was done about it.
+    scale_uncertainty_mm, scale_ray_error_mm : float
+        What R, and the rays (RMS), inherit from the phantom's size tolerance: systematic, and unseen by any residual.
     inflation : float
         Factor by which the residual's correlation within views widened the covariance; 1 for white noise.
     """
@@ -82,7 +87,8 @@ class Calibration:
     source_distance_fixed: bool
     unconstrained_source_distance_mm: float
     scale_uncertainty_mm: float
-    predicted_ray_error: RayError | None
+    scale_ray_error_mm: float
+    predicted_ray_error: PredictedRayError | None
     log_radius_mm: float
     inflation: float
     handedness: Handedness
@@ -95,6 +101,7 @@ class Calibration:
     relative_residual: float
     model: FloatArray
     residual: FloatArray
+    adjustments: tuple[str, ...]
     verdict: str
     reasons: tuple[str, ...]
     search: SearchReport

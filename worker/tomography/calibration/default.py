@@ -1,12 +1,15 @@
 """The calibration that users get: a search for the valley, least squares to its bottom, over the four hypotheses."""
 
+import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from worker.tomography import analytic
-from worker.tomography.analytic import PARAMETERS, DetectorCells
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.calibration.adjust import adjust, explained
 from worker.tomography.calibration.calibration import (
     Calibration,
     CalibrationError,
@@ -15,28 +18,42 @@ from worker.tomography.calibration.calibration import (
     choose_theta,
     theta_deviation,
 )
-from worker.tomography.calibration.refine import MODEL, ONE, Fit, SinogramData, refine
-from worker.tomography.calibration.search import CoarseMisfit, Progress, SearchOutcome, coarse_data, search, search_box
-from worker.tomography.calibration.verdict import judge
+from worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
+from worker.tomography.calibration.refine import Fit, SinogramData, refine
+from worker.tomography.calibration.screening import Screening, screen
+from worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
+from worker.tomography.calibration.uncertainty import residual_inflation
+from worker.tomography.calibration.verdict import TurnedRival, judge
 from worker.tomography.geometry import (
     FloatArray,
     GeometryError,
     Handedness,
     Rotation,
     Scanner,
-    SourceFrame,
     ThetaBounds,
+    angle_difference,
 )
 from worker.tomography.phantom import Phantom
-from worker.tomography.ray_error import predicted_ray_error
+from worker.tomography.ray_error import predicted_ray_error, scale_ray_error
 
 # A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
 # from the wrong side leaves 0.11 to 0.3, an empty scan 1.
 NOT_FOUND = 0.25
+# A sinogram with less than this share of its power above white noise shows nothing.
+LEAST_SIGNAL = 0.02
 # Hypotheses whose coarse residual comes this close to the best one's are fitted on all the data and compared again.
 CONTENDER = 3.0
+# Fits whose first angles differ by less are the same one.
+SAME_TURN = math.radians(5.0)
+# A coarse fit that leaves less than this unexplained ends the search. Else so many random starts are added, in turn.
+EXPLAINED = 0.05
+RANDOM_STARTS = (64, 256)
+# Starts of each hypothesis that are fitted, and the iterations they are given: the final fit needs no more.
+STARTS_FITTED = 2
+COARSE_ITERATIONS = 20
 
-Hypothesis = tuple[Handedness, Rotation]
+# Told the round of the search, the most there can be, and the least relative residual so far.
+Progress = Callable[[int, int, float], None]
 
 
 @dataclass(frozen=True)
@@ -105,10 +122,16 @@ class CalibrationTask:
         """The allowed senses of rotation."""
         return tuple(r for r in Rotation if self.rotation in {None, r})
 
+    @cached_property
+    def screening(self) -> Screening:
+        """Which cells and views have a usable signal."""
+        return screen(self.sinogram)
+
     def full_data(self, rotation: Rotation) -> SinogramData:
-        """All views and cells, as this sense of rotation reads them."""
+        """All views and cells, as this sense of rotation reads them; what has no usable signal weighs nothing."""
         cells = DetectorCells.of(self.scanner)
-        return SinogramData(self.sinogram, rotation.apply(self.angles_rad), cells, self.rays_per_cell)
+        angles = rotation.apply(self.angles_rad)
+        return SinogramData(self.sinogram, angles, cells, self.rays_per_cell, self.screening.weights)
 
 
 def calibrate(task: CalibrationTask, *, seed: int = 7, progress: Progress | None = None) -> Calibration:
@@ -120,84 +143,119 @@ def calibrate(task: CalibrationTask, *, seed: int = 7, progress: Progress | None
         If no geometry explains the scan; its message says what to look at.
     """
     started = time.perf_counter()
-    outcome, misfit = _find_valley(task, seed, progress)
-    found = time.perf_counter()
-    fits = _coarse_fits(misfit, outcome)
-    report = SearchReport(
-        "differential-evolution",
-        seed,
-        outcome.evaluations,
-        outcome.generations,
-        outcome.best_value,
-        outcome.converged,
-        outcome.message,
-    )
-    return conclude(task, fits, report, started=started, found=found)
+    coarse, report = _find_valleys(task, seed, progress)
+    return conclude(task, coarse, report, started=started, found=time.perf_counter())
 
 
-def _find_valley(task: CalibrationTask, seed: int, progress: Progress | None) -> tuple[SearchOutcome, CoarseMisfit]:
-    sinogram, angles, cells = coarse_data(task.scanner, task.sinogram, task.angles_rad)
+def _find_valleys(
+    task: CalibrationTask, seed: int, progress: Progress | None
+) -> tuple[dict[Hypothesis, list[Fit]], SearchReport]:
+    """The coarse fits of each hypothesis, best first; more and more starts until one of them explains the scan."""
+    rng = np.random.default_rng(seed)
+    usable = task.screening
+    bridged = usable.bridged(task.sinogram)[usable.views]
+    sinogram, angles, cells = coarse_data(task.scanner, bridged, task.angles_rad[usable.views])
     misfit = CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
     try:
         box = search_box(task.scanner, task.bounds, task.phantom)
     except GeometryError as error:
         raise CalibrationError("no-geometry", str(error)) from error
-    return search(misfit, box, seed=seed, progress=progress), misfit
+    extent = shadow_extent(sinogram, cells)
+    distances = (float(box[0, 0]), float(box[0, 1]))
+    fits: dict[Hypothesis, Fit] = {}
+    best, generation, starts = math.inf, 0, np.zeros((0, 4))
+    for generation, count in enumerate((0, *RANDOM_STARTS)):
+        if count:
+            starts = random_starts(box, count, rng)
+        elif extent is not None:
+            starts = shadow_starts(extent, task.phantom.radius_mm, distances, rng)
+        _improve(fits, misfit, starts)
+        best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
+        if progress is not None:
+            progress(generation + 1, len(RANDOM_STARTS) + 1, best)
+        if best < EXPLAINED:
+            break
+    explained = best < EXPLAINED
+    message = f"a start explains {1.0 - best:.1%} of the scan" if explained else "no start explains the scan well"
+    report = SearchReport("multi-start", seed, misfit.evaluations, generation + 1, best, explained, message)
+    return _with_other_turns(fits, misfit), report
 
 
-def _coarse_fits(misfit: CoarseMisfit, outcome: SearchOutcome) -> dict[Hypothesis, Fit]:
-    fits = {}
-    for (handedness, rotation), candidate in outcome.best.items():
+def _improve(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, starts: FloatArray) -> None:
+    """Fit the best starts of each hypothesis coarsely, and keep what is better than what was there."""
+    scored: dict[Hypothesis, list[Candidate]] = {}
+    for start in starts:
+        for hypothesis, candidate in misfit(start).items():
+            scored.setdefault(hypothesis, []).append(candidate)
+    for (handedness, rotation), candidates in scored.items():
         data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
-        fit = refine(misfit.phantoms[handedness], data, candidate.frame)
-        if fit is not None:
-            fits[handedness, rotation] = fit
-    return fits
+        for candidate in sorted(candidates, key=lambda c: c.misfit)[:STARTS_FITTED]:
+            fit = refine(misfit.phantoms[handedness], data, candidate.frame, max_iterations=COARSE_ITERATIONS)
+            kept = fits.get((handedness, rotation))
+            if fit is not None and (kept is None or fit.relative_residual < kept.relative_residual):
+                fits[handedness, rotation] = fit
+
+
+def _with_other_turns(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict[Hypothesis, list[Fit]]:
+    """Each hypothesis's fits at the first angles worth a look, best first: some bodies are nearly themselves turned."""
+    least = min((fit.relative_residual for fit in fits.values()), default=0.0)
+    turned = {}
+    for (handedness, rotation), fit in fits.items():
+        found = [fit]
+        if fit.relative_residual <= CONTENDER * least:
+            data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
+            for start in misfit.other_turns((handedness, rotation), fit.frame):
+                other = refine(misfit.phantoms[handedness], data, start, max_iterations=COARSE_ITERATIONS)
+                if other is not None:
+                    found.append(other)
+        turned[handedness, rotation] = sorted(found, key=lambda fit: fit.relative_residual)
+    return turned
 
 
 def conclude(
-    task: CalibrationTask, coarse: dict[Hypothesis, Fit], search_report: SearchReport, *, started: float, found: float
+    task: CalibrationTask,
+    coarse: dict[Hypothesis, list[Fit]],
+    search_report: SearchReport,
+    *,
+    started: float,
+    found: float,
 ) -> Calibration:
-    """From one coarse fit a hypothesis to the complete answer."""
-    fits = _full_fits(task, coarse)
-    ranked = sorted(fits.items(), key=lambda item: item[1].relative_residual)
-    if not ranked or not ranked[0][1].relative_residual < NOT_FOUND:
-        unexplained = f"{ranked[0][1].relative_residual:.0%}" if ranked else "all"
+    """From the coarse fits to the complete answer."""
+    ranked = _full_fits(task, coarse)
+    unexplained = _unexplained(task, ranked[0]) if ranked else 1.0
+    if unexplained > NOT_FOUND:
         raise CalibrationError(
             "phantom-not-found",
-            f"the phantom {task.phantom.name!r} was not found: the best geometry leaves {unexplained} of the sinogram "
-            "unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
+            f"the phantom {task.phantom.name!r} was not found: the best geometry leaves {unexplained:.0%} of the "
+            "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
             "scanner's constants",
         )
     (handedness, rotation), free = ranked[0]
     phantom, data = task.phantoms[handedness], task.full_data(rotation)
+    adjusted = adjust(phantom, data, free)
+    data, free = adjusted.data, adjusted.fit
     fit, fixed = _with_theta(task, phantom, data, free)
     refined = time.perf_counter()
-    model = analytic.project(
-        phantom,
-        data.cells,
-        fit.frame,
-        data.angles_rad,
-        position_mm=fit.position_mm,
-        rays_per_cell=data.rays_per_cell,
-    )
+    model = explained(phantom, data, fit)
     inflation = residual_inflation(phantom, data, fit)
     covariance = fit.covariance[:5, :5] * inflation
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     predicted = predicted_ray_error(task.scanner, fit.frame, covariance, radius_mm=task.log_radius_mm)
-    hypotheses = tuple(HypothesisReport(h, r, f.relative_residual) for (h, r), f in ranked)
+    hypotheses, turned_rival = _rivals(ranked)
+    deviation = theta_deviation(task.scanner, fit.frame, theta, covariance)
     verdict, reasons = judge(
         predicted_mm=predicted.rms_mm,
         tolerance_mm=task.tolerance_mm,
         fit=fit,
         inflation=inflation,
         hypotheses=hypotheses,
+        turned=turned_rival,
         samples=data.sinogram.size,
+        source_shift_resolved=deviation is not None,
         theta_in_bounds=task.bounds is None or task.bounds.contain(theta),
         unconstrained_mm=free.frame.source_distance_mm if fixed else None,
         source_to_cor_mm=task.scanner.source_to_cor_mm,
     )
-    deviation = theta_deviation(task.scanner, fit.frame, theta, covariance)
     ended = time.perf_counter()
     return Calibration(
         scanner=task.scanner,
@@ -210,6 +268,9 @@ def conclude(
         source_distance_fixed=fixed,
         unconstrained_source_distance_mm=free.frame.source_distance_mm,
         scale_uncertainty_mm=task.phantom.size_tolerance * fit.frame.source_distance_mm,
+        scale_ray_error_mm=scale_ray_error(
+            task.scanner, fit.frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm
+        ),
         predicted_ray_error=predicted,
         log_radius_mm=task.log_radius_mm,
         inflation=inflation,
@@ -221,8 +282,9 @@ def conclude(
         offset=fit.offset,
         residual_rms=fit.residual_rms,
         relative_residual=fit.relative_residual,
-        model=fit.gain * model + fit.offset,
-        residual=task.sinogram - fit.gain * model - fit.offset,
+        model=model,
+        residual=task.sinogram - model,
+        adjustments=(*task.screening.done, *adjusted.done),
         verdict=verdict,
         reasons=reasons,
         search=search_report,
@@ -235,18 +297,56 @@ def conclude(
     )
 
 
-def _full_fits(task: CalibrationTask, coarse: dict[Hypothesis, Fit]) -> dict[Hypothesis, Fit]:
-    """Fit on all the data what may have won; keep the coarse fit of what cannot."""
-    least = min((fit.relative_residual for fit in coarse.values()), default=0.0)
-    fits = {}
-    for (handedness, rotation), start in coarse.items():
-        fit: Fit | None = start
-        if start.relative_residual <= CONTENDER * least:
-            data = task.full_data(rotation)
-            fit = refine(task.phantoms[handedness], data, start.frame, position_mm=start.position_mm)
-        if fit is not None:
-            fits[handedness, rotation] = fit
-    return fits
+def _unexplained(task: CalibrationTask, best: tuple[Hypothesis, Fit]) -> float:
+    """The share of the sinogram that the best fit leaves, white noise not counted."""
+    (handedness, rotation), fit = best
+    data = task.full_data(rotation)
+    residual = data.sinogram - explained(task.phantoms[handedness], data, fit)
+    # Neighbouring cells share what the model lacks; what they do not share is noise.
+    steps = np.diff(residual, axis=1)
+    noise = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2.0)
+    total = fit.residual_rms**2 / fit.relative_residual**2 if fit.relative_residual > 0.0 else math.inf
+    signal = total - noise**2
+    if signal < LEAST_SIGNAL * total:
+        return 1.0
+    return math.sqrt(max(fit.residual_rms**2 - noise**2, 0.0) / signal)
+
+
+def _rivals(ranked: list[tuple[Hypothesis, Fit]]) -> tuple[tuple[HypothesisReport, ...], TurnedRival | None]:
+    """Each hypothesis once, best first; and, if the winner's rival is itself turned, by how many degrees."""
+    reports: dict[Hypothesis, HypothesisReport] = {}
+    for (handedness, rotation), fit in ranked:
+        reports.setdefault((handedness, rotation), HypothesisReport(handedness, rotation, fit.relative_residual))
+    turned = [fit for hypothesis, fit in ranked[1:] if hypothesis == ranked[0][0]]
+    if not turned:
+        return tuple(reports.values()), None
+    rival = TurnedRival(math.degrees(_apart(ranked[0][1], turned[0])), turned[0].relative_residual)
+    return tuple(reports.values()), rival
+
+
+def _full_fits(task: CalibrationTask, coarse: dict[Hypothesis, list[Fit]]) -> list[tuple[Hypothesis, Fit]]:
+    """Fit on all the data what may have won, keep the coarse fit of what cannot; best first, one a first angle."""
+    least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
+    fitted: list[tuple[Hypothesis, Fit]] = []
+    for (handedness, rotation), starts in coarse.items():
+        data = task.full_data(rotation)
+        for number, start in enumerate(starts):
+            fit: Fit | None = start
+            if start.relative_residual <= CONTENDER * least:
+                fit = refine(task.phantoms[handedness], data, start.frame, position_mm=start.position_mm)
+            elif number > 0:
+                continue
+            if fit is not None:
+                fitted.append(((handedness, rotation), fit))
+    ranked: list[tuple[Hypothesis, Fit]] = []
+    for hypothesis, fit in sorted(fitted, key=lambda item: item[1].relative_residual):
+        if all(hypothesis != other or _apart(fit, better) > SAME_TURN for other, better in ranked):
+            ranked.append((hypothesis, fit))
+    return ranked
+
+
+def _apart(a: Fit, b: Fit) -> float:
+    return abs(angle_difference(a.frame.psi_rad, b.frame.psi_rad))
 
 
 def _with_theta(task: CalibrationTask, phantom: Phantom, data: SinogramData, fit: Fit) -> tuple[Fit, bool]:
@@ -255,7 +355,8 @@ def _with_theta(task: CalibrationTask, phantom: Phantom, data: SinogramData, fit
     if fit.frame.source_distance_mm >= r_s:
         return fit, False
     ratio = r_s / fit.frame.source_distance_mm
-    start = SourceFrame.from_vector(fit.frame.to_vector() * [1.0, ratio, ratio, 1.0, 1.0])
+    frame = fit.frame
+    start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
     held = refine(phantom, data, start, position_mm=fit.position_mm, fixed_source_distance=True)
     if held is None:
         raise CalibrationError(
@@ -264,37 +365,3 @@ def _with_theta(task: CalibrationTask, phantom: Phantom, data: SinogramData, fit
             f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
         )
     return held, True
-
-
-def residual_inflation(phantom: Phantom, data: SinogramData, fit: Fit) -> float:
-    """How much wider the parameters scatter than white noise of the same RMS would make them; at least 1.
-
-    The views' scores (derivative times residual) are compared with what independent cells would give: the mean
-    eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986), views as clusters.
-    """
-    grams = analytic.gram(
-        phantom,
-        data.cells,
-        fit.frame,
-        data.angles_rad,
-        data.sinogram,
-        position_mm=fit.position_mm,
-        rays_per_cell=data.rays_per_cell,
-    )
-    free = [i for i in range(PARAMETERS) if fit.covariance[i, i] > 0.0]
-    columns = [*(free), MODEL, ONE]
-    weights = np.zeros(PARAMETERS + 3)
-    weights[MODEL], weights[ONE], weights[-1] = -fit.gain, -fit.offset, 1.0
-    scores = grams[:, columns, :] @ weights
-    views, unknowns = scores.shape
-    if views <= unknowns:
-        return 1.0
-    bread = grams.sum(axis=0)[np.ix_(columns, columns)]
-    scale = 1.0 / np.sqrt(np.diag(bread))
-    inverse = np.linalg.pinv(bread * np.outer(scale, scale), hermitian=True)
-    meat = (scores * scale).T @ (scores * scale) * views / (views - unknowns)
-    noise = fit.residual_rms**2
-    if noise <= 0.0:
-        return 1.0
-    scatter = float(np.trace(inverse @ meat))
-    return float(max(1.0, scatter / (unknowns * noise)))

@@ -22,8 +22,7 @@ from worker.tomography.calibration.calibration import (
     SearchReport,
     choose_theta,
 )
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.calibration.search import Progress
+from worker.tomography.calibration.default import NOT_FOUND, CalibrationTask, Progress
 from worker.tomography.fbp import Weighting, fbp
 from worker.tomography.filters import FilterName
 from worker.tomography.geometry import (
@@ -37,6 +36,7 @@ from worker.tomography.geometry import (
 )
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.projector import Projector
+from worker.tomography.ray_error import scale_ray_error
 
 # Spread of the tight stop, as a share of the objective of a perfect image.
 TIGHT = 1e-6
@@ -144,7 +144,7 @@ def calibrate_as_published(
     Raises
     ------
     CalibrationError
-        If theta's best value explains nothing of the scan.
+        If no scanner can be at theta's best value.
     """
     started = time.perf_counter()
     chosen = options or PaperOptions()
@@ -221,6 +221,9 @@ def _answer(
         source_distance_fixed=False,
         unconstrained_source_distance_mm=frame.source_distance_mm,
         scale_uncertainty_mm=task.phantom.size_tolerance * frame.source_distance_mm,
+        scale_ray_error_mm=scale_ray_error(
+            task.scanner, frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm
+        ),
         predicted_ray_error=None,
         log_radius_mm=task.log_radius_mm,
         inflation=1.0,
@@ -234,7 +237,8 @@ def _answer(
         relative_residual=float(np.sqrt(np.mean(residual**2))) / spread,
         model=model,
         residual=residual,
-        verdict="watch",
+        adjustments=(),
+        verdict="watch" if hypotheses[0].relative_residual < NOT_FOUND else "fail",
         reasons=("the published search gives no error bars: its theta is not known to be within tolerance",),
         search=search,
         seconds={

@@ -1,21 +1,20 @@
-"""Where the valley is: differential evolution in the source frame on a coarse, normalised sinogram misfit.
+"""A coarse, normalised sinogram misfit for starts in the source frame.
 
-The first angle is not searched: for each candidate (R, ln M, u_c, tau) the phantom is projected once at a table of
+The first angle is not searched: for each start (R, ln M, u_c, tau) the phantom is projected once at a table of
 turns, and the turn that correlates best with all views is looked up, for each sense of rotation. Gain and background
-drop out of the correlation. best/1/bin with crossover 0.7 as in arXiv 2206.14444.
+drop out of the correlation.
 """
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import Bounds, differential_evolution
 
 from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.calibration._search_numba import best_turn
+from worker.tomography.calibration.starts import WIDEST_TILT
 from worker.tomography.geometry import (
     TAU,
     FloatArray,
@@ -26,23 +25,22 @@ from worker.tomography.geometry import (
     SourceFrame,
     Theta,
     ThetaBounds,
+    angle_difference,
 )
 from worker.tomography.phantom import Phantom
 
 TURNS = 120
 COARSE_VIEWS = 40
 COARSE_CELLS = 64
-POPULATION = 10
-MAX_GENERATIONS = 30
-# Spread of 1 - correlation over the population at which the valley is found; refinement does the rest.
-SPREAD = 2e-4
-
+# So many peaks of the correlation over the first angle are looked at; within 10 degrees it is the same one.
+PEAKS = 4
+OWN_PEAK = math.radians(10.0)
 # Without bounds: source shifts up to 0.6 r_S, and whatever magnification and tilt a scanner may have.
 WIDEST_SHIFT = math.hypot(1.0, 0.6)
 MAGNIFICATIONS = (1.02, 6.0)
-WIDEST_TILT = 1.2
 
-Progress = Callable[[int, int, float], None]
+
+Hypothesis = tuple[Handedness, Rotation]
 
 
 @dataclass(frozen=True)
@@ -55,17 +53,13 @@ class Candidate:
 
 @dataclass
 class CoarseMisfit:
-    """1 - correlation of a coarse sinogram with the phantom's projection, the first angle looked up.
-
-    Remembers the best candidate of each hypothesis that it has ever seen.
-    """
+    """1 - correlation of a coarse sinogram with the phantom's projection, the first angle looked up."""
 
     phantoms: dict[Handedness, Phantom]
     rotations: tuple[Rotation, ...]
     sinogram: FloatArray
     angles_rad: FloatArray
     cells: DetectorCells
-    best: dict[tuple[Handedness, Rotation], Candidate] = field(default_factory=dict)
     evaluations: int = 0
 
     def __post_init__(self) -> None:
@@ -78,12 +72,12 @@ class CoarseMisfit:
         self._correlation = np.empty(len(self.rotations))
         self._turn = np.empty(len(self.rotations), np.int64)
 
-    def __call__(self, vector: FloatArray) -> float:
-        """Least misfit over the hypotheses at (R, ln M, u_c, tau)."""
+    def __call__(self, vector: FloatArray) -> dict[Hypothesis, Candidate]:
+        """Each hypothesis at (R, ln M, u_c, tau), the first angle the best one; empty where no scanner can be."""
         r, log_magnification, u_c, tau = (float(value) for value in vector)
         sdd = r * math.exp(log_magnification)
         self.evaluations += 1
-        least = 2.0
+        candidates = {}
         for handedness, phantom in self.phantoms.items():
             frame = SourceFrame(0.0, r, sdd, u_c, tau)
             if not analytic.clears(phantom.radius_mm, frame):
@@ -94,16 +88,28 @@ class CoarseMisfit:
             )
             for index, rotation in enumerate(self.rotations):
                 misfit = 1.0 - float(self._correlation[index])
-                least = min(least, misfit)
                 psi = float(self._turn[index]) * TAU / TURNS
-                found = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
-                self._remember((handedness, rotation), found)
-        return least
+                candidates[handedness, rotation] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+        return candidates
 
-    def _remember(self, hypothesis: tuple[Handedness, Rotation], found: Candidate) -> None:
-        kept = self.best.get(hypothesis)
-        if kept is None or found.misfit < kept.misfit:
-            self.best[hypothesis] = found
+    def other_turns(self, hypothesis: Hypothesis, frame: SourceFrame) -> list[SourceFrame]:
+        """The frame at the first angles where its correlation peaks, best first, its own peak left out.
+
+        A body that is nearly itself after half a turn or a third has a valley at each of them.
+        """
+        handedness, rotation = hypothesis
+        model = analytic.project(self.phantoms[handedness], self.cells, replace(frame, psi_rad=0.0), self._table_rad)
+        sign = 1 if rotation is Rotation.AS_GIVEN else -1
+        rows = (np.arange(TURNS)[:, None] + sign * self._first) % TURNS
+        products = (self.sinogram - self.sinogram.mean()) @ model.T
+        sums, squares = model.sum(axis=1)[rows].sum(axis=1), (model**2).sum(axis=1)[rows].sum(axis=1)
+        spread = np.sqrt(np.maximum(squares - sums**2 / self.sinogram.size, 1e-300))
+        correlation = products[np.arange(len(self.sinogram)), rows].sum(axis=1) / spread
+        peaks = np.flatnonzero((correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1)))
+        angles = self._table_rad[peaks[np.argsort(-correlation[peaks])][:PEAKS]]
+        return [
+            replace(frame, psi_rad=float(psi)) for psi in angles if abs(angle_difference(psi, frame.psi_rad)) > OWN_PEAK
+        ]
 
 
 def coarse_data(
@@ -145,49 +151,3 @@ def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -
         )
     box = np.array(rows)
     return np.stack([box.min(axis=0), box.max(axis=0)], -1)
-
-
-@dataclass(frozen=True)
-class SearchOutcome:
-    """The best candidate of each hypothesis, and how the search went."""
-
-    best: dict[tuple[Handedness, Rotation], Candidate]
-    evaluations: int
-    generations: int
-    best_value: float
-    converged: bool
-    message: str
-
-
-def search(misfit: CoarseMisfit, box: FloatArray, *, seed: int, progress: Progress | None = None) -> SearchOutcome:
-    """Differential evolution of (R, ln M, u_c, tau) inside the box."""
-
-    def report(intermediate_result: object) -> None:
-        if progress is not None:
-            progress(
-                getattr(intermediate_result, "nit", 0), MAX_GENERATIONS, getattr(intermediate_result, "fun", math.nan)
-            )
-
-    outcome = differential_evolution(
-        misfit,
-        Bounds(box[:, 0], box[:, 1]),
-        strategy="best1bin",
-        recombination=0.7,
-        mutation=(0.5, 1.0),
-        popsize=POPULATION,
-        maxiter=MAX_GENERATIONS,
-        tol=0.0,
-        atol=SPREAD,
-        polish=False,
-        init="sobol",
-        rng=np.random.default_rng(seed),
-        callback=report,
-    )
-    return SearchOutcome(
-        best=misfit.best,
-        evaluations=misfit.evaluations,
-        generations=int(outcome.nit),
-        best_value=float(outcome.fun),
-        converged=bool(outcome.success),
-        message=str(outcome.message),
-    )

@@ -1,0 +1,21 @@
+FROM python:3.11-slim AS build
+COPY pyproject.toml constraints.txt README.md LICENSE /src/
+COPY service /src/service
+COPY worker /src/worker
+RUN python -m venv /opt/sawmill \
+ && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt /src
+
+FROM python:3.11-slim
+# Numba's parallel kernels link to it; without it a slower layer that forbids threads takes over.
+RUN apt-get update && apt-get install --yes --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/*
+COPY --from=build /opt/sawmill /opt/sawmill
+# The installation is read-only for the service's user: compiled kernels are kept with the data.
+ENV PATH=/opt/sawmill/bin:$PATH \
+    SAWMILL_DATA_FOLDER=/data \
+    NUMBA_CACHE_DIR=/data/numba-cache
+RUN useradd --create-home --uid 1000 sawmill && install --directory --owner=sawmill /data
+USER sawmill
+WORKDIR /data
+VOLUME /data
+EXPOSE 8000
+CMD ["sawmill", "serve", "--host", "0.0.0.0"]

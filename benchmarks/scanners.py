@@ -1,0 +1,84 @@
+"""Random scanners, scans and truths for the benchmarks: never the published data's own numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from worker.tomography.calibration.default import CalibrationTask
+from worker.tomography.geometry import (
+    TAU,
+    GeometryError,
+    Handedness,
+    Rotation,
+    Scanner,
+    SourceFrame,
+    Theta,
+    ThetaBounds,
+)
+from worker.tomography.phantom import Disc, Phantom, Polygon
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
+CUSTOM = Phantom(
+    "tee with a hole",
+    (
+        Polygon(((-110.0, -40.0), (60.0, -40.0), (60.0, -130.0), (115.0, -130.0), (115.0, 120.0), (-110.0, 20.0))),
+        Disc((-60.0, -10.0), 18.0, -1.0),
+    ),
+)
+PHANTOMS = (L_SHAPE, RECTANGLE_WITH_HOLE, CUSTOM)
+VIEWS = (20, 30, 45, 60, 90, 120, 180, 360)
+MOST_NOISE = 0.03
+REACH_MM = 20.0
+
+
+@dataclass(frozen=True)
+class RandomScan:
+    """One scan and what it really was."""
+
+    task: CalibrationTask
+    frame: SourceFrame
+    theta: Theta
+    handedness: Handedness
+    rotation: Rotation
+    noise: float
+
+
+def random_scan(rng: np.random.Generator) -> RandomScan:
+    """A scanner from the published bounds whose shadow stays on the detector, and a noisy scan by it."""
+    while True:
+        phantom = PHANTOMS[rng.integers(len(PHANTOMS))]
+        ranges = ThetaBounds().as_array()
+        theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
+        distance, direction = REACH_MM * np.sqrt(rng.uniform()), rng.uniform(0.0, TAU)
+        position = (float(distance * np.cos(direction)), float(distance * np.sin(direction)))
+        handedness = list(Handedness)[rng.integers(2)]
+        rotation = list(Rotation)[rng.integers(2)]
+        views = int(rng.choice(VIEWS))
+        angles = np.arange(views) * TAU / views + rng.uniform(0.0, TAU)
+        if rng.uniform() < 0.3:
+            angles = angles + rng.uniform(-0.3, 0.3, views) * TAU / views
+        noise = rng.uniform(0.0, MOST_NOISE)
+        try:
+            frame = theta.source_frame(SCANNER.source_to_cor_mm)
+            if not analytic.clears(phantom.radius_mm + REACH_MM, frame):
+                continue
+            clean = analytic.project(
+                phantom if handedness is Handedness.AS_DRAWN else phantom.mirrored(),
+                DetectorCells.of(SCANNER),
+                frame,
+                rotation.apply(angles),
+                position_mm=position,
+                rays_per_cell=8,
+            )
+        except GeometryError:  # a corner of the bounds that no scanner can be in
+            continue
+        if clean[:, :2].any() or clean[:, -2:].any() or not clean.any(axis=1).all():
+            continue
+        rms = np.sqrt(np.mean(clean**2))
+        measured = rng.uniform(0.5, 2.0) * clean + rng.uniform(-5.0, 5.0)
+        measured += noise * rms * rng.standard_normal(clean.shape)
+        task = CalibrationTask(SCANNER, phantom, measured, angles)
+        return RandomScan(task, frame, theta, handedness, rotation, noise)

@@ -1,0 +1,29 @@
+#!/usr/bin/env bash
+# Upload one phantom scan of counts, calibrate, and leave calibration.json and report.png in the current folder.
+set -euo pipefail
+if [ "$#" -ne 4 ]; then
+  echo "usage: $0 API SCANNER_ID SCAN_FILE PHANTOM_ID, as in $0 http://127.0.0.1:8000 example scan.h5 l-shape" >&2
+  exit 2
+fi
+api=$1 scanner=$2 file=$3 phantom=$4
+
+# What the service answers; a problem goes to standard error and ends the script.
+call() {
+  local answer
+  answer=$(curl -sS --fail-with-body "$@") || { echo "$answer" >&2; return 1; }
+  echo "$answer"
+}
+field() { grep -o "\"$1\":\"[^\"]*\"" | head -n 1 | cut -d '"' -f 4; }
+
+scan=$(call -X POST -T "$file" "$api/v1/scans?scanner_id=$scanner&data=counts&phantom_id=$phantom" | field id)
+asked=$(call -H 'Content-Type: application/json' -d "{\"scan_id\": \"$scan\"}" "$api/v1/calibrations")
+calibration=$(field id <<< "$asked")
+call -N "$api/v1/jobs/$(field job_id <<< "$asked")/events" > /dev/null  # the stream ends with the job
+call "$api/v1/calibrations/$calibration" > calibration.json
+state=$(field state < calibration.json)
+if [ "$state" != succeeded ]; then
+  echo "calibration $calibration $state: $(field detail < calibration.json)" >&2
+  exit 1
+fi
+curl -sS --fail -o report.png "$api/v1/calibrations/$calibration/report.png"
+echo "calibration $calibration: $(field verdict < calibration.json)"

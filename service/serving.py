@@ -1,0 +1,78 @@
+"""Runs the API, its workers and the schedule on one machine until it is told to stop."""
+
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+
+import structlog
+import uvicorn
+
+from service.app import create_app
+from service.settings import ServiceSettings
+from worker.execution.celery_app import Waker, make_celery
+from worker.execution.logs import configure_logs
+from worker.execution.settings import ExecutionSettings
+from worker.execution.supervise import WorkerSupervisor
+from worker.storage.errors import StorageError
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+
+# Open event streams would hold a shutdown for as long as their clients like.
+SHUTDOWN_S = 3
+
+
+def no_wake(_: str) -> None:
+    """Embedded workers look into the database by themselves."""
+
+
+def serve_until_stopped(
+    settings: ServiceSettings,
+    storage: StorageSettings,
+    execution: ExecutionSettings,
+    *,
+    workers: bool,
+    seed: Callable[[Store], None] | None,
+) -> None:
+    """Listen; do the work too, unless a broker carries it to others or `workers` is false.
+
+    Parameters
+    ----------
+    seed
+        Fills a fresh data folder with examples while the service answers already.
+
+    Raises
+    ------
+    StorageError, OSError
+        The data folder cannot be used.
+    """
+    configure_logs(execution.log_format)
+    # Uvicorn raises the signal that stopped it again, which by default would end this process before its workers.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with ExitStack() as stack:
+        store = stack.enter_context(closing(Store.open(storage)))
+        if workers and execution.broker_url is None:
+            stack.enter_context(WorkerSupervisor(storage, execution))
+        if seed is not None:
+            threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
+        wake = no_wake if execution.broker_url is None else Waker(make_celery(execution, storage))
+        structlog.get_logger().info(
+            "serving", url=f"http://{settings.host}:{settings.port}", data_folder=str(storage.data_folder)
+        )
+        uvicorn.run(
+            create_app(settings, store, wake),
+            host=settings.host,
+            port=settings.port,
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=SHUTDOWN_S,
+        )
+
+
+def _seed(seed: Callable[[Store], None], store: Store) -> None:
+    try:
+        seed(store)
+    except (StorageError, OSError):  # the service works without examples; the next start tries again
+        structlog.get_logger().exception("examples-failed")

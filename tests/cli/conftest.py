@@ -1,0 +1,103 @@
+"""The command line in this process, and small scans that it made itself."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner, Result
+
+from service.cli import main
+
+THETA = "2.55,714.7,319.9,43.7,0.281"
+SCANNER = ("--source-to-cor-mm", "859.46", "--detector-pitch-mm", "4.508593749")
+CELLS, VIEWS = 256, 60
+Run = Callable[..., Result]
+
+
+def invoke(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments], terminal_width=200)
+    assert result.exit_code == code, f"{result.output}\n{result.exception!r}"
+    return result
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    """Run one command and see that it ends with the exit code that is expected."""
+    return invoke
+
+
+@pytest.fixture(scope="session")
+def scans(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for all that the session's scans need."""
+    return tmp_path_factory.mktemp("scans")
+
+
+def simulated(path: Path, body: str, *flags: object) -> Path:
+    cells = ("--detector-pixels", CELLS, "--views", VIEWS)
+    invoke("simulate", body, "--theta", THETA, *SCANNER, *cells, "-o", path, *flags)
+    return path
+
+
+@pytest.fixture(scope="session")
+def phantom_scan(scans: Path) -> Path:
+    """Line integrals of the L with 1 % noise; the file carries angles and pitches."""
+    return simulated(scans / "phantom.h5", "l-shape", "--data", "line-integrals", "--noise", 0.01, "--rows", 2)
+
+
+@pytest.fixture(scope="session")
+def bare_scan(scans: Path, phantom_scan: Path) -> Path:
+    """The same as an array that says nothing else."""
+    with h5py.File(phantom_scan) as file:
+        np.save(scans / "bare.npy", file["entry/instrument/detector/data"][()])
+    return scans / "bare.npy"
+
+
+@pytest.fixture(scope="session")
+def stack(scans: Path) -> Path:
+    """Counts of a log with the L on its end: rows 0 and 1 show the phantom, 2 and 3 the log."""
+    return simulated(scans / "stack.h5", "log-with-phantom", "--rows", 4, "--phantom-rows", 2)
+
+
+@pytest.fixture(scope="session")
+def result_file(scans: Path, phantom_scan: Path) -> Path:
+    """What `calibrate --json` printed of the phantom's scan."""
+    answer = invoke(
+        "calibrate",
+        phantom_scan,
+        "--data",
+        "line-integrals",
+        "--source-to-cor-mm",
+        859.46,
+        "--phantom",
+        "l-shape",
+        "--json",
+    )
+    (scans / "result.json").write_text(answer.stdout)
+    return scans / "result.json"
+
+
+@pytest.fixture
+def wrong_use() -> Callable[..., str]:
+    """The complaint about wrong use, on standard error alone."""
+
+    def told(*arguments: object) -> str:
+        result = invoke(*arguments, code=2)
+        assert result.stdout == ""
+        return " ".join(result.stderr.replace("│", " ").split())
+
+    return told
+
+
+@pytest.fixture
+def failure() -> Callable[..., dict[str, str]]:
+    """Why no answer could be computed, from the one JSON object on standard output."""
+
+    def told(*arguments: object) -> dict[str, str]:
+        document = json.loads(invoke(*arguments, "--json", code=1).stdout)
+        assert document["state"] == "failed"
+        return document["failure"]
+
+    return told

@@ -1,0 +1,247 @@
+"""`sawmill calibrate`, to the letter of DESIGN section 8."""
+
+import json
+import math
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from worker.contracts.calibrations import CalibrationFile
+from worker.tasks.conversion import to_frame
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.geometry import Scanner, Theta
+from worker.tomography.ray_error import ray_error
+
+TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+SCANNER = Scanner(859.46, 256, 4.508593749)
+KNOWN = ("--data", "line-integrals", "--source-to-cor-mm", 859.46)
+L = ("--phantom", "l-shape")
+BARE = (*KNOWN, "--detector-pitch-mm", 4.508593749, *L)
+
+
+def calibrated(run, *arguments):
+    return json.loads(run("calibrate", *arguments, "--json").stdout)
+
+
+def error_mm(document) -> float:
+    found = CalibrationFile.read(json.dumps(document)).source_frame
+    return ray_error(SCANNER, TRUTH.source_frame(859.46), to_frame(found)).rms_mm
+
+
+def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):
+    result = run("calibrate", phantom_scan, *KNOWN, *L, "--json")
+    document = json.loads(result.stdout)
+    assert error_mm(document) < 0.05
+    assert document["state"] == "succeeded"
+    assert document["scanner"] == {
+        "source_to_cor_mm": 859.46,
+        "num_detector_pixels": 256,
+        "detector_pitch_mm": 4.508593749,
+        "row_pitch_mm": 2.0,
+    }
+    assert (document["views"], document["rows"], document["phantom"]) == (60, [0, 2], "L-shape")
+    assert (document["handedness"], document["rotation"]) == ("as-drawn", "as-given")
+    assert document["search"]["seed"] == 7
+    assert len(document["input_sha256"]) == 64
+
+
+def test_people_get_a_table(run, phantom_scan):
+    result = run("calibrate", phantom_scan, *KNOWN, *L)
+    assert "detector tilt alpha_D" in result.stdout
+    assert "Calibration with L-shape" in result.stdout
+
+
+def test_an_array_without_angles_and_pitch_takes_them_from_flags(run, bare_scan):
+    assert error_mm(calibrated(run, bare_scan, *BARE, "--angles-deg", "3:6")) < 0.05
+
+
+def test_angles_may_come_from_a_file(run, bare_scan, tmp_path):
+    (tmp_path / "angles.txt").write_text("# degrees\n" + "\n".join(str(3 + 6 * view) for view in range(60)))
+    assert error_mm(calibrated(run, bare_scan, *BARE, "--angles-file", tmp_path / "angles.txt")) < 0.05
+
+
+def test_fewer_views_keep_their_own_angles(run, phantom_scan):
+    document = calibrated(run, phantom_scan, *KNOWN, *L, "--views", 20)
+    assert document["views"] == 20
+    assert error_mm(document) < 0.1
+    psi = TRUTH.source_frame(859.46).psi_rad
+    assert abs(math.degrees(document["source_frame"]["psi_rad"] - psi)) < 0.2
+
+
+def test_rows_are_averaged(run, phantom_scan, result_file):
+    document = calibrated(run, phantom_scan, *KNOWN, *L, "--rows", "1:2")
+    both = json.loads(result_file.read_text())
+    assert document["rows"] == [1, 2]
+    ratio = document["residual"]["relative"] / both["residual"]["relative"]
+    assert ratio == pytest.approx(math.sqrt(2), rel=0.05)
+
+
+def test_handedness_and_rotation_limit_what_is_tried(run, phantom_scan):
+    document = calibrated(run, phantom_scan, *KNOWN, *L, "--handedness", "as-drawn", "--rotation", "as-given")
+    assert len(document["hypotheses"]) == 1
+
+
+def test_a_seed_is_recorded_and_repeats_the_answer(run, phantom_scan):
+    first, second = (calibrated(run, phantom_scan, *KNOWN, *L, "--seed", 3, "--views", 20) for _ in range(2))
+    assert first["search"] == second["search"]
+    assert first["theta"] == second["theta"]
+    assert first["search"]["seed"] == 3
+
+
+def test_the_report_is_a_picture(run, phantom_scan, tmp_path):
+    run("calibrate", phantom_scan, *KNOWN, *L, "--json", "--report", tmp_path / "out.png")
+    with Image.open(tmp_path / "out.png") as picture:
+        assert picture.format == "PNG"
+        assert min(picture.size) > 500
+
+
+def test_a_phantom_may_be_a_drawing(run, phantom_scan, tmp_path):
+    corners = L_SHAPE.shapes[0].vertices_mm
+    drawing = {"name": "our L", "shapes": [{"kind": "polygon", "vertices_mm": corners}]}
+    (tmp_path / "l.json").write_text(json.dumps(drawing))
+    document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
+    assert document["phantom"] == "our L"
+    assert error_mm(document) < 0.05
+
+
+def test_a_phantom_may_be_a_picture_of_known_width(run, phantom_scan, tmp_path):
+    image = L_SHAPE.rasterise(800, 400.0)
+    Image.fromarray(np.rint(255 * image).astype(np.uint8)).save(tmp_path / "l.png")
+    document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
+    assert error_mm(document) < 0.1
+
+
+def test_the_published_search_has_its_own_switches(run, phantom_scan):
+    flags = ("--method", "paper", "--paper-objective", "projection", "--paper-stop", "published", "--views", 12)
+    document = calibrated(run, phantom_scan, *KNOWN, *L, *flags)
+    assert document["standard_deviation"] is None
+    assert document["search"]["evaluations"] > 100
+
+
+def test_a_verdict_of_fail_is_an_answer(run, phantom_scan, tmp_path):
+    half = [[1.01 * x, 0.93 * y] for x, y in L_SHAPE.shapes[0].vertices_mm]
+    (tmp_path / "l.json").write_text(
+        json.dumps({"name": "not quite", "shapes": [{"kind": "polygon", "vertices_mm": half}]})
+    )
+    document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
+    assert document["verdict"] != "pass"
+    assert document["reasons"]
+
+
+def test_without_an_answer_the_object_says_why(failure, bare_scan, phantom_scan, tmp_path):
+    assert failure("calibrate", bare_scan, *BARE)["code"] == "angles-missing"
+    pitch = failure("calibrate", bare_scan, *KNOWN, *L, "--angles-deg", "3:6")
+    assert pitch["code"] == "detector-pitch-missing"
+    assert "--detector-pitch-mm" in pitch["detail"]
+    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--rows", "1:3")["code"] == "rows-outside"
+    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--views", 61)["code"] == "views-too-many"
+    assert failure("calibrate", phantom_scan, *KNOWN, *L, "--angles-deg", "3:5")["code"] == "contradiction"
+    assert failure("calibrate", phantom_scan, *BARE[:-3], 4.5, *L)["code"] == "contradiction"
+    assert failure("calibrate", phantom_scan, *BARE, "--row-pitch-mm", 3)["code"] == "contradiction"
+    (tmp_path / "text.h5").write_text("no scan")
+    assert failure("calibrate", tmp_path / "text.h5", *BARE)["code"] == "unknown-format"
+
+
+def test_counts_without_flats_are_refused_and_not_guessed(failure, bare_scan):
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.5, "--angles-deg", "3:6")
+    assert failure("calibrate", bare_scan, *flags, *L)["code"] == "flats-missing"
+
+
+def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
+    noise = np.random.default_rng(5).standard_normal((60, 1, 256)).astype(np.float32)
+    np.save(tmp_path / "noise.npy", noise)
+    told = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "3:6")
+    assert told["kind"] == "input"
+    assert told["code"] == "phantom-not-found"
+
+
+def test_a_detector_that_no_scanner_has_is_refused(failure, tmp_path):
+    np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
+    told = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
+    assert told["code"] == "wrong-shape"
+    assert "num_detector_pixels is 4" in told["detail"]
+
+
+def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path):
+    with h5py.File(tmp_path / "two.h5", "w") as file:
+        file["this"] = np.load(bare_scan)
+        file["that"] = np.load(bare_scan)
+    assert failure("calibrate", tmp_path / "two.h5", *BARE, "--angles-deg", "3:6")["code"] == "dataset-ambiguous"
+    assert error_mm(calibrated(run, tmp_path / "two.h5", *BARE, "--angles-deg", "3:6", "--dataset", "that")) < 0.05
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{", "is not a phantom's drawing"),
+        ('{"name": "x", "shapes": []}', "shapes"),
+        ('{"name": "x", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}]}', "radius_mm"),
+    ],
+)
+def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text, said):
+    (tmp_path / "l.json").write_text(text)
+    told = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
+    assert told["code"] == "phantom"
+    assert said in told["detail"]
+
+
+def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
+    (tmp_path / "l.png").write_text("no picture")
+    told = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
+    assert told["code"] == "unknown-format"
+
+
+def test_refusals_are_one_sentence_for_people(run, bare_scan):
+    result = run("calibrate", bare_scan, *BARE, code=1)
+    assert result.stdout == ""
+    assert result.stderr.startswith("angles-missing: the file carries no angles; give them")
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ((*KNOWN,), "Missing option '--phantom'"),
+        (("--source-to-cor-mm", 859.46, *L), "Missing option '--data'"),
+        (("--data", "counts", *L), "Missing option '--source-to-cor-mm'"),
+        (("--data", "numbers", "--source-to-cor-mm", 859.46, *L), "'numbers' is not one of"),
+        (("--data", "counts", "--source-to-cor-mm", "nan", *L), "not a length in mm"),
+        (("--data", "counts", "--source-to-cor-mm", 0, *L), "not a length in mm"),
+        ((*KNOWN, *L, "--detector-pitch-mm", -1), "not a length in mm"),
+        ((*KNOWN, *L, "--angles-deg", "one:two"), "an angle must be a number of degrees"),
+        ((*KNOWN, *L, "--angles-deg", "0:0"), "must not be 0 degrees"),
+        ((*KNOWN, *L, "--rows", "4"), "--rows: rows must be A:B"),
+        ((*KNOWN, *L, "--rows", "4:4"), "--rows: rows must be A:B"),
+        ((*KNOWN, *L, "--views", 2), "--views"),
+        ((*KNOWN, *L, "--seed", -1), "--seed"),
+        ((*KNOWN, *L, "--handedness", "left"), "'left' is not one of"),
+        ((*KNOWN, *L, "--method", "guess"), "'guess' is not one of"),
+        ((*KNOWN, *L, "--paper-stop", "tight"), "--paper-stop comes with --method paper"),
+        ((*KNOWN, *L, "--phantom-width-mm", 400), "a built-in phantom has its size"),
+        ((*KNOWN, "--phantom", "cross"), "--phantom must be l-shape, rectangle-with-hole or an existing file"),
+        ((*KNOWN, *L, "--report", "no/such/folder/out.png"), "there is no folder 'no/such/folder'"),
+    ],
+)
+def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, said):
+    scan = tmp_path / "scan.h5"
+    scan.write_text("whoever reads this finds that it is no scan")
+    assert said in wrong_use("calibrate", scan, *flags)
+
+
+def test_angles_are_given_once(wrong_use, bare_scan):
+    angles = ("--angles-deg", "3:6", "--angles-file", bare_scan)
+    assert "not both" in wrong_use("calibrate", bare_scan, *BARE, *angles)
+
+
+def test_a_picture_needs_its_width_and_a_drawing_none(wrong_use, bare_scan, tmp_path):
+    (tmp_path / "l.png").touch()
+    (tmp_path / "l.json").touch()
+    assert "give --phantom-width-mm" in wrong_use("calibrate", bare_scan, *KNOWN, "--phantom", tmp_path / "l.png")
+    drawing = ("--phantom", tmp_path / "l.json", "--phantom-width-mm", 400)
+    assert "a drawing is in mm already" in wrong_use("calibrate", bare_scan, *KNOWN, *drawing)
+
+
+def test_a_file_that_is_not_there_is_wrong_use(wrong_use, tmp_path):
+    assert "does not exist" in wrong_use("calibrate", tmp_path / "none.h5", *BARE)

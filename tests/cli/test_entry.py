@@ -1,0 +1,61 @@
+"""The `sawmill` command as a shell runs it."""
+
+import json
+import os
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+SAWMILL = Path(sys.executable).with_name("sawmill")
+
+
+def sawmill(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
+    command = [SAWMILL, *map(str, arguments)]
+    return subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+
+
+def test_help_names_every_command():
+    done = sawmill("--help")
+    assert done.returncode == 0
+    commands = ("serve", "demo", "calibrate", "reconstruct", "simulate", "export", "worker", "openapi")
+    assert all(f" {command} " in done.stdout for command in commands)
+
+
+def test_the_version_is_the_distributions():
+    assert sawmill("--version").stdout.strip() == version("sawmill-calibration")
+
+
+def test_standard_output_is_the_object_alone(phantom_scan):
+    flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
+    done = sawmill("calibrate", phantom_scan, *flags)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("\n") == 1
+    assert json.loads(done.stdout)["state"] == "succeeded"
+    refused = sawmill("calibrate", phantom_scan, *flags, "--rows", "7:9")
+    assert refused.returncode == 1
+    assert json.loads(refused.stdout)["failure"]["code"] == "rows-outside"
+    assert "rows-outside" in refused.stderr
+    assert sawmill("calibrate", phantom_scan, *flags, "--rows", "9:7").returncode == 2
+
+
+def test_openapi_writes_the_document_and_a_request_for_each_operation(tmp_path):
+    done = sawmill("openapi", "--folder", tmp_path)
+    assert done.returncode == 0, done.stderr
+    document = json.loads((tmp_path / "openapi.json").read_text())
+    operations = [operation for item in document["paths"].values() for operation in item.values()]
+    assert document["openapi"].startswith("3.1")
+    assert len(list((tmp_path / "requests").glob("*.json"))) == len(operations)
+
+
+def test_a_service_that_cannot_keep_its_data_does_not_start(tmp_path):
+    (tmp_path / "data").touch()
+    done = sawmill("serve", "--data", tmp_path / "data", "--port", 0)
+    assert done.returncode == 1
+    assert done.stderr.startswith("The service cannot start: ")
+
+
+def test_a_setting_that_is_wrong_is_wrong_use(tmp_path):
+    done = sawmill("serve", "--data", tmp_path / "data", SAWMILL_LEASE_S="soon")
+    assert done.returncode == 2
+    assert "SAWMILL_LEASE_S" in done.stderr

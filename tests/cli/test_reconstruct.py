@@ -1,0 +1,163 @@
+"""`sawmill reconstruct`, to the letter of DESIGN section 8."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.log_model import LogModel
+
+THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
+
+
+def volume(path) -> np.ndarray:
+    with h5py.File(path) as file:
+        assert file["entry/reconstruction/data"].dtype == np.float32
+        return file["entry/reconstruction/data"][()]
+
+
+def relative_error(image, truth) -> float:
+    return float(np.linalg.norm(image - truth) / np.linalg.norm(truth))
+
+
+@pytest.fixture(scope="session")
+def log_truth() -> np.ndarray:
+    """Row 2 of the stack, as simulated."""
+    return LogModel.random(1).slice_at(24.0).rasterise(256, 400.0)
+
+
+def test_the_calibration_alone_is_enough(run, stack, result_file, log_truth, tmp_path):
+    flags = ("--data", "counts", "--calibration", result_file, "--rows", "2:4", "-o", tmp_path / "out.h5")
+    result = run("reconstruct", stack, *flags, "--png", tmp_path / "out.png")
+    assert result.stdout == ""
+    slices = volume(tmp_path / "out.h5")
+    assert slices.shape == (2, 256, 256)
+    assert relative_error(slices[0], log_truth) < 0.25
+    with Image.open(tmp_path / "out.png") as picture:
+        assert picture.format == "PNG"
+
+
+def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
+    flags = ("--data", "counts", "--rows", "2:3")
+    run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "theta.h5")
+    run("reconstruct", stack, *flags, "--calibration", result_file, "-o", tmp_path / "calibration.h5")
+    given, found = volume(tmp_path / "theta.h5"), volume(tmp_path / "calibration.h5")
+    assert relative_error(given, found) < 0.05
+    assert relative_error(given[0], log_truth) < 0.25
+
+
+def test_a_theta_that_is_off_gives_a_worse_image(run, stack, log_truth, tmp_path):
+    flags = ("--data", "counts", "--rows", "2:3", "--source-to-cor-mm", 859.46)
+    run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "right.h5")
+    run("reconstruct", stack, *flags, "--theta", "2.55,720,340,20,0.281", "-o", tmp_path / "wrong.h5")
+    right, wrong = (relative_error(volume(tmp_path / f"{name}.h5")[0], log_truth) for name in ("right", "wrong"))
+    assert wrong > 1.3 * right
+
+
+def test_the_sense_of_rotation_comes_with_theta(run, phantom_scan, tmp_path):
+    flags = ("--data", "line-integrals", "--rows", "0:1", *THETA)
+    run("reconstruct", phantom_scan, *flags, "--rotation", "as-given", "-o", tmp_path / "given.h5")
+    run("reconstruct", phantom_scan, *flags, "--rotation", "reversed", "-o", tmp_path / "reversed.h5")
+    truth = L_SHAPE.rasterise(256, 400.0)
+    assert relative_error(volume(tmp_path / "given.h5")[0], truth) < 0.25
+    assert relative_error(volume(tmp_path / "reversed.h5")[0], truth) > 0.5
+
+
+def test_json_says_what_the_volume_holds(run, stack, result_file, tmp_path):
+    flags = ("--data", "counts", "--calibration", result_file, "--size", 64, "--field-mm", 320, "--filter", "cosine")
+    result = run("reconstruct", stack, *flags, "-o", tmp_path / "out.h5", "--json", "--views", 30)
+    document = json.loads(result.stdout)
+    assert document["state"] == "succeeded"
+    assert document["shape"] == [4, 64, 64]
+    assert document["pixel_mm"] == 5.0
+    assert document["views"] == 30
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert volume(tmp_path / "out.h5").shape == (4, 64, 64)
+        assert file["entry/reconstruction/data"].attrs["units"] == "1/mm"
+
+
+def test_filters_and_weighting_matter(run, stack, tmp_path):
+    def made(*flags):
+        run("reconstruct", stack, "--data", "counts", "--rows", "2:3", *THETA, *flags, "-o", tmp_path / "out.h5")
+        return volume(tmp_path / "out.h5")
+
+    default = made()
+    assert np.array_equal(default, made("--method", "fbp", "--filter", "hann", "--weighting", "exact"))
+    for flags in (("--filter", "ram-lak"), ("--frequency-scaling", 0.5), ("--weighting", "none")):
+        assert relative_error(made(*flags), default) > 0.01
+
+
+def test_what_contradicts_the_calibration_is_refused(failure, stack, result_file, tmp_path):
+    flags = (stack, "--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
+    told = failure("reconstruct", *flags, "--source-to-cor-mm", 860)
+    assert told["code"] == "contradiction"
+    assert "859.46" in told["detail"]
+    assert failure("reconstruct", *flags, "--detector-pitch-mm", 4.5)["code"] == "contradiction"
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_another_scanners_calibration_is_refused(failure, result_file, tmp_path):
+    np.save(tmp_path / "wide.npy", np.zeros((60, 1, 300), np.float32))
+    flags = ("--data", "line-integrals", "--angles-deg", "3:6", "--calibration", result_file)
+    told = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
+    assert told["code"] == "contradiction"
+    assert "256 cells" in told["detail"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"state": "failed"}', '{"state": "succeeded"}', "\udcff"])
+def test_a_result_that_is_none_is_refused(failure, stack, tmp_path, text):
+    (tmp_path / "result.json").write_text(text, errors="surrogateescape")
+    flags = ("--data", "counts", "--calibration", tmp_path / "result.json", "-o", tmp_path / "out.h5")
+    assert failure("reconstruct", stack, *flags)["code"] == "calibration"
+
+
+def test_a_partial_turn_is_refused(failure, bare_scan, tmp_path):
+    flags = ("--data", "line-integrals", "--angles-deg", "0:3", "--detector-pitch-mm", 4.508593749, *THETA)
+    told = failure("reconstruct", bare_scan, *flags, "-o", tmp_path / "out.h5")
+    assert told["code"] == "geometry"
+
+
+def test_a_field_past_the_source_is_refused(failure, stack, tmp_path):
+    flags = ("--data", "counts", *THETA, "--field-mm", 2000, "-o", tmp_path / "out.h5")
+    assert "field_mm" in failure("reconstruct", stack, *flags)["detail"]
+
+
+def test_an_output_that_cannot_be_written_is_told(failure, stack, tmp_path):
+    (tmp_path / "full").mkdir(mode=0o700)
+    target = tmp_path / "full" / ("x" * 300 + ".h5")
+    told = failure("reconstruct", stack, "--data", "counts", *THETA, "-o", target)
+    assert told["code"] == "file-system"
+    assert list((tmp_path / "full").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ((), "give the geometry as --theta or as --calibration"),
+        (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "--theta needs five numbers"),
+        (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "--theta needs five numbers"),
+        (("--theta", "1,700,3,4,0"), "--theta needs --source-to-cor-mm"),
+        ((*THETA, "--rotation", "left"), "'left' is not one of"),
+        ((*THETA, "--method", "guess"), "'guess'"),
+        ((*THETA, "--filter", "boxcar"), "'boxcar' is not one of"),
+        ((*THETA, "--frequency-scaling", 1.5), "--frequency-scaling"),
+        ((*THETA, "--size", 8), "--size"),
+        ((*THETA, "--field-mm", -1), "not a length in mm"),
+        ((*THETA, "--rows", "x"), "--rows: rows must be A:B"),
+        ((*THETA, "--png", "no/such/folder/out.png"), "there is no folder"),
+    ],
+)
+def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, said):
+    (tmp_path / "scan.h5").write_text("whoever reads this finds that it is no scan")
+    told = wrong_use("reconstruct", tmp_path / "scan.h5", "--data", "counts", "-o", tmp_path / "out.h5", *flags)
+    assert said in told
+
+
+def test_one_geometry_is_given(wrong_use, stack, result_file, tmp_path):
+    flags = ("--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
+    assert "one of them" in wrong_use("reconstruct", stack, *flags, *THETA)
+    assert "--rotation comes with --theta" in wrong_use("reconstruct", stack, *flags, "--rotation", "reversed")
+    assert "Missing option '--output'" in wrong_use("reconstruct", stack, *flags[:-2])

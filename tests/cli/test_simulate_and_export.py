@@ -1,0 +1,156 @@
+"""`sawmill simulate` and `sawmill export`."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from worker.tomography.analytic import DetectorCells, project
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
+
+TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
+SMALL = ("--detector-pixels", 256, "--detector-pitch-mm", 4.508593749, "--views", 12)
+EXACT = ("--data", "line-integrals", *THETA, *SMALL)
+
+
+def frames(path, key: int = 0) -> np.ndarray:
+    with h5py.File(path) as file:
+        detector = file["entry/instrument/detector"]
+        return detector["data"][()][detector["image_key"][()] == key]
+
+
+def expected(angles, phantom=L_SHAPE) -> np.ndarray:
+    scanner = Scanner(859.46, 256, 4.508593749)
+    fan = FanBeamGeometry(scanner, TRUTH, angles)
+    return project(phantom, DetectorCells.of(scanner), fan.frame, fan.angles_rad, rays_per_cell=8)
+
+
+def turn(views: int) -> np.ndarray:
+    return (np.arange(views) + 0.5) * 2 * np.pi / views
+
+
+def test_line_integrals_are_the_analytic_projection(run, tmp_path):
+    run("simulate", "l-shape", *EXACT, "-o", tmp_path / "out.h5")
+    assert np.allclose(frames(tmp_path / "out.h5")[:, 0], expected(turn(12)), atol=1e-3)
+
+
+def test_handedness_rotation_and_position_are_taken(run, tmp_path):
+    flags = ("--handedness", "from-behind", "--rotation", "reversed", "--position-mm", "5,-3")
+    run("simulate", "l-shape", *EXACT, *flags, "-o", tmp_path / "out.h5")
+    seen = L_SHAPE.mirrored().moved(5.0, -3.0)
+    assert np.allclose(frames(tmp_path / "out.h5")[:, 0], expected(Rotation.REVERSED.apply(turn(12)), seen), atol=1e-3)
+
+
+def test_noise_and_background_are_seeded(run, tmp_path):
+    for name in ("first", "second"):
+        run(
+            "simulate",
+            "l-shape",
+            *EXACT,
+            "--noise",
+            0.02,
+            "--background",
+            3,
+            "--seed",
+            4,
+            "-o",
+            tmp_path / f"{name}.h5",
+        )
+    first, second = (frames(tmp_path / f"{name}.h5")[:, 0] for name in ("first", "second"))
+    clean = expected(turn(12))
+    assert np.array_equal(first, second)
+    assert np.mean(first - clean) == pytest.approx(3.0, abs=0.2)
+    assert np.std(first - clean) == pytest.approx(0.02 * np.sqrt(np.mean(clean**2)), rel=0.05)
+
+
+def test_counts_carry_flats_darks_angles_and_pitches(run, tmp_path):
+    run("simulate", "log-with-phantom", *THETA, *SMALL, "--rows", 3, "--phantom-rows", 1, "-o", tmp_path / "out.h5")
+    assert frames(tmp_path / "out.h5").shape == (12, 3, 256)
+    assert frames(tmp_path / "out.h5", 1).mean() > 100 * frames(tmp_path / "out.h5", 2).mean()
+    with h5py.File(tmp_path / "out.h5") as file:
+        assert file["entry/instrument/detector/x_pixel_size"][()] == 4.508593749
+        assert file["entry/instrument/detector/y_pixel_size"][()] == 2.0
+
+
+def test_angles_and_a_pictured_phantom_may_be_given(run, tmp_path):
+    Image.fromarray(np.rint(255 * L_SHAPE.rasterise(800, 400.0)).astype(np.uint8)).save(tmp_path / "l.png")
+    flags = ("--phantom-width-mm", 400, "--angles-deg", "10:20")
+    run("simulate", tmp_path / "l.png", *EXACT, *flags, "-o", tmp_path / "out.h5")
+    assert np.allclose(
+        frames(tmp_path / "out.h5")[:, 0].sum(axis=1),
+        expected(np.deg2rad(10 + 20 * np.arange(12))).sum(axis=1),
+        rtol=2e-3,
+    )
+
+
+def test_a_log_alone_has_no_phantom(run, tmp_path):
+    run("simulate", "log", *EXACT, "-o", tmp_path / "out.h5")
+    assert 1.0 < frames(tmp_path / "out.h5").max() < 10.0
+
+
+@pytest.mark.parametrize(
+    ("body", "flags", "said"),
+    [
+        ("cube", (), "--phantom must be"),
+        ("l-shape", ("--position-mm", "5"), "--position-mm needs X,Y"),
+        ("log-with-phantom", ("--rows", 4), "leaves no row for the log"),
+        ("l-shape", ("--angles-deg", "x"), "an angle must be"),
+        ("l-shape", ("--noise", -1), "--noise"),
+    ],
+)
+def test_wrong_use_is_told(wrong_use, tmp_path, body, flags, said):
+    assert said in wrong_use("simulate", body, *EXACT, *flags, "-o", tmp_path / "out.h5")
+
+
+def test_an_impossible_geometry_is_refused(run, tmp_path):
+    result = run(
+        "simulate",
+        "l-shape",
+        "--theta",
+        "0,-2000,0,0,0",
+        *SMALL,
+        "--data",
+        "line-integrals",
+        "-o",
+        tmp_path / "x.h5",
+        code=1,
+    )
+    assert result.stderr.startswith("geometry: ")
+
+
+def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
+    flags = ("--views", 12, "--angles-deg", "15:30", "-o", tmp_path / "out.txt")
+    run("export", "--to", "astra", "--calibration", result_file, *flags)
+    known = json.loads(result_file.read_text())
+    fan = FanBeamGeometry(
+        Scanner(859.46, 256, 4.508593749), Theta(**known["theta"]), np.deg2rad(15 + 30 * np.arange(12))
+    )
+    assert np.allclose(np.loadtxt(tmp_path / "out.txt"), fan.astra_vectors(), rtol=1e-10)
+
+
+def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path):
+    known = json.loads(result_file.read_text())
+    (tmp_path / "reversed.json").write_text(json.dumps({**known, "rotation": "reversed"}))
+    flags = ("--to", "astra", "--views", 3)
+    run(
+        "export",
+        *flags,
+        "--calibration",
+        tmp_path / "reversed.json",
+        "--angles-deg",
+        "-10:-20",
+        "-o",
+        tmp_path / "a.txt",
+    )
+    run("export", *flags, "--calibration", result_file, "--angles-deg", "10:20", "-o", tmp_path / "b.txt")
+    assert np.allclose(np.loadtxt(tmp_path / "a.txt"), np.loadtxt(tmp_path / "b.txt"))
+
+
+def test_export_needs_angles_and_a_known_target(wrong_use, result_file, tmp_path):
+    flags = ("--calibration", result_file, "-o", tmp_path / "out.txt", "--views", 12)
+    assert "angles are missing" in wrong_use("export", "--to", "astra", *flags)
+    assert "'matlab'" in wrong_use("export", "--to", "matlab", *flags, "--angles-deg", "0:1")

@@ -1,0 +1,42 @@
+"""How a command says that it has no answer."""
+
+import json
+
+import pytest
+import typer
+
+from worker.commands.terminal import answering, say
+
+
+@pytest.mark.parametrize(
+    ("error", "kind", "code"),
+    [(OSError("no space"), "passing", "file-system"), (MemoryError(), "input", "out-of-memory")],
+)
+def test_troubles_of_the_machine_are_told(capsys, error, kind, code):
+    with pytest.raises(typer.Exit) as ended, answering(as_json=True):
+        raise error
+    told = capsys.readouterr()
+    failure = json.loads(told.out)["failure"]
+    assert ended.value.exit_code == 1
+    assert (failure["kind"], failure["code"]) == (kind, code)
+    assert told.err == f"{code}: {failure['detail']}\n"
+
+
+def test_a_defect_is_told_and_keeps_its_traceback(capsys):
+    defect = ZeroDivisionError("oops")
+    with pytest.raises(ZeroDivisionError) as raised, answering(as_json=True):
+        raise defect
+    assert raised.value is defect
+    assert json.loads(capsys.readouterr().out)["failure"]["kind"] == "internal"
+
+
+def test_people_get_no_json(capsys):
+    with pytest.raises(typer.Exit), answering():
+        raise OSError("no space")
+    assert capsys.readouterr().out == ""
+
+
+def test_a_long_sentence_stays_one_line_and_brackets_stay_brackets(capsys):
+    sentence = "[bold]" + "a path of some length/" * 20
+    say(sentence)
+    assert capsys.readouterr().err == sentence + "\n"

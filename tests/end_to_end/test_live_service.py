@@ -1,0 +1,255 @@
+"""One embedded service with its examples, driven as the console, a careless client and the mill's clock drive it."""
+
+import io
+import json
+import subprocess
+import sys
+import time
+import zipfile
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+
+from worker.contracts.schedules import ScheduleSpec
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+from worker.tomography.geometry import Theta
+
+REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
+VIEWS, CELLS = 12, 512
+READY_S = 90.0
+
+
+@pytest.fixture(scope="module")
+def seeded(live):
+    """The live service once its examples are computed: the reconstruction is the last of them."""
+    deadline = time.monotonic() + READY_S
+    while time.monotonic() < deadline:
+        example = live.client.get("/v1/reconstructions/example")
+        if example.is_success and example.json()["state"] == "succeeded":
+            return live
+        time.sleep(0.1)
+    raise AssertionError(f"the examples were not ready: {example.text}")
+
+
+# What deletes an example comes after what needs it.
+IN_ORDER = sorted(REQUESTS.glob("*.json"), key=lambda path: (path.stem.startswith("delete"), path.stem))
+
+
+@pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
+def test_the_console_can_try_every_operation(seeded, path):
+    example = json.loads(path.read_text())
+    options = {"params": example["query"]}
+    if example["body_file"]:
+        offered = seeded.get(example["body_file"])
+        options |= {"content": offered.content, "headers": {"Content-Type": example["media_type"]}}
+    elif example["media_type"]:
+        options["json"] = example["body"]
+    answer = seeded.client.request(example["method"], example["path"], **options)
+    assert answer.is_success, answer.text
+    if answer.status_code == 202 and "job_id" in answer.json():
+        job = seeded.wait(answer.json()["job_id"])
+        assert job["state"] == "succeeded", job
+
+
+def npy(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    return buffer.getvalue()
+
+
+def npy_that_lies() -> bytes:
+    honest = npy(np.zeros((VIEWS, 1, CELLS), np.float32))
+    return honest.replace(b"(12, 1, 512), }        ", b"(9999999, 99, 512), }  ")
+
+
+def pickled() -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    return buffer.getvalue()
+
+
+def hdf5(fill) -> bytes:
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        fill(file)
+    return buffer.getvalue()
+
+
+def external_storage(file: h5py.File) -> None:
+    file.create_dataset("data", (VIEWS, 1, CELLS), "f4", external=[("/etc/passwd", 0, h5py.h5f.UNLIMITED)])
+
+
+def vast(file: h5py.File) -> None:
+    file.create_dataset("data", (2**20, 2**10, CELLS), "f4", chunks=(1, 1, CELLS))
+
+
+def zip_of(name: str, content: bytes) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+def mat(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, arrays)
+    return buffer.getvalue()
+
+
+def tiff(array: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    tifffile.imwrite(buffer, array)
+    return buffer.getvalue()
+
+
+def good() -> np.ndarray:
+    return np.random.default_rng(8).uniform(0.0, 1.0, (VIEWS, 1, CELLS)).astype(np.float32)
+
+
+def with_a_hole() -> np.ndarray:
+    holed = good()
+    holed[3, 0, 7] = np.nan
+    return holed
+
+
+ANGLES = {"angles_deg": "0:30"}
+BROKEN = {
+    "text": (b"this is no scan", ANGLES),
+    "truncated-hdf5": (hdf5(lambda file: file.create_dataset("data", data=good()))[:-4000], ANGLES),
+    "external-storage": (hdf5(external_storage), ANGLES),
+    "vast-hdf5": (hdf5(vast), ANGLES),
+    "npy-that-lies": (npy_that_lies(), ANGLES),
+    "pickled": (pickled(), ANGLES),
+    "without-angles": (npy(good()), {}),
+    "not-a-number": (npy(with_a_hole()), ANGLES),
+    "another-detector": (npy(good()[..., :500]), ANGLES),
+    "counts-without-flats": (npy(good()), {**ANGLES, "data": "counts"}),
+    "climbing-zip": (zip_of("../../climbed.tif", tiff(good()[0])), ANGLES),
+    "truncated-mat": (mat(sinogram=good()[:, 0])[:500], ANGLES),
+    "truncated-tiff": (tiff(good())[:1000], ANGLES),
+}
+
+
+@pytest.fixture(scope="module")
+def scanner_id(live):
+    return live.create_scanner()
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_upload_is_refused_with_a_sentence_and_leaves_nothing_behind(live, scanner_id, name):
+    content, spec = BROKEN[name]
+    scan = live.upload(content, **{"scanner_id": scanner_id, "data": "line-integrals", **spec})
+    job = live.wait(scan["job_id"])
+    assert (job["state"], job["failure"]["kind"], job["attempt"]) == ("failed", "input", 1), job
+    refused = live.get(f"/v1/scans/{scan['id']}").json()
+    assert refused["state"] == "refused"
+    assert refused["reason"] == job["failure"]["detail"]
+    assert len(refused["reason"].split()) > 5
+    assert "Error" not in refused["reason"]
+    assert live.client.get(f"/v1/scans/{scan['id']}/preview").status_code == 409
+    left = [path for path in live.data.rglob("*") if scan["id"] in str(path) or scan["job_id"] in str(path)]
+    assert {path.name for path in left if path.is_file()} <= {"original"}
+
+
+def test_an_empty_upload_is_refused(live, scanner_id):
+    answer = live.client.post("/v1/scans", params={"scanner_id": scanner_id, "data": "counts"}, content=b"")
+    if answer.is_success:
+        assert live.wait(answer.json()["job_id"])["failure"]["code"] == "empty-file"
+    else:
+        assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_what_waits_for_a_broken_upload_fails_with_its_reason(live, scanner_id):
+    scan = live.upload(b"this is no scan", scanner_id=scanner_id, data="counts", phantom_id="l-shape")
+    asked = live.client.post("/v1/calibrations", json={"scan_id": scan["id"]})
+    live.wait(scan["job_id"])
+    if asked.is_success:
+        job = live.wait(asked.json()["job_id"])
+        assert (job["state"], job["failure"]["kind"]) == ("failed", "input")
+        assert "none of HDF5" in job["failure"]["detail"]
+    else:
+        assert asked.status_code == 409  # the scan had been read by then
+
+
+class Clock:
+    """A clock of the test's own."""
+
+    def __init__(self) -> None:
+        self.time = datetime(2031, 3, 3, 5, 29, tzinfo=UTC)
+
+    def __call__(self) -> datetime:
+        return self.time
+
+
+@pytest.fixture
+def mill(live):
+    """The live service's data under a clock of the test's own: (store, clock)."""
+    clock = Clock()
+    store = Store(StorageSettings(data_folder=live.data, database_url=None), clock=clock)
+    yield store, clock
+    store.close()
+
+
+def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_phantom_scan):
+    store, clock = mill
+    scanner_id = live.create_scanner(name="watched")
+    as_built = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
+    knocked = Theta(0.7, 728.0, -254.0, -39.0, -0.21)
+
+    def scanned(theta: Theta, seed: int) -> str:
+        write_phantom_scan(tmp_path / "scan.h5", theta, seed=seed)
+        content = (tmp_path / "scan.h5").read_bytes()
+        scan = live.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape")
+        assert live.wait(scan["job_id"])["state"] == "succeeded"
+        return scan["id"]
+
+    first = live.post("/v1/calibrations", json={"scan_id": scanned(as_built, 1), "activate": True})
+    assert live.wait(first["job_id"])["state"] == "succeeded"
+
+    schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner_id, cron="30 5 * * *"))
+
+    def next_morning() -> list:
+        clock.time += timedelta(days=1)
+        return [run for run in store.schedules.run_due() if run.due_at <= clock.time]
+
+    def compared() -> dict:
+        (run,) = next_morning()
+        assert run.outcome == "queued"
+        assert store.schedules.run_due() == []
+        calibration = live.get(f"/v1/calibrations/{run.calibration_id}").json()
+        assert calibration["schedule_id"] == schedule.id
+        assert live.wait(calibration["job_id"])["state"] == "succeeded"
+        return live.get(f"/v1/calibrations/{run.calibration_id}").json()["comparison"]
+
+    scanned(as_built, 2)
+    unmoved = compared()
+    assert unmoved["calibration_id"] == first["id"]
+    assert unmoved["within_tolerance"]
+    assert unmoved["ray_change_mm"] < 0.05
+
+    (idle,) = next_morning()
+    assert idle.outcome == "no-new-phantom-scan"
+
+    scanned(knocked, 3)
+    moved = compared()
+    assert not moved["within_tolerance"]
+    assert moved["ray_change_mm"] > 0.5
+    assert "the rays moved" in moved["reason"]
+    assert live.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"] == first["id"]
+    outcomes = [run["outcome"] for run in live.get(f"/v1/schedules/{schedule.id}/runs").json()]
+    assert outcomes == ["queued", "no-new-phantom-scan", "queued"]
+
+
+@pytest.mark.usefixtures("seeded")
+def test_nothing_asked_for_the_network(offline):
+    asked = "import socket; socket.create_connection(('192.0.2.1', 80))"
+    assert offline.asked_for() == ""
+    done = subprocess.run([sys.executable, "-c", asked], env=offline.variables, capture_output=True, check=False)
+    assert done.returncode != 0
+    assert "192.0.2.1" in offline.asked_for(), "the guard must see what it guards against"

@@ -1,0 +1,156 @@
+"""A scanner, its calibrations, and a store in which tasks find their subjects."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from worker.contracts.calibrations import CalibrationAsk, CalibrationOptions, CalibrationSucceeded
+from worker.contracts.geometry import ScannerConstants
+from worker.contracts.jobs import Job, JobKind, Progress
+from worker.contracts.scanners import ScannerSpec, Tolerances
+from worker.storage.settings import StorageSettings
+from worker.storage.store import Store
+from worker.tasks.attempt import Attempt
+from worker.tasks.conversion import from_frame, from_theta
+from worker.tomography.analytic import DetectorCells, project
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
+CONSTANTS = ScannerConstants(**vars(SCANNER))
+THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
+
+
+@pytest.fixture
+def scanner() -> Scanner:
+    return SCANNER
+
+
+@pytest.fixture
+def constants() -> ScannerConstants:
+    return CONSTANTS
+
+
+@pytest.fixture
+def theta() -> Theta:
+    return THETA
+
+
+@pytest.fixture
+def sinogram() -> Callable[[FloatArray], FloatArray]:
+    """Of the L at the fixture's theta, at any angles."""
+
+    def of(angles: FloatArray) -> FloatArray:
+        fan = FanBeamGeometry(SCANNER, THETA, angles)
+        return project(L_SHAPE, DetectorCells.of(SCANNER), fan.frame, angles, rays_per_cell=8)
+
+    return of
+
+
+@pytest.fixture
+def calibration() -> Callable[..., CalibrationSucceeded]:
+    """A calibration that found a theta."""
+
+    def found(theta: Theta = THETA, **changes: Any) -> CalibrationSucceeded:
+        zeros = {"rms": 0.0, "relative": 0.0}
+        known: dict[str, Any] = {
+            "id": "found",
+            "created_at": "2030-01-01T00:00:00Z",
+            "scanner_id": "line-2",
+            "scan_id": "scan",
+            "phantom_id": "l-shape",
+            "job_id": "job",
+            "options": CalibrationOptions(),
+            "theta": from_theta(theta),
+            "theta_twin": None,
+            "source_frame": from_frame(theta.source_frame(SCANNER.source_to_cor_mm)),
+            "standard_deviation": None,
+            "covariance": None,
+            "unconstrained_source_distance_mm": 900.0,
+            "scale_uncertainty_mm": 0.9,
+            "predicted_ray_error_mm": None,
+            "handedness": "as-drawn",
+            "rotation": "as-given",
+            "hypotheses": [],
+            "phantom_position_mm": (0.0, 0.0),
+            "gain": 1.0,
+            "offset": 0.0,
+            "residual": zeros,
+            "verdict": "pass",
+            "reasons": [],
+            "scanner": CONSTANTS,
+            "phantom": "L-shape",
+            "views": 60,
+            "rows": (0, 1),
+            "search": {
+                "method": "by hand",
+                "seed": 1,
+                "evaluations": 0,
+                "generations": 0,
+                "best_value": 0.0,
+                "converged": True,
+                "message": "",
+            },
+            "timing_s": {"total": 0.0, "search": 0.0, "refine": 0.0, "uncertainty": 0.0},
+            "software_version": "0",
+            "input_sha256": "0" * 64,
+        }
+        return CalibrationSucceeded.model_validate(known | changes)
+
+    return found
+
+
+@pytest.fixture
+def spec() -> Callable[..., ScannerSpec]:
+    """The scanner with tolerances of the test's own."""
+    return lambda **tolerances: ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=Tolerances(**tolerances))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    opened = Store.open(StorageSettings(data_folder=tmp_path / "data", database_url=None))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
+    """An attempt at the newest job of a kind, and what it reported."""
+
+    def at(kind: JobKind, told: list[Progress] | None = None) -> Attempt:
+        (job,) = store.jobs.page(kind=kind, limit=1).items
+        output = tmp_path / f"output-{job.id}"
+        output.mkdir()
+        return Attempt(job=job, store=store, output=output, report=[].append if told is None else told.append)
+
+    return at
+
+
+@pytest.fixture
+def finish(store: Store) -> Callable[[Attempt, dict[str, Any]], Job]:
+    """Commit what an attempt made."""
+
+    def commit(attempt: Attempt, result: dict[str, Any]) -> Job:
+        claim = store.jobs.claim("test", lease_s=60)
+        assert claim is not None
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        for path in attempt.output.iterdir():
+            path.rename(output / path.name)
+        store.jobs.succeed(claim, result, output)
+        return store.jobs.get(claim.job_id)
+
+    return commit
+
+
+@pytest.fixture
+def ask() -> type[CalibrationAsk]:
+    return CalibrationAsk
+
+
+@pytest.fixture
+def turn() -> Callable[[int], FloatArray]:
+    """View k of n at (k + 1/2) / n of a turn."""
+    return lambda views: (np.arange(views) + 0.5) * 2.0 * np.pi / views

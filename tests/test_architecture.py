@@ -1,0 +1,66 @@
+"""The direction of imports (DESIGN section 2), and what each part wakes up."""
+
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SCIENCE = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in (ROOT / "worker/tomography").rglob("*.py")
+)
+
+
+def imported_by(statements: str) -> set[str]:
+    """Every module that a fresh interpreter holds after some statements."""
+    script = f"import sys\n{statements}\nprint(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def of(packages: tuple[str, ...], modules: set[str]) -> set[str]:
+    return {name for name in modules if any(name == package or name.startswith(f"{package}.") for package in packages)}
+
+
+def test_the_import_contracts_are_kept():
+    linter = Path(sys.executable).with_name("lint-imports")
+    done = subprocess.run([linter, "--no-cache"], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stdout
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    assert f"Contracts: {len(contracts)} kept, 0 broken." in done.stdout
+
+
+def test_the_science_stands_alone():
+    modules = imported_by("import " + ", ".join(name.removesuffix(".__init__") for name in SCIENCE))
+    assert of(("worker", "service"), modules) <= {"worker", *of(("worker.tomography",), modules)}
+    assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
+
+
+@pytest.mark.parametrize("package", ["formats", "pictures"])
+def test_leaves_import_nothing_of_ours(package):
+    names = [path.stem for path in (ROOT / "worker" / package).glob("*.py") if path.stem != "__init__"]
+    modules = imported_by("import " + ", ".join(f"worker.{package}.{name}" for name in names))
+    assert of(("worker", "service"), modules) <= {"worker", *of((f"worker.{package}",), modules)}
+
+
+def test_the_service_wakes_no_science():
+    modules = imported_by("import service.app, service.serving")
+    assert not of(("numba", "scipy", "skimage", "matplotlib", "worker.tomography", "worker.formats"), modules)
+
+
+def test_the_commands_start_before_what_they_need_is_imported():
+    slow = ("numba", "scipy", "skimage", "matplotlib", "h5py", "sqlalchemy", "celery", "fastapi", "uvicorn")
+    assert not of(slow, imported_by("import service.cli"))
+
+
+def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():
+    modules = imported_by("import service.cli, worker.commands.calibrate")
+    assert not of(("skimage", "matplotlib", "sqlalchemy", "celery", "fastapi"), modules)
+
+
+def test_a_process_that_is_kept_ready_has_all_tasks_imported():
+    modules = imported_by("import worker.execution.attempt")
+    assert {f"worker.tasks.{task}" for task in ("ingest", "calibrate", "reconstruct", "trace_phantom")} <= modules

@@ -1,0 +1,207 @@
+"""docker-compose.yml is valid, and what it starts and asks works: the same commands, on free loopback ports."""
+
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+import typer
+import yaml
+from pydantic_settings import BaseSettings
+
+from service.cli import main
+from service.settings import ServiceSettings
+from worker.execution.settings import ExecutionSettings
+from worker.storage.settings import StorageSettings
+
+ROOT = Path(__file__).parents[1]
+COMPOSE = ROOT / "docker-compose.yml"
+SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
+BIN = Path(sys.executable).parent
+# What the image of Redis brings along; everything else must come from our own installation.
+REDIS_PROGRAMS = {"redis-server", "redis-cli"}
+PATIENCE_S = 90.0
+
+Service = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def services() -> dict[str, Service]:
+    document: dict[str, dict[str, Service]] = yaml.safe_load(COMPOSE.read_text())
+    return document["services"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where the services run here instead of in their containers."""
+
+    redis_url: str
+    port: int
+    data: Path
+
+    def moved(self, text: str) -> str:
+        """A command's word or a variable's value, with this place's addresses; `$$` is compose's `$`."""
+        for there, here in (
+            ("redis://redis:6379/0", self.redis_url),
+            ("0.0.0.0", "127.0.0.1"),  # noqa: S104 - the container's; tests stay on loopback
+            ("8000", str(self.port)),
+            ("$$", "$"),
+        ):
+            text = text.replace(there, here)
+        return text
+
+    def environment(self, service: Service) -> dict[str, str]:
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+        given = {name: self.moved(value) for name, value in service["environment"].items()}
+        containers = {
+            "PATH": f"{BIN}:{os.environ['PATH']}",
+            "HOSTNAME": socket.gethostname(),
+            "SAWMILL_DATA_FOLDER": str(self.data),
+        }
+        return kept | given | containers
+
+
+def health_check(service: Service) -> list[str]:
+    """The command that compose runs."""
+    kind, *words = service["healthcheck"]["test"]
+    return words if kind == "CMD" else ["sh", "-c", *words]
+
+
+def words(service: Service) -> Iterator[list[str]]:
+    """Its command, and its health check's as it stands after the shell."""
+    yield service["command"]
+    check = health_check(service)
+    yield check[2].split() if check[0] == "sh" else check
+
+
+def test_it_is_a_valid_compose_file():
+    check = [BIN / "check-jsonschema", "--builtin-schema", "vendor.compose-spec", COMPOSE]
+    done = subprocess.run(check, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_it_has_no_secret_and_opens_nothing_beyond_loopback(services):
+    assert not re.search(r"password|secret|token|://[^/]*@", COMPOSE.read_text(), re.IGNORECASE)
+    assert [port for service in services.values() for port in service.get("ports", [])] == ["127.0.0.1:8000:8000"]
+
+
+def test_every_service_is_watched_and_comes_back(services):
+    for service in services.values():
+        assert service["healthcheck"]["test"][0] in {"CMD", "CMD-SHELL"}
+        assert service["restart"] == "unless-stopped"
+
+
+def test_a_worker_has_time_to_give_its_job_back(services):
+    settings = ExecutionSettings()
+    allowed = int(services["worker"]["stop_grace_period"].removesuffix("s"))
+    assert allowed > settings.stop_grace_s + settings.kill_grace_s + settings.housekeeping_s
+
+
+def test_every_variable_is_a_setting(services):
+    known = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
+    given = {name for service in services.values() for name in service.get("environment", {})}
+    image = re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())
+    assert given | set(image) <= known
+
+
+def test_every_program_is_installed(services):
+    for name, service in services.items():
+        for program in (command[0] for command in words(service)):
+            assert program in REDIS_PROGRAMS if name == "redis" else (BIN / program).is_file(), program
+
+
+def documented_commands() -> list[list[str]]:
+    """What docs/operations.md says of one machine and of a cluster."""
+    blocks = re.findall(r"^```sh\n(.*?)^```$", (ROOT / "docs/operations.md").read_text(), re.MULTILINE | re.DOTALL)
+    lines = [line for block in blocks for line in block.splitlines()]
+    return [line.split() for line in lines if not line.startswith("export ")]
+
+
+def test_every_sawmill_command_and_option_exists(services):
+    application = typer.main.get_command(main)
+    commands = [command for service in services.values() for command in words(service)] + documented_commands()
+    ours = [command for command in commands if command[0] == "sawmill"]
+    assert ours
+    for _, subcommand, *rest in ours:
+        # Parses, without running it; an unknown option or a bad value raises.
+        application.commands[subcommand].make_context(subcommand, list(rest)).close()
+
+
+def test_a_cluster_s_worker_is_documented_as_it_is_composed(services):
+    composed = services["worker"]["command"]
+    documented = next(command for command in documented_commands() if command[0] == "celery")
+    assert documented == composed[: len(documented)]
+
+
+def test_the_image_is_built_from_what_it_copies():
+    kept = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE)
+    copied = re.findall(r"^COPY ((?!--from)\S.*) \S+$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    assert sorted(kept) == sorted(" ".join(copied).split())
+    assert all((ROOT / name).exists() for name in kept)
+
+
+@pytest.fixture
+def start(services, redis_url, tmp_path) -> Iterator[tuple[Place, Callable[[str], None]]]:
+    """The place, and a function that starts a service there by compose's own command."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        place = Place(redis_url, free.getsockname()[1], tmp_path / "data")
+    with ExitStack() as stack:
+
+        def run(name: str) -> None:
+            log = stack.enter_context((tmp_path / f"{name}.log").open("w"))
+            process = subprocess.Popen(
+                [place.moved(word) for word in services[name]["command"]],
+                env=place.environment(services[name]),
+                cwd=tmp_path,
+                stdout=log,
+                stderr=log,
+            )
+            stack.callback(process.wait, 30)
+            stack.callback(process.terminate)
+
+        yield place, run
+
+
+def is_healthy(place: Place, service: Service) -> bool:
+    command = [place.moved(word) for word in health_check(service)]
+    timeout_s = float(service["healthcheck"]["timeout"].removesuffix("s"))
+    done = subprocess.run(command, env=place.environment(service), capture_output=True, timeout=timeout_s, check=False)
+    return done.returncode == 0
+
+
+def wait_until(holds: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < deadline, f"{what} was not so within {PATIENCE_S:.0f} s"
+        time.sleep(0.2)
+
+
+def test_the_services_start_and_their_health_checks_tell_the_truth(services, start):
+    place, run = start
+    for name in ("api", "worker"):
+        assert not is_healthy(place, services[name]), f"{name} does not run yet"
+        run(name)
+        wait_until(lambda name=name: is_healthy(place, services[name]), f"{name} healthy")
+    with httpx.Client(base_url=f"http://127.0.0.1:{place.port}", trust_env=False) as client:
+        # The examples' jobs reach the worker through Redis.
+        wait_until(lambda: client.get("/v1/scans/example").json().get("state") == "ready", "example scan ready")
+
+
+@pytest.mark.skipif(shutil.which("redis-cli") is None, reason="no redis-cli here: the image of Redis brings it along")
+def test_redis_health_check_tells_the_truth(services, redis_url):
+    port = redis_url.rpartition(":")[2].partition("/")[0]
+    program, *rest = health_check(services["redis"])
+    for tried, healthy in ((port, True), ("1", False)):
+        done = subprocess.run([program, "-p", tried, *rest], capture_output=True, timeout=3, check=False)
+        assert (done.returncode == 0) is healthy

@@ -1,0 +1,301 @@
+"""What the documents say is true: their commands run, their tables are the code's, their links lead somewhere."""
+
+import json
+import os
+import re
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import httpx
+import numpy as np
+import pytest
+import typer
+from PIL import Image
+from pydantic_core import PydanticUndefined
+from pydantic_settings import BaseSettings
+
+from service.cli import main
+from service.settings import ServiceSettings
+from worker.contracts.phantoms import PhantomDrawing
+from worker.contracts.scanners import ScannerSpec
+from worker.contracts.schedules import ScheduleSpec
+from worker.execution.settings import ExecutionSettings
+from worker.formats.reading import read_scan
+from worker.storage.settings import StorageSettings
+from worker.tomography.geometry import Scanner, SourceFrame, Theta
+from worker.tomography.ray_error import ray_error
+
+ROOT = Path(__file__).parents[1]
+README = ROOT / "README.md"
+DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
+SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
+THETA = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+DOCUMENTED_PORT = 8000
+START_TIMEOUT_S = 60.0
+CURL_FLAGS = {"--data-binary"}
+
+# Blocks that start what the tests start by themselves, or that would start the tests.
+ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve")
+SIMULATE_PHANTOM = "sawmill simulate l-shape --theta 2.55,714.7,319.9,43.7,0.281 --views 90 -o phantom.h5"
+
+
+def sections(path: Path) -> dict[str, str]:
+    """The text below each heading of the second level."""
+    parts = re.split(r"^## (.+)$", path.read_text(), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def blocks(text: str, language: str) -> list[str]:
+    """The fenced blocks of one language, in order."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def script(text: str) -> str:
+    return "\n".join(block for block in blocks(text, "sh") if not block.startswith(ELSEWHERE))
+
+
+def environment(**changes: str) -> dict[str, str]:
+    """As a user's shell has it after the installation."""
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+    return kept | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "no_proxy": "*"} | changes
+
+
+def run(commands: str, folder: Path) -> str:
+    """Run a script in a folder which has the examples, as the repository does; its standard output."""
+    if not (folder / "examples").exists():
+        shutil.copytree(ROOT / "examples", folder / "examples")
+    done = subprocess.run(
+        ["bash", "-euo", "pipefail", "-c", commands],
+        cwd=folder,
+        env=environment(),
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, f"{commands}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@contextmanager
+def serving(folder: Path) -> Iterator[str]:
+    """The README's `sawmill serve`, on a free port with a data folder of its own; yields its address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    (command,) = [block for block in blocks(sections(README)["A tour with curl"], "sh") if block.startswith(ELSEWHERE)]
+    with (folder / "service.log").open("w") as log:
+        service = subprocess.Popen(
+            [*command.split(), "--port", str(port), "--no-examples"],
+            env=environment(SAWMILL_DATA_FOLDER=str(folder / "data")),
+            stdout=log,
+            stderr=log,
+        )
+        try:
+            wait_until_ready(f"http://127.0.0.1:{port}", service)
+            yield f"http://127.0.0.1:{port}"
+        finally:
+            service.terminate()
+            service.wait(30)
+
+
+def wait_until_ready(address: str, service: "subprocess.Popen[bytes]") -> None:
+    deadline = time.monotonic() + START_TIMEOUT_S
+    while time.monotonic() < deadline:
+        assert service.poll() is None, "the service ended while starting"
+        try:
+            httpx.get(f"{address}/health/ready", trust_env=False).raise_for_status()
+        except httpx.TransportError:  # it does not listen yet
+            time.sleep(0.05)
+        else:
+            return
+    raise AssertionError(f"the service was not ready within {START_TIMEOUT_S} s")
+
+
+def ray_error_mm(frame: dict[str, float]) -> float:
+    found = SourceFrame(**{name: value for name, value in frame.items() if name != "magnification"})
+    return ray_error(SCANNER, THETA.source_frame(SCANNER.source_to_cor_mm), found).rms_mm
+
+
+def check_log_volume(path: Path, slices: int) -> None:
+    with h5py.File(path) as file:
+        data = file["entry/reconstruction/data"]
+        assert data.shape == (slices, 256, 256)
+        assert data.attrs["units"] == "1/mm"
+        # The middle of a log of green wood, with rings and knots.
+        assert 0.010 < float(np.median(data[0][96:160, 96:160])) < 0.025
+
+
+def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_path):
+    documented = f"http://127.0.0.1:{DOCUMENTED_PORT}"
+    tour = script(sections(README)["A tour with curl"])
+    assert tour.count(documented) == 1
+    further = "\n".join(blocks((ROOT / "docs/http.md").read_text(), "sh"))
+    example = 'examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > said.txt; echo "$scanner" "$API" > used.txt'
+    with serving(tmp_path) as address:
+        commands = f"{tour}\ncp calibration.json tour.json\n{further}\n{SIMULATE_PHANTOM}\n{example}"
+        told = run(commands.replace(documented, address), tmp_path)
+        scanner, api = (tmp_path / "used.txt").read_text().split()
+        active = httpx.get(f"{api}/v1/scanners/{scanner}", trust_env=False).json()["active_calibration_id"]
+    assert "event: end" in told
+    found = json.loads((tmp_path / "tour.json").read_text())
+    assert (found["state"], found["verdict"]) == ("succeeded", "pass")
+    assert active == found["id"]
+    assert ray_error_mm(found["source_frame"]) < 0.06
+    assert ": pass" in (tmp_path / "said.txt").read_text()
+    check_log_volume(tmp_path / "volume.h5", 3)
+    assert (tmp_path / "first-bytes").read_bytes() == (tmp_path / "volume.h5").read_bytes()[:8]
+    for name in ("report.png", "overlay.png", "slice.png", "slice16.png"):
+        with Image.open(tmp_path / name) as picture:
+            assert picture.size >= (256, 256), name
+    assert h5py.is_hdf5(tmp_path / "calibration.h5")
+
+
+def test_the_example_script_says_what_the_service_says(tmp_path):
+    with serving(tmp_path) as address:
+        command = f'examples/calibrate.sh {address} no-such-scanner "{README}" l-shape'
+        with pytest.raises(AssertionError, match="there is no scanner 'no-such-scanner'"):
+            run(command, tmp_path)
+
+
+def test_the_command_line_block_works(tmp_path):
+    run(script(sections(README)["The command line"]), tmp_path)
+    found = json.loads((tmp_path / "result.json").read_text())
+    assert found["verdict"] == "pass"
+    assert ray_error_mm(found["source_frame"]) < 0.06
+    check_log_volume(tmp_path / "log-volume.h5", 2)
+    assert np.loadtxt(tmp_path / "geometry.txt").shape == (360, 6)
+    for name in ("phantom-report.png", "log.png"):
+        with Image.open(tmp_path / name) as picture:
+            assert picture.format == "PNG"
+
+
+def test_the_files_that_the_formats_page_makes_can_be_read(tmp_path):
+    for block in blocks((ROOT / "docs/formats.md").read_text(), "python"):
+        subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True)
+    compressed, nxtomo = (read_scan(tmp_path / name, counts=True) for name in ("scan.npz", "scan.h5"))
+    assert (compressed.format, nxtomo.format) == ("npz", "hdf5-nxtomo")
+    assert nxtomo.detector_pitch_mm == pytest.approx(1.502864583)
+    for part in ("projections", "flats", "darks", "angles_rad"):
+        assert np.array_equal(getattr(compressed, part), getattr(nxtomo, part)), part
+
+
+def test_every_shell_block_is_run_by_a_test():
+    run_here = {
+        *blocks(sections(README)["A tour with curl"], "sh"),
+        *blocks(sections(README)["The command line"], "sh"),
+        *blocks((ROOT / "docs/http.md").read_text(), "sh"),
+    }
+    others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
+    # `make` is looked at below, a cluster's commands in test_compose.py.
+    assert all(block.startswith((*ELSEWHERE, "export SAWMILL_BROKER_URL")) for block in others)
+
+
+def test_every_make_target_that_is_named_exists():
+    targets = re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
+    named = {name for path in DOCUMENTS for name in re.findall(r"\bmake ([a-z-]+)[`\n]", path.read_text())}
+    assert {"demo", "test"} <= named <= set(targets)
+
+
+def test_every_flag_that_is_named_exists():
+    commands = typer.main.get_command(main).commands.values()
+    flags = {
+        flag for command in commands for option in command.params for flag in (*option.opts, *option.secondary_opts)
+    }
+    for path in DOCUMENTS:
+        prose = re.sub(r"^```.*?^```$", "", path.read_text(), flags=re.MULTILINE | re.DOTALL)
+        for code in re.findall(r"`((?:sawmill |--)[^`]+)`", prose):
+            named = {flag for flag in re.findall(r"(?<!\S)--?[a-z][a-z-]*", code) if flag not in CURL_FLAGS}
+            assert named <= flags | {"--help"}, code
+
+
+def settings_table(settings: type[BaseSettings]) -> str:
+    """As docs/operations.md has it."""
+    rows = ["| variable | default | what |", "|---|---|---|"]
+    for name, field in settings.model_fields.items():
+        default = shown_default(field.get_default(call_default_factory=True))
+        rows.append(f"| `SAWMILL_{name.upper()}` | {default} | {field.description} |")
+    return "\n".join(rows)
+
+
+def shown_default(value: object) -> str:
+    assert value is not PydanticUndefined
+    if value is None:
+        return "null"
+    if isinstance(value, Path):
+        return f"`~/{value.relative_to(Path.home())}`"
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=lambda settings: settings.__name__)
+def test_the_settings_table_is_the_code_s(settings):
+    table = settings_table(settings)
+    assert table in (ROOT / "docs/operations.md").read_text(), f"docs/operations.md needs this table:\n{table}"
+
+
+def test_the_table_of_routes_is_the_openapi_document_s():
+    paths = json.loads((ROOT / "openapi/openapi.json").read_text())["paths"]
+    rows = [
+        f"| {method.upper()} | `{path}` | {operation['summary']} |"
+        for path, item in paths.items()
+        for method, operation in item.items()
+    ]
+    documented = re.findall(r"^\| (?:GET|PUT|POST|DELETE) \|.*$", (ROOT / "docs/http.md").read_text(), re.MULTILINE)
+    assert documented == rows, "docs/http.md needs these rows:\n" + "\n".join(rows)
+
+
+def test_the_example_inputs_are_valid():
+    contracts = {"phantom-tee": PhantomDrawing, "scanner": ScannerSpec, "schedule": ScheduleSpec}
+    files = {path.stem: path for path in (ROOT / "examples").glob("*.json")}
+    assert files.keys() == contracts.keys()
+    for name, contract in contracts.items():
+        contract.model_validate_json(files[name].read_bytes())
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_to_files(path):
+    for target in re.findall(r"\]\(([^)#]+)\)", path.read_text()):
+        assert (path.parent / target).exists(), target
+
+
+def test_every_test_that_the_readme_names_exists():
+    named = re.findall(r"(tests/[\w/]+\.py)::(\w+)", README.read_text())
+    assert named
+    for file, function in named:
+        assert re.search(rf"^def {function}\(", (ROOT / file).read_text(), re.MULTILINE), f"{file}::{function}"
+
+
+def texts() -> Iterator[tuple[Path, str]]:
+    """Every text file that belongs to the project."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    for name in filter(None, listed.stdout.split("\0")):
+        path = ROOT / name
+        try:
+            if path.is_file():
+                yield path, path.read_text()
+        except UnicodeDecodeError:  # a picture
+            continue
+
+
+def test_no_file_names_a_registry_or_a_folder_of_one_machine():
+    # Put together here, so that this file does not name them either.
+    registries = [("pypi", "org"), ("pythonhosted", "org"), ("npmjs", "org"), ("docker", "io"), ("ghcr", "io")]
+    registries += [("quay", "io"), ("anaconda", "org"), ("conda", "io")]
+    hosts = "|".join(re.escape(".".join(parts)) for parts in registries)
+    forbidden = re.compile(rf"\b(?:{hosts})\b|(?<![\w.~$}}])/(?:home|root|work|Users)/\w")
+    found = [f"{path.relative_to(ROOT)}: {match[0]}" for path, text in texts() for match in forbidden.finditer(text)]
+    assert not found

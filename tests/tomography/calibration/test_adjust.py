@@ -1,0 +1,157 @@
+"""What real scans are beyond the plain model: each fault alone, on a scan that fails without its remedy."""
+
+import numpy as np
+import pytest
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.calibration import default
+from worker.tomography.calibration.adjust import Adjusted
+from worker.tomography.calibration.default import CalibrationTask, calibrate
+from worker.tomography.calibration.screening import Screening, screen
+from worker.tomography.geometry import Scanner, Theta
+from worker.tomography.ray_error import ray_error
+
+SCANNER = Scanner(859.46, 768, 1.502864583)
+FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)
+POSITION = (4.0, -7.0)
+VIEWS = 60
+# 1 % noise and 60 views predict 0.004 mm; a remedy that works leaves no more than a few times that.
+LIMIT_MM = 0.015
+
+
+@pytest.fixture(scope="module")
+def angles():
+    return (np.arange(VIEWS) + 0.5) * 2.0 * np.pi / VIEWS
+
+
+@pytest.fixture(scope="module")
+def clean(angles):
+    return analytic.project(L_SHAPE, DetectorCells.of(SCANNER), FRAME, angles, position_mm=POSITION, rays_per_cell=6)
+
+
+@pytest.fixture(scope="module")
+def moments(angles):
+    return analytic.project_with_moments(L_SHAPE, DetectorCells.of(SCANNER), FRAME, angles, position_mm=POSITION)[1]
+
+
+def noise_on(sinogram, clean, seed):
+    spread = 0.01 * np.sqrt(np.mean(clean**2))
+    return sinogram + spread * np.random.default_rng(seed).standard_normal(sinogram.shape)
+
+
+def off_mm(sinogram, angles):
+    found = calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles))
+    return ray_error(SCANNER, FRAME, found.frame).rms_mm, found
+
+
+@pytest.fixture
+def without_remedies(monkeypatch):
+    """The plain fit on every sample."""
+
+    def plain(_, data, fit):
+        return Adjusted(data, fit)
+
+    def everything(sinogram):
+        return Screening(np.ones(sinogram.shape[1], bool), np.ones(len(sinogram), bool))
+
+    def switch():
+        monkeypatch.setattr(default, "adjust", plain)
+        monkeypatch.setattr(default, "screen", everything)
+
+    return switch
+
+
+def hot_cells(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean[:, rng.choice(768, 8, replace=False)] += 200.0
+
+
+def dead_cells(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean[:, rng.choice(np.arange(200, 500), 8, replace=False)] = 0.0
+
+
+def a_band_without_data(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean[:, 300:330] = 0.0
+
+
+def corrupt_views(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean[rng.choice(VIEWS, 3, replace=False)] = 100.0 * rng.standard_normal((3, 768))
+
+
+def gain_of_each_view(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean *= 1.0 + 0.05 * rng.standard_normal((VIEWS, 1))
+
+
+def background_of_each_view(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean += 10.0 * rng.standard_normal((VIEWS, 1))
+
+
+def beam_hardening(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean -= 2.5e-4 * clean**2
+
+
+def sloping_density(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    clean += 0.001 * moments[0] - 0.0007 * moments[1]
+
+
+FAULTS = {
+    "hot cells": (hot_cells, "detector cells without a usable signal"),
+    "dead cells": (dead_cells, "detector cells without a usable signal"),
+    "a band without data": (a_band_without_data, "30 detector cells without a usable signal"),
+    "corrupt views": (corrupt_views, "3 corrupt views"),
+    "gain of each view": (gain_of_each_view, "the views differ in gain or background"),
+    "background of each view": (background_of_each_view, "the views differ in gain or background"),
+    "beam hardening": (beam_hardening, "beam hardening of -8"),
+    "sloping density": (sloping_density, "density slopes by 12"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_found_told_and_mended(clean, moments, angles, name, without_remedies):
+    fault, told = FAULTS[name]
+    faulty = clean.copy()
+    fault(faulty, moments=moments, rng=np.random.default_rng(1200))
+    if name != "a band without data":
+        faulty = noise_on(faulty, clean, 1201)
+    else:
+        faulty = np.where(faulty == 0.0, 0.0, noise_on(faulty, clean, 1201))
+        faulty[:, 300:330] = 0.0
+    error, found = off_mm(faulty, angles)
+    assert error < LIMIT_MM
+    assert any(told in sentence for sentence in found.adjustments)
+    without_remedies()
+    try:
+        plain, _ = off_mm(faulty, angles)
+    except default.CalibrationError:
+        return  # without its remedy the phantom is not even found
+    assert plain > 2.0 * error
+
+
+@pytest.mark.parametrize("seed", range(1210, 1215))
+def test_nothing_is_done_where_nothing_is_wrong(clean, angles, seed):
+    error, found = off_mm(noise_on(clean, clean, seed), angles)
+    assert error < LIMIT_MM
+    assert found.adjustments == ()
+
+
+def test_the_measured_less_the_model_is_the_noise(clean, angles):
+    faulty = clean.copy()
+    beam_hardening(faulty)
+    _, found = off_mm(noise_on(faulty, clean, 1220), angles)
+    spread = 0.01 * np.sqrt(np.mean(clean**2))
+    # A dozen terms are fitted to 46 080 samples; cells at edges carry the rest.
+    assert np.std(found.residual) == pytest.approx(spread, rel=0.03)
+
+
+def test_bridging_is_linear_between_neighbours():
+    row = np.arange(20.0) * np.ones((3, 1))
+    usable = np.ones(20, bool)
+    usable[[0, 7, 8, 19]] = False
+    bridged = Screening(usable, np.ones(3, bool)).bridged(np.where(usable, row, 99.0))
+    np.testing.assert_allclose(bridged[:, 1:19], row[:, 1:19])
+    np.testing.assert_allclose(bridged[:, [0, 19]], [[1.0, 18.0]] * 3)
+
+
+def test_an_empty_detector_is_left_as_it_is():
+    assert screen(np.zeros((5, 30))).weights is None

@@ -1,0 +1,80 @@
+import math
+
+import numpy as np
+import pytest
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.calibration.misfit import CoarseMisfit, coarse_data, search_box
+from worker.tomography.geometry import GeometryError, Handedness, Rotation, Scanner, ThetaBounds, angle_difference
+
+BOTH = {Handedness.AS_DRAWN: L_SHAPE, Handedness.FROM_BEHIND: L_SHAPE.mirrored()}
+
+
+@pytest.fixture
+def frame(theta, scanner):
+    return theta.source_frame(scanner.source_to_cor_mm)
+
+
+def start_of(frame):
+    return np.array([frame.source_distance_mm, math.log(frame.magnification), frame.cor_column_mm, frame.tilt_rad])
+
+
+def test_coarse_data_keep_their_own_angles_and_their_mean(scanner, full_turn):
+    sinogram = np.random.default_rng(1601).standard_normal((360, 768))
+    coarse, angles, cells = coarse_data(scanner, sinogram, full_turn(360))
+    np.testing.assert_array_equal(angles, full_turn(360)[::9])
+    np.testing.assert_allclose(coarse, sinogram[::9].reshape(40, 64, 12).mean(axis=2), atol=1e-12)
+    assert (cells.count, cells.width_mm) == (64, pytest.approx(12 * scanner.detector_pitch_mm))
+
+
+def test_few_views_and_cells_are_all_kept(full_turn):
+    sinogram = np.random.default_rng(1602).standard_normal((17, 50))
+    coarse, angles, cells = coarse_data(Scanner(800.0, 50, 20.0), sinogram, full_turn(17))
+    np.testing.assert_array_equal(coarse, sinogram)
+    assert (angles.size, cells.count) == (17, 50)
+
+
+@pytest.mark.parametrize("handedness", list(Handedness))
+@pytest.mark.parametrize("rotation", list(Rotation))
+def test_the_truth_correlates_fully_under_its_own_hypothesis_alone(scanner, frame, full_turn, handedness, rotation):
+    cells, angles = DetectorCells.of(scanner, binned=12), full_turn(40)
+    # Gain and background drop out.
+    sinogram = 4.0 + 0.1 * analytic.project(BOTH[handedness], cells, frame, rotation.apply(angles))
+    misfit = CoarseMisfit(BOTH, tuple(Rotation), sinogram, angles, cells)
+    candidates = misfit(start_of(frame))
+    assert len(candidates) == 4
+    truth = candidates.pop((handedness, rotation))
+    # The table has a turn every 3 degrees, and the views are rounded to it too.
+    assert truth.misfit < 0.01
+    assert abs(angle_difference(truth.frame.psi_rad, frame.psi_rad)) <= math.radians(3.0)
+    assert min(candidate.misfit for candidate in candidates.values()) > 5.0 * truth.misfit
+
+
+def test_where_the_source_stands_in_the_phantom_there_is_no_candidate(scanner, full_turn):
+    cells = DetectorCells.of(scanner, binned=12)
+    misfit = CoarseMisfit(BOTH, tuple(Rotation), np.ones((20, 64)), full_turn(20), cells)
+    assert misfit(np.array([150.0, 0.5, 0.0, 0.0])) == {}
+    assert misfit.evaluations == 1
+
+
+def test_the_box_holds_every_frame_that_the_bounds_allow(scanner, random_thetas):
+    box = search_box(scanner, ThetaBounds(), L_SHAPE)
+    half = 0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm
+    # The box is read off a grid of 13 points a side: its ends may miss a corner by a step.
+    slack = 0.1 * (box[:, 1] - box[:, 0])
+    inside = 0
+    for theta in random_thetas(300, 1603):
+        frame = theta.source_frame(scanner.source_to_cor_mm)
+        if abs(frame.cor_column_mm) < half and analytic.clears(L_SHAPE.radius_mm, frame):
+            inside += 1
+            start = start_of(frame)
+            assert ((start >= box[:, 0] - slack) & (start <= box[:, 1] + slack)).all()
+    assert inside > 100
+
+
+def test_bounds_that_no_scanner_of_this_detector_can_be_in_are_refused():
+    bounds = ThetaBounds(source_shift_mm=(-10.0, 10.0), detector_shift_mm=(400.0, 500.0), detector_tilt=(-0.1, 0.1))
+    with pytest.raises(GeometryError, match="no geometry inside the bounds puts the centre of rotation"):
+        search_box(Scanner(859.46, 64, 1.5), bounds, L_SHAPE)

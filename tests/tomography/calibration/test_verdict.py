@@ -1,0 +1,116 @@
+import numpy as np
+import pytest
+
+from worker.tomography.calibration.calibration import HypothesisReport
+from worker.tomography.calibration.refine import Fit
+from worker.tomography.calibration.verdict import TurnedRival, judge
+from worker.tomography.geometry import Handedness, Rotation, SourceFrame
+
+GOOD_FIT = {
+    "frame": SourceFrame(0.0, 900.0, 1600.0, 0.0, 0.0),
+    "position_mm": (0.0, 0.0),
+    "gain": 1.0,
+    "offset": 0.0,
+    "covariance": np.eye(7),
+    "residual_rms": 1.0,
+    "relative_residual": 0.02,
+    "converged": True,
+    "iterations": 5,
+}
+RIGHT = HypothesisReport(Handedness.AS_DRAWN, Rotation.AS_GIVEN, 0.02)
+
+
+def second(residual):
+    return HypothesisReport(Handedness.FROM_BEHIND, Rotation.REVERSED, residual)
+
+
+@pytest.fixture
+def verdict_of():
+    def judged(*, fit=None, **changes):
+        asked = {
+            "predicted_mm": 0.02,
+            "tolerance_mm": 0.1,
+            "fit": Fit(**(GOOD_FIT | (fit or {}))),
+            "inflation": 1.0,
+            "hypotheses": (RIGHT, second(0.3)),
+            "turned": None,
+            "samples": 10_000,
+            "source_shift_resolved": True,
+            "theta_in_bounds": True,
+            "unconstrained_mm": None,
+            "source_to_cor_mm": 859.46,
+        }
+        return judge(**(asked | changes))
+
+    return judged
+
+
+def test_a_good_fit_passes_without_a_reason(verdict_of):
+    assert verdict_of() == ("pass", ())
+
+
+@pytest.mark.parametrize(("predicted", "verdict"), [(0.1, "pass"), (0.101, "watch"), (0.25, "watch"), (0.251, "fail")])
+def test_the_predicted_ray_error_is_held_against_the_tolerance(verdict_of, predicted, verdict):
+    found, reasons = verdict_of(predicted_mm=predicted)
+    assert found == verdict
+    assert all(f"{predicted:.3f} mm where 0.100 mm is allowed" in reason for reason in reasons)
+    assert len(reasons) == (verdict != "pass")
+
+
+def test_a_fit_that_did_not_converge_fails(verdict_of):
+    found, reasons = verdict_of(fit={"converged": False})
+    assert found == "fail"
+    assert "did not converge" in reasons[0]
+
+
+def test_a_structured_residual_is_watched_and_a_noisy_one_is_not(verdict_of):
+    noisy = {"fit": {"relative_residual": 0.1}, "hypotheses": (second(0.1),)}
+    assert verdict_of(**noisy, inflation=1.2) == ("pass", ())
+    found, reasons = verdict_of(**noisy, inflation=10.0)
+    assert found == "watch"
+    assert "10.0% of the sinogram unexplained, and not as noise" in reasons[0]
+
+
+def test_a_hypothesis_hardly_better_than_the_next_is_watched(verdict_of):
+    # 10 000 samples: a residual larger by a thousandth is ten units of log-likelihood.
+    assert verdict_of(hypotheses=(RIGHT, second(0.02 * 1.0011)))[0] == "pass"
+    found, reasons = verdict_of(hypotheses=(RIGHT, second(0.02 * 1.0009)))
+    assert found == "watch"
+    assert "does not tell as-drawn, as-given from from-behind, reversed" in reasons[0]
+    # Correlated residuals are fewer independent samples.
+    assert verdict_of(hypotheses=(RIGHT, second(0.02 * 1.0011)), inflation=2.0)[0] == "watch"
+
+
+def test_a_single_hypothesis_has_nothing_to_be_told_from(verdict_of):
+    assert verdict_of(hypotheses=(RIGHT,)) == ("pass", ())
+
+
+def test_a_theta_outside_the_bounds_is_watched(verdict_of):
+    found, reasons = verdict_of(theta_in_bounds=False)
+    assert found == "watch"
+    assert "outside the scanner's bounds" in reasons[0]
+
+
+def test_a_held_source_distance_is_noted_and_still_passes(verdict_of):
+    found, reasons = verdict_of(unconstrained_mm=858.9)
+    assert found == "pass"
+    assert "858.90 mm, nearer than source_to_cor_mm 859.46" in reasons[0]
+
+
+def test_the_worst_comes_first(verdict_of):
+    found, reasons = verdict_of(unconstrained_mm=858.9, theta_in_bounds=False, predicted_mm=1.0)
+    assert found == "fail"
+    assert [word in reason for word, reason in zip(("allowed", "bounds", "nearer"), reasons, strict=True)] == [True] * 3
+
+
+def test_a_phantom_that_looks_the_same_turned_is_watched(verdict_of):
+    found, reasons = verdict_of(turned=TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0009))
+    assert found == "watch"
+    assert "looks the same turned by 180 degrees" in reasons[0]
+    assert verdict_of(turned=TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0011))[0] == "pass"
+
+
+def test_an_unresolved_source_shift_is_said_and_still_passes(verdict_of):
+    found, reasons = verdict_of(source_shift_resolved=False)
+    assert found == "pass"
+    assert "not resolved from 0" in reasons[0]

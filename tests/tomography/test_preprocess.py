@@ -1,0 +1,98 @@
+import math
+
+import numpy as np
+import pytest
+
+from worker.tomography.preprocess import CountsError, line_integrals
+
+VIEWS, ROWS, CELLS = 4, 3, 10
+DARK, AIR = 100.0, 40_000.0
+
+
+def fields(frames=2):
+    return (np.full((frames, ROWS, CELLS), level, np.float32) for level in (AIR + DARK, DARK))
+
+
+def counts_of(integrals):
+    return (AIR * np.exp(-integrals) + DARK).astype(np.float32)
+
+
+def test_counts_become_their_line_integrals():
+    integrals = np.random.default_rng(701).uniform(-0.1, 5.0, (VIEWS, ROWS, CELLS))
+    result = line_integrals(counts_of(integrals), *fields())
+    # Counts in single precision, 4e-3 of one, over the least signal, 270.
+    np.testing.assert_allclose(result.stack, integrals, atol=2e-5)
+    assert result.stack.dtype == np.float32
+    np.testing.assert_allclose(result.air_level, AIR)
+    assert len(result.remarks) == 1
+
+
+def test_flats_and_darks_are_averaged_over_their_frames():
+    integrals = np.full((VIEWS, ROWS, CELLS), 1.5)
+    flats = np.stack([np.full((ROWS, CELLS), level, np.float32) for level in (AIR + DARK - 500, AIR + DARK + 500)])
+    darks = np.stack([np.full((ROWS, CELLS), level, np.float32) for level in (DARK - 20, DARK + 20)])
+    np.testing.assert_allclose(line_integrals(counts_of(integrals), flats, darks).stack, 1.5, atol=1e-5)
+
+
+def test_without_darks_the_counts_are_taken_as_they_are():
+    integrals = np.full((VIEWS, ROWS, CELLS), 0.7)
+    flats = np.full((1, ROWS, CELLS), AIR, np.float32)
+    np.testing.assert_allclose(line_integrals(counts_of(integrals) - DARK, flats, None).stack, 0.7, atol=1e-5)
+
+
+def test_each_cell_has_its_own_gain():
+    gain = np.random.default_rng(702).uniform(0.5, 1.5, (ROWS, CELLS))
+    integrals = np.full((VIEWS, ROWS, CELLS), 2.0)
+    counts = (gain * AIR * np.exp(-integrals) + DARK).astype(np.float32)
+    flats = (gain * AIR + DARK).astype(np.float32)[None]
+    darks = np.full((1, ROWS, CELLS), DARK, np.float32)
+    np.testing.assert_allclose(line_integrals(counts, flats, darks).stack, 2.0, atol=1e-4)
+
+
+def test_dead_cells_are_bridged_from_their_neighbours_and_said_so():
+    ramp = np.broadcast_to(np.linspace(1.0, 1.9, CELLS), (VIEWS, ROWS, CELLS))
+    counts = counts_of(ramp)
+    flats, darks = fields()
+    for row, cell in ((0, 4), (0, 5), (1, 0), (2, CELLS - 1)):
+        flats[:, row, cell] = DARK
+        counts[:, row, cell] = 65_535.0
+    result = line_integrals(counts, flats, darks)
+    expected = ramp.copy()
+    # Inside, a straight line; at an end, the nearest cell's value.
+    expected[:, 1, 0] = ramp[:, 1, 1]
+    expected[:, 2, CELLS - 1] = ramp[:, 2, CELLS - 2]
+    np.testing.assert_allclose(result.stack, expected, atol=1e-5)
+    assert "4 dead detector cells bridged from their neighbours" in result.remarks
+    assert result.air_level[0, 4] == 0.0
+
+
+def test_starved_samples_are_cut_off_and_said_so():
+    counts = counts_of(np.ones((VIEWS, ROWS, CELLS)))
+    counts[1, 2, 3] = DARK
+    counts[2, 0, 7] = DARK - 30.0
+    result = line_integrals(counts, *fields())
+    assert result.stack[1, 2, 3] == pytest.approx(-math.log(1e-6), rel=1e-6)
+    assert result.stack[2, 0, 7] == pytest.approx(-math.log(1e-6), rel=1e-6)
+    assert any(remark.startswith("2 samples without signal") for remark in result.remarks)
+    assert np.isfinite(result.stack).all()
+
+
+def test_the_counts_are_left_as_they_came():
+    counts = counts_of(np.ones((VIEWS, ROWS, CELLS)))
+    before = counts.copy()
+    line_integrals(counts, *fields())
+    np.testing.assert_array_equal(counts, before)
+
+
+def test_exchanged_flats_and_darks_are_refused():
+    flats, darks = fields()
+    with pytest.raises(CountsError, match=r"30 of 30 detector cells .* check that flats and darks were not exchanged"):
+        line_integrals(counts_of(np.ones((VIEWS, ROWS, CELLS))), darks, flats)
+
+
+def test_a_row_of_dead_cells_is_refused_by_its_number():
+    rows = 8
+    flats = np.full((1, rows, CELLS), AIR, np.float32)
+    flats[:, 5] = 0.0
+    with pytest.raises(CountsError, match="every cell of detector row 5 is dead: leave the row out"):
+        line_integrals(np.full((VIEWS, rows, CELLS), 1000.0, np.float32), flats, None)

@@ -1,0 +1,117 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta, rotate
+from worker.tomography.ray_error import chord_points, predicted_ray_error, ray_error
+
+R_S = 859.46
+DEVIATIONS = np.array([0.0, 0.4, 0.9, 0.05, 0.002])
+
+
+def test_a_geometry_has_no_error_against_itself_nor_its_twin(scanner, random_thetas):
+    for theta in random_thetas(20, 601):
+        frame = theta.source_frame(R_S)
+        twin = theta.twin(R_S).source_frame(R_S)
+        # Rounding of a metre.
+        assert ray_error(scanner, frame, frame).max_mm < 1e-9
+        assert ray_error(scanner, frame, twin).max_mm < 1e-9
+
+
+def test_a_common_rotation_is_taken_out(scanner, theta):
+    frame = theta.source_frame(R_S)
+    other = SourceFrame.from_vector(frame.to_vector() + DEVIATIONS)
+    turned = SourceFrame.from_vector(other.to_vector() + np.array([0.3, 0.0, 0.0, 0.0, 0.0]))
+    assert ray_error(scanner, frame, turned) == ray_error(scanner, frame, other)
+    turned_only = SourceFrame.from_vector(frame.to_vector() + np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
+    assert ray_error(scanner, frame, turned_only).rms_mm < 1e-9
+
+
+def test_a_detector_shifted_by_du_misses_a_small_disc_by_du_over_the_magnification():
+    """Every ray turns about the source by du / SDD; the rotation takes out all but R du / SDD of that."""
+    scanner = Scanner(1000.0, 4000, 0.2)
+    true = SourceFrame(0.0, 1000.0, 2000.0, 0.0, 0.0)
+    error = ray_error(scanner, true, SourceFrame(0.0, 1000.0, 2000.0, 0.5, 0.0), radius_mm=4.0)
+    # The next order is the disc's radius over R, squared: 2e-5.
+    assert error.rms_mm == pytest.approx(0.25, rel=1e-4)
+    assert error.max_mm == pytest.approx(0.25, rel=1e-2)
+
+
+def distances_by_hand(scanner, true, other, radius, omega):
+    """From theta's own vectors: nine points of each chord of the true rays, to the other's rays turned by omega."""
+    found = []
+    source, centre, axis = (v[0] for v in true)
+    ends = centre + scanner.cell_centres_mm[:, None] * axis
+    other_source, other_centre, other_axis = (np.stack(rotate(omega, *v[0]), -1) for v in other)
+    other_ends = other_centre + scanner.cell_centres_mm[:, None] * other_axis
+    for end, other_end in zip(ends, other_ends, strict=True):
+        d = (end - source) / np.linalg.norm(end - source)
+        middle = source - (source @ d) * d
+        half_square = radius**2 - middle @ middle
+        if half_square > 0.0:
+            e = (other_end - other_source) / np.linalg.norm(other_end - other_source)
+            points = middle + math.sqrt(half_square) * np.linspace(-1.0, 1.0, 9)[:, None] * d
+            off = points - other_source
+            found.append(e[0] * off[:, 1] - e[1] * off[:, 0])
+    return np.array(found)
+
+
+def test_it_is_the_least_rms_over_one_rotation_of_point_to_ray_distances(theta):
+    scanner = Scanner(R_S, 96, 12.0)
+    other = Theta(2.6, 700.0, 300.0, 60.0, 0.25)
+    vectors = [FanBeamGeometry(scanner, t, np.zeros(1)).vectors() for t in (theta, other)]
+
+    def rms(omega):
+        return math.sqrt(float(np.mean(distances_by_hand(scanner, *vectors, 150.0, omega) ** 2)))
+
+    best = minimize_scalar(rms, bounds=(-0.5, 0.5), method="bounded", options={"xatol": 1e-10})
+    error = ray_error(scanner, theta.source_frame(R_S), other.source_frame(R_S))
+    assert error.rms_mm == pytest.approx(best.fun, rel=1e-6)
+    assert error.max_mm == pytest.approx(np.abs(distances_by_hand(scanner, *vectors, 150.0, best.x)).max(), rel=1e-4)
+
+
+def test_chord_points_are_nine_equidistant_points_inside_the_disc(scanner, theta):
+    points, cells = chord_points(scanner, theta.source_frame(R_S), 150.0)
+    assert points.shape == (cells.size, 9, 2)
+    np.testing.assert_allclose(np.linalg.norm(points[:, [0, 8]], axis=-1), 150.0, rtol=1e-12)
+    np.testing.assert_allclose(np.diff(points, 2, axis=1), 0.0, atol=1e-9)
+    # Rays that meet a disc are neighbours.
+    assert (np.diff(cells) == 1).all()
+
+
+def test_a_disc_that_no_ray_meets_is_refused(scanner):
+    with pytest.raises(GeometryError, match="no ray of this geometry meets the disc of radius 150 mm"):
+        chord_points(scanner, SourceFrame(0.0, 1000.0, 1600.0, 3000.0, 0.0), 150.0)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_prediction_of_one_small_step_is_its_actual_error(scanner, theta, seed):
+    frame = theta.source_frame(R_S)
+    step = np.random.default_rng([602, seed]).standard_normal(5) * [1e-4, 0.01, 0.01, 0.005, 1e-5]
+    actual = ray_error(scanner, frame, SourceFrame.from_vector(frame.to_vector() + step))
+    predicted = predicted_ray_error(scanner, frame, np.outer(step, step))
+    # First order in steps of 1e-5 of the lengths.
+    assert predicted.rms_mm == pytest.approx(actual.rms_mm, rel=1e-3)
+    assert predicted.max_mm == pytest.approx(actual.max_mm, rel=1e-3)
+
+
+def test_the_prediction_is_the_mean_square_over_the_covariance(scanner, theta):
+    rng = np.random.default_rng(603)
+    frame = theta.source_frame(R_S)
+    root = rng.standard_normal((5, 5)) * np.array([1e-3, 0.1, 0.1, 0.02, 1e-4])[:, None]
+    squares = [
+        ray_error(scanner, frame, SourceFrame.from_vector(frame.to_vector() + root @ rng.standard_normal(5))).rms_mm
+        ** 2
+        for _ in range(400)
+    ]
+    predicted = predicted_ray_error(scanner, frame, root @ root.T)
+    # The mean of 400 squares of few degrees of freedom scatters by about 7 %: three times that on the square.
+    assert predicted.rms_mm**2 == pytest.approx(np.mean(squares), rel=0.21)
+
+
+def test_an_uncertain_first_angle_alone_predicts_no_ray_error(scanner, theta):
+    covariance = np.zeros((5, 5))
+    covariance[0, 0] = 0.01
+    assert predicted_ray_error(scanner, theta.source_frame(R_S), covariance).rms_mm == 0.0

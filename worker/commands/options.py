@@ -1,0 +1,208 @@
+"""The flags that several commands share, and what is wrong use of them: found before any file is read."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+from worker.contracts.base import DataKind, Rotation, Rows
+from worker.contracts.built_in import BUILT_IN_PHANTOMS
+from worker.contracts.geometry import Theta
+from worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
+from worker.formats.errors import UnreadableScan
+
+LARGEST_MM = 1e5
+THETA_HELP = "alpha0 (rad), r_D, h_S, h_D (mm), alpha_D, separated by commas."
+THETA_FORM = "a,r,h,h,t"
+
+
+def length(value: float | None) -> float | None:
+    """Refuse what is no length (a callback of Typer's)."""
+    if value is not None and not 0.0 < value <= LARGEST_MM:
+        raise typer.BadParameter(f"{value} is not a length in mm above 0 and up to {LARGEST_MM:g}.")
+    return value
+
+
+def writable(path: Path | None) -> Path | None:
+    """Refuse a file in a folder that does not exist, before long work is done for it (a callback of Typer's)."""
+    if path is not None and not path.absolute().parent.is_dir():
+        raise typer.BadParameter(f"there is no folder {str(path.parent)!r} to write {path.name!r} into.")
+    return path
+
+
+ScanFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="SCAN",
+        exists=True,
+        dir_okay=False,
+        help="The scan: HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT.",
+    ),
+]
+Data = Annotated[DataKind, typer.Option("--data", help="What the numbers are; never guessed.")]
+Dataset = Annotated[
+    str | None, typer.Option(help="The projections' path or variable, where the file holds several arrays.")
+]
+AnglesDeg = Annotated[
+    str | None, typer.Option(metavar="START:STEP", help="View angles in degrees, where the file carries none.")
+]
+AnglesFile = Annotated[
+    Path | None, typer.Option(exists=True, dir_okay=False, help="Text file, one view's angle in degrees a line.")
+]
+Views = Annotated[int | None, typer.Option(min=3, help="Use every (total / VIEWS)-th view, each with its own angle.")]
+RowsText = Annotated[
+    str | None, typer.Option("--rows", metavar="A:B", help="Detector rows, the first included, the last not.")
+]
+SourceToCor = Annotated[
+    float, typer.Option("--source-to-cor-mm", callback=length, help="r_S, source to centre of rotation.")
+]
+DetectorPitch = Annotated[
+    float | None,
+    typer.Option(
+        "--detector-pitch-mm",
+        callback=length,
+        help="Distance between detector cells; needed where the file does not carry it.",
+    ),
+]
+RowPitch = Annotated[
+    float | None, typer.Option("--row-pitch-mm", callback=length, help="Distance between detector rows.")
+]
+PhantomText = Annotated[
+    str,
+    typer.Option(
+        "--phantom",
+        metavar="NAME|FILE",
+        help=f"{', '.join(BUILT_IN_PHANTOMS)}, a drawing FILE.json, or a picture FILE.png, bright where wood is.",
+    ),
+]
+PhantomWidth = Annotated[
+    float | None, typer.Option(callback=length, help="Width of a phantom's PNG, the whole picture.")
+]
+FieldSide = Annotated[float, typer.Option("--field-mm", callback=length, help="Side of the square field.")]
+Result = Annotated[
+    Path,
+    typer.Option("--output", "-o", metavar="OUT", dir_okay=False, callback=writable, help="The file that is written."),
+]
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]
+
+
+class ExportTarget(StrEnum):
+    """Toolkits that a geometry can be written for."""
+
+    ASTRA = "astra"
+
+
+@dataclass(frozen=True)
+class ScanSaid:
+    """What is said of a scan's file, and which of its views and rows are to be used."""
+
+    path: Path
+    data: DataKind
+    dataset: str | None
+    angles: AnglesGiven | None
+    views: int | None
+    rows: Rows | None
+    detector_pitch_mm: float | None
+    row_pitch_mm: float | None
+
+
+@dataclass(frozen=True)
+class PhantomSaid:
+    """Which phantom is meant: a built-in one's name, or a file, and the width of a picture."""
+
+    text: str
+    width_mm: float | None
+
+    def __post_init__(self) -> None:
+        """Refuse what is neither, and a width that is missing or belongs to nothing."""
+        if self.text not in BUILT_IN_PHANTOMS:
+            self._check_file()
+        elif self.width_mm is not None:
+            raise typer.BadParameter("--phantom-width-mm is for a picture; a built-in phantom has its size.")
+
+    def _check_file(self) -> None:
+        if not self.path.is_file():
+            raise typer.BadParameter(
+                f"--phantom must be {', '.join(BUILT_IN_PHANTOMS)} or an existing file, not {self.text!r}."
+            )
+        if self.is_drawing and self.width_mm is not None:
+            raise typer.BadParameter("--phantom-width-mm is for a picture; a drawing is in mm already.")
+        if not self.is_drawing and self.width_mm is None:
+            raise typer.BadParameter("a phantom's picture needs its width: give --phantom-width-mm.")
+
+    @property
+    def path(self) -> Path:
+        """Of the file."""
+        return Path(self.text)
+
+    @property
+    def is_drawing(self) -> bool:
+        """Whether the file is JSON."""
+        return self.path.suffix.lower() == ".json"
+
+
+@dataclass(frozen=True)
+class ThetaSaid:
+    """A geometry by its numbers."""
+
+    theta: Theta
+    rotation: Rotation
+    source_to_cor_mm: float
+
+
+@dataclass(frozen=True)
+class CalibrationSaid:
+    """A geometry by the file of a calibration; a constant given beside it must agree."""
+
+    path: Path
+    source_to_cor_mm: float | None
+
+
+@contextmanager
+def wrong_use_told() -> Iterator[None]:
+    """Turn a value that a contract refuses into wrong use of the flag that carries it."""
+    try:
+        yield
+    except ValidationError as error:
+        first = error.errors()[0]
+        flag = "-".join(str(part) for part in first["loc"]).replace("_", "-")
+        raise typer.BadParameter(f"--{flag}: {complaint(error)}") from error
+
+
+def complaint(error: ValidationError) -> str:
+    """What a contract says first."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
+
+
+def given_angles(angles_deg: str | None, angles_file: Path | None) -> AnglesGiven | None:
+    """The angles of the flags; giving both is wrong use."""
+    if angles_deg is not None and angles_file is not None:
+        raise typer.BadParameter("give --angles-deg or --angles-file, not both.")
+    try:
+        if angles_file is not None:
+            return read_angles_file(angles_file)
+        return None if angles_deg is None else parse_angles(angles_deg)
+    except UnreadableScan as error:
+        raise typer.BadParameter(str(error)) from error
+
+
+def parse_theta(text: str) -> Theta:
+    """Theta from five numbers separated by commas."""
+    try:
+        return Theta.model_validate(dict(zip(Theta.model_fields, text.split(","), strict=True)))
+    except ValueError as error:
+        raise typer.BadParameter(f"--theta needs five numbers a,r,h,h,t, not {text!r}.") from error
+
+
+def parse_position(text: str) -> tuple[float, float]:
+    """X and Y in mm."""
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"--position-mm needs X,Y, not {text!r}.") from error
+    return x, y

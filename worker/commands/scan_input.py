@@ -1,0 +1,74 @@
+"""INPUT of the command line: a scan file and what is said of it (DESIGN section 8)."""
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from worker.commands.options import ScanSaid, complaint
+from worker.contracts.base import DataKind
+from worker.contracts.geometry import ScannerConstants
+from worker.formats.reading import read_scan
+from worker.tasks.failures import refused
+from worker.tasks.line_integrals import Stack, as_line_integrals
+from worker.tasks.selection import chosen_rows, chosen_views
+from worker.tomography.geometry import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ScanInput:
+    """The scan as it is used: line integrals (views, rows, detector) and each view's angle."""
+
+    stack: Stack
+    angles_rad: FloatArray
+    rows: tuple[int, int]
+    scanner: ScannerConstants
+    sha256: str
+
+
+def load(said: ScanSaid, *, source_to_cor_mm: float) -> ScanInput:
+    """Read a scan and take the rows and views asked for.
+
+    Raises
+    ------
+    UnreadableScan, CountsError, JobFailure
+        The file, or what is said of it, cannot be used.
+    """
+    read = read_scan(
+        said.path,
+        counts=said.data is DataKind.COUNTS,
+        dataset=said.dataset,
+        angles_deg=said.angles,
+        detector_pitch_mm=said.detector_pitch_mm,
+        row_pitch_mm=said.row_pitch_mm,
+    )
+    if read.detector_pitch_mm is None:
+        raise refused("detector-pitch-missing", "the file carries no detector pitch; give it as --detector-pitch-mm")
+    all_views, all_rows, cells = read.projections.shape
+    rows, views = chosen_rows(said.rows, all_rows), chosen_views(said.views, all_views)
+    scanner = _scanner(source_to_cor_mm, cells, read.detector_pitch_mm, read.row_pitch_mm)
+    stack, _, _ = as_line_integrals(read)
+    return ScanInput(
+        stack=np.ascontiguousarray(stack[views, rows]),
+        angles_rad=read.angles_rad[views],
+        rows=(rows.start, rows.stop),
+        scanner=scanner,
+        sha256=_sha256(said.path),
+    )
+
+
+def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
+    try:
+        return ScannerConstants(
+            source_to_cor_mm=r_s, num_detector_pixels=cells, detector_pitch_mm=pitch, row_pitch_mm=row_pitch
+        )
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise refused("wrong-shape", f"the file's {first['loc'][0]} is {first['input']}: {complaint(error)}") from error
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

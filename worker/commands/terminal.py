@@ -1,0 +1,80 @@
+"""What a command says: answers on standard output, everything else on standard error."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+from worker.contracts import jobs
+from worker.tasks.failures import JobFailure, input_errors_translated
+
+Report = Callable[[jobs.Progress], None]
+
+
+def say(sentence: str, *, trouble: str | None = None) -> None:
+    """Tell the person at the terminal, in one line; the name of a trouble stands out before it."""
+    text = Text(sentence) if trouble is None else Text.assemble((f"{trouble}: ", "bold red"), sentence)
+    Console(stderr=True).print(text, soft_wrap=True)
+
+
+def print_json(document: object) -> None:
+    """Print the one object of `--json`."""
+    sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
+
+
+@contextmanager
+def answering(*, as_json: bool = False) -> Iterator[None]:
+    """End with exit code 1 and one sentence (with `--json` one object) where no answer can be computed.
+
+    A defect tells its kind in the object and keeps its traceback.
+    """
+    try:
+        with input_errors_translated():
+            yield
+    except JobFailure as failure:
+        _tell(jobs.Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
+        raise typer.Exit(1) from failure
+    except OSError as error:
+        _tell(jobs.Failure(kind=jobs.FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
+        raise typer.Exit(1) from error
+    except MemoryError as error:
+        detail = "this needs more memory than there is: ask for fewer rows, fewer views or a smaller size"
+        _tell(jobs.Failure(kind=jobs.FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
+        raise typer.Exit(1) from error
+    except Exception as error:
+        detail = f"an unexpected {type(error).__name__}, which is a defect of this program"
+        _tell(jobs.Failure(kind=jobs.FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
+        raise
+
+
+def _tell(failure: jobs.Failure, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"state": "failed", "failure": failure.model_dump(mode="json")})
+    say(failure.detail, trouble=failure.code)
+
+
+@contextmanager
+def showing_progress(what: str) -> Iterator[Report]:
+    """A progress bar on standard error, where a person looks at it."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=1.0)
+
+        def report(progress: jobs.Progress) -> None:
+            best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
+            generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
+            bar.update(task, completed=progress.fraction, description=f"{what}: {progress.stage}{generation}")
+
+        yield report
