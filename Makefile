@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo test lint openapi clean
+.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-seeds bench-speed clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -38,6 +38,21 @@ test: lint
 
 openapi: install
 	@$(BIN)/sawmill openapi
+
+# Studies, minutes each; every figure in the documents names the one it is from.
+bench: bench-speed bench-seeds bench-scanners bench-coverage
+
+bench-speed: install-dev
+	@$(BIN)/python benchmarks/speed.py
+
+bench-seeds: install-dev
+	@$(BIN)/python benchmarks/seeds.py
+
+bench-scanners: install-dev
+	@$(BIN)/python benchmarks/random_scanners.py
+
+bench-coverage: install-dev
+	@$(BIN)/python benchmarks/coverage.py
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -57,10 +57,7 @@ def serve_until_stopped(
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         wake = no_wake if execution.broker_url is None else Waker(make_celery(execution, storage))
-        structlog.get_logger().info(
-            "serving", url=f"http://{settings.host}:{settings.port}", data_folder=str(storage.data_folder)
-        )
-        uvicorn.run(
+        config = uvicorn.Config(
             create_app(settings, store, wake),
             host=settings.host,
             port=settings.port,
@@ -69,6 +66,12 @@ def serve_until_stopped(
             server_header=False,
             timeout_graceful_shutdown=SHUTDOWN_S,
         )
+        listening = stack.enter_context(closing(config.bind_socket()))
+        port = listening.getsockname()[1]
+        structlog.get_logger().info(
+            "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
+        )
+        uvicorn.Server(config).run(sockets=[listening])
 
 
 def _seed(seed: Callable[[Store], None], store: Store) -> None:

@@ -15,7 +15,7 @@ from worker.contracts.jobs import Progress
 from worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from worker.pictures.images import image_png
 from worker.tasks.failures import refused
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction, volume_unit
 from worker.tasks.writing_volumes import write_volume
 
 
@@ -65,6 +65,7 @@ def _input(used: ScanInput, theta: Theta, rotation: Rotation, handedness: Handed
         rotation=rotation,
         handedness=handedness,
         input_sha256=used.sha256,
+        unit=volume_unit(counts=used.counts),
     )
 
 

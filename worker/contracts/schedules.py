@@ -15,7 +15,9 @@ class ScheduleSpec(Contract):
     scanner_id: Identifier = Field(examples=["example"])
     cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
     enabled: bool = True
-    on_pass: Literal["report", "activate"] = Field("report", description="What to do with a calibration that passes.")
+    on_pass: Literal["report", "activate"] = Field(
+        "report", description="What to do with a calibration that passes and has not moved."
+    )
     options: CalibrationOptions = CalibrationOptions()
 
 

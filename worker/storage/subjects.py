@@ -63,7 +63,9 @@ def _phantom_traced(session: Session, subject_id: str, result: Json, _: datetime
 def _calibrated(session: Session, subject_id: str, result: Json, now: datetime) -> None:
     calibration = found(session, CalibrationRow, "calibration", subject_id)
     calibration.result = result
-    if calibration.activate and result["verdict"] == "pass":
+    # A schedule never takes over a scanner that has moved: that is the technician's to see and to accept.
+    moved = calibration.schedule_id is not None and (result["comparison"] or {}).get("within_tolerance") is False
+    if calibration.activate and result["verdict"] == "pass" and not moved:
         asker = f"schedule {calibration.schedule_id}" if calibration.schedule_id else "the request"
         activate(
             session, calibration.scanner_id, calibration.id, f"verdict pass; {asker} asked for activation on pass", now

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from worker.contracts.base import Handedness, Rotation
+from worker.contracts.base import DataKind, Handedness, Rotation
 from worker.contracts.calibrations import CalibrationSucceeded
 from worker.contracts.geometry import Theta
 from worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
@@ -11,7 +11,7 @@ from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
 from worker.tasks.calibrate import usable_scan
 from worker.tasks.failures import refused
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction, volume_unit
 from worker.tasks.selection import chosen_rows, chosen_views
 from worker.tasks.writing_volumes import write_volume
 
@@ -37,6 +37,7 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
         rotation=rotation,
         handedness=handedness,
         input_sha256=scan.sha256,
+        unit=volume_unit(counts=scan.data is DataKind.COUNTS),
     )
     volume, result = run_reconstruction(given, options, attempt.report)
     only_options = ReconstructionOptions.model_validate(

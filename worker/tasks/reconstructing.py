@@ -35,7 +35,12 @@ class ReconstructionInput:
     rotation: Rotation
     handedness: Handedness
     input_sha256: str
-    unit: str = "1/mm"
+    unit: str
+
+
+def volume_unit(*, counts: bool) -> str:
+    """The unit of a volume: counts give attenuation per mm; line integrals keep the unit they were given in."""
+    return "1/mm" if counts else "line integral/mm"
 
 
 def run_reconstruction(

@@ -113,7 +113,7 @@ def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:
 
 
 def _concentrated(power: FloatArray) -> bool:
-    """Whether outliers stand in few views or few cells: a fault. All over, they say that the model is not the scan's."""
+    """Whether outliers stand in few views or few cells, as a fault does; all over, the model is not the scan's."""
 
     def worst_share(sums: FloatArray) -> float:
         count = max(1, round(CONCENTRATED_IN * sums.size))
