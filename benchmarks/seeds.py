@@ -1,4 +1,4 @@
-"""The published L-phantom and simulated scans from 100 seeds: how far apart the answers are, and how far from the truth.
+"""The published L-phantom and simulated scans from 100 seeds: how far apart the answers are, and from the truth.
 
     python benchmarks/seeds.py [--seeds 100]
 

@@ -25,6 +25,7 @@ class ScanInput:
     angles_rad: FloatArray
     rows: tuple[int, int]
     scanner: ScannerConstants
+    counts: bool
     sha256: str
 
 
@@ -55,6 +56,7 @@ def load(said: ScanSaid, *, source_to_cor_mm: float) -> ScanInput:
         angles_rad=read.angles_rad[views],
         rows=(rows.start, rows.stop),
         scanner=scanner,
+        counts=read.counts,
         sha256=_sha256(said.path),
     )
 

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from worker.tomography import analytic
 from worker.tomography.analytic import PARAMETERS
@@ -32,8 +33,8 @@ OUTLIER = 4.0
 SHADOW = 0.02
 # Outliers are worth reweighting when they hold this share of the residual's power.
 OUTLIER_POWER = 0.25
-# They are a fault of the scan when so few of its views or cells hold so much of their power.
-CONCENTRATED_IN, CONCENTRATED_SHARE = 0.1, 0.7
+# They are a fault of the scan, and no model error, when cells or views of which such a part is outlying hold so much.
+WHOLE, FAULT_SHARE = 0.2, 0.7
 # A term is taken in when its chi-square per parameter exceeds this and it removes this share of the residual's power.
 LEAST_CHI_SQUARE, LEAST_SHARE = 50.0, 0.02
 # Hardening below this, on the longest path, is within what a drawing of the phantom may be wrong by.
@@ -95,12 +96,14 @@ def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:
         used = np.ones_like(residual) if now.data.weights is None else now.data.weights
         shadowed = residual[(model > fit.offset + SHADOW * float(np.ptp(model))) & (used > 0.0)]
         spread = 1.4826 * float(np.median(np.abs(shadowed - np.median(shadowed)))) if shadowed.size else 0.0
+        # A phantom no truer than its size tolerance leaves that much by itself.
+        spread = max(spread, phantom.size_tolerance * float(np.ptp(model)))
         if spread == 0.0:
             return now
         size = np.abs(residual) / spread
         outlying = size > OUTLIER
         power = used * np.where(outlying, residual, 0.0) ** 2
-        if power.sum() < OUTLIER_POWER * (used * residual**2).sum() or not _concentrated(power):
+        if power.sum() < OUTLIER_POWER * (used * residual**2).sum() or not _of_a_fault(power, outlying):
             break
         weighted = replace(data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
         again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm)
@@ -112,14 +115,11 @@ def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:
     return Adjusted(data, fit, (*now.done, f"{share:.2%} of the samples are outliers and lost weight"))
 
 
-def _concentrated(power: FloatArray) -> bool:
-    """Whether outliers stand in few views or few cells, as a fault does; all over, the model is not the scan's."""
-
-    def worst_share(sums: FloatArray) -> float:
-        count = max(1, round(CONCENTRATED_IN * sums.size))
-        return float(np.sort(sums)[-count:].sum() / sums.sum())
-
-    return max(worst_share(power.sum(axis=0)), worst_share(power.sum(axis=1))) > CONCENTRATED_SHARE
+def _of_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
+    """Whether outliers are whole cells' or whole views', as faults are; elsewhere the model is not the scan's."""
+    cells = power[:, outlying.mean(axis=0) > WHOLE].sum()
+    views = power[outlying.mean(axis=1) > WHOLE].sum()
+    return bool(max(cells, views) > FAULT_SHARE * power.sum())
 
 
 def _gain_of(phantom: Phantom, now: Adjusted, extras: list[int], *, view_gain: bool) -> tuple[float, float]:
