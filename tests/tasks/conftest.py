@@ -71,6 +71,7 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
             "covariance": None,
             "unconstrained_source_distance_mm": 900.0,
             "scale_uncertainty_mm": 0.9,
+            "scale_ray_error_mm": 0.05,
             "predicted_ray_error_mm": None,
             "handedness": "as-drawn",
             "rotation": "as-given",

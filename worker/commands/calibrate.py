@@ -10,7 +10,7 @@ from worker.commands.scan_input import load
 from worker.commands.terminal import Report
 from worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from worker.contracts.jobs import Progress
-from worker.tasks.calibrating import CalibrationInput, run_calibration
+from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
 
 
 def calibrate_scan(
@@ -35,6 +35,8 @@ def calibrate_scan(
         drawing=drawing,
         input_sha256=used.sha256,
     )
+    if said.rows is None:
+        given = with_phantom_rows(given, used.stack)
     calibration, result = run_calibration(given, options, report)
     if picture is not None:
         # Drawing takes longer to import than a calibration takes.

@@ -42,7 +42,7 @@ class PaperOptions(Contract):
 class CalibrationOptions(Contract):
     """How to calibrate, apart from what."""
 
-    rows: Rows | None = Field(None, description="Rows to average; null: the scan's phantom rows, else all.")
+    rows: Rows | None = Field(None, description="Rows to average; null: the scan's phantom rows, else found.")
     views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
     handedness: Handedness | None = Field(None, description="Null: the scanner's, else both are tried.")
     rotation: Rotation | None = Field(None, description="Null: the scanner's, else both are tried.")

@@ -29,7 +29,7 @@ class ScanSpec(Contract):
         examples=["0.5:1"],
     )
     phantom_id: Identifier | None = Field(None, description="The phantom in this scan; null for a scan without one.")
-    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null for all of them.")
+    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
 
 
 class ScanShape(Contract):

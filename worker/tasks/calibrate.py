@@ -11,7 +11,7 @@ from worker.contracts.scans import Scan, ScanState
 from worker.formats.scan_file import read_stored_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
-from worker.tasks.calibrating import CalibrationInput, run_calibration
+from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
 from worker.tasks.calibration_files import write_report
 from worker.tasks.comparing import compare
 from worker.tasks.failures import refused
@@ -60,7 +60,7 @@ def _load(
     rows = chosen_rows(options.rows or scan.phantom_rows, scan.shape.rows)
     views = chosen_views(options.views, scan.shape.views)
     stored = read_stored_scan(store.files.scan(scan_id), rows, views)
-    return CalibrationInput(
+    given = CalibrationInput(
         sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
         angles_rad=stored.angles_rad,
         rows=(rows.start, rows.stop),
@@ -71,6 +71,8 @@ def _load(
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
     )
+    named = options.rows is not None or scan.phantom_rows is not None
+    return given if named else with_phantom_rows(given, stored.line_integrals)
 
 
 def _compared(store: Store, scanner: Scanner, result: CalibrationResult) -> CalibrationResult:

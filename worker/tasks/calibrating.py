@@ -1,8 +1,11 @@
 """A calibration from a sinogram in memory: what the job and the command line share."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
+
+import numpy as np
+from numpy.typing import NDArray
 
 from worker.contracts import calibrations as contracts
 from worker.contracts.base import Handedness, Rotation
@@ -11,11 +14,14 @@ from worker.contracts.jobs import Progress
 from worker.contracts.phantoms import PhantomDrawing
 from worker.tasks.conversion import from_frame, from_theta, to_bounds, to_phantom, to_scanner
 from worker.tomography import geometry
-from worker.tomography.calibration.calibration import Calibration
+from worker.tomography.calibration.calibration import Calibration, CalibrationError
 from worker.tomography.calibration.default import CalibrationTask, calibrate
+from worker.tomography.calibration.phantom_rows import segments
 from worker.tomography.geometry import FloatArray
 
 Report = Callable[[Progress], None]
+# Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
+MOST_RUNS = 8
 
 
 @dataclass(frozen=True)
@@ -31,24 +37,52 @@ class CalibrationInput:
     input_sha256: str
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
+    remarks: tuple[str, ...] = ()
+
+
+def with_phantom_rows(given: CalibrationInput, stack: NDArray[np.float32]) -> CalibrationInput:
+    """The input narrowed to those rows of the stack (views, rows, detector) that show the phantom.
+
+    Where nothing changes from row to row, or no run of rows explains itself by the phantom, all rows stay.
+    """
+    runs = segments(stack)
+    found: list[tuple[float, CalibrationInput]] = []
+    for run in runs[:MOST_RUNS] if len(runs) > 1 else []:
+        rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
+        narrowed = replace(given, sinogram=stack[:, run].mean(axis=1, dtype=np.float64), rows=rows)
+        try:
+            fit = calibrate(_task(narrowed))
+        except CalibrationError:  # these rows show something else
+            continue
+        found.append((fit.relative_residual, narrowed))
+    if not found:
+        return given
+    _, best = min(found, key=lambda item: item[0])
+    told = f"of rows {given.rows[0]}:{given.rows[1]}, {best.rows[0]}:{best.rows[1]} show the phantom and were used"
+    return replace(best, remarks=(told,))
+
+
+def _task(given: CalibrationInput, options: contracts.CalibrationOptions | None = None) -> CalibrationTask:
+    chosen = options or contracts.CalibrationOptions()
+    return CalibrationTask(
+        scanner=to_scanner(given.scanner),
+        phantom=to_phantom(given.drawing),
+        sinogram=given.sinogram,
+        angles_rad=given.angles_rad,
+        bounds=to_bounds(given.bounds),
+        handedness=None if chosen.handedness is None else geometry.Handedness(chosen.handedness),
+        rotation=None if chosen.rotation is None else geometry.Rotation(chosen.rotation),
+        rays_per_cell=chosen.rays_per_cell,
+        log_radius_mm=given.log_radius_mm,
+        tolerance_mm=given.tolerance_mm,
+    )
 
 
 def run_calibration(
     given: CalibrationInput, options: contracts.CalibrationOptions, report: Report
 ) -> tuple[Calibration, contracts.CalibrationResult]:
     """Calibrate by the method asked for; errors of `worker.tomography` pass through."""
-    task = CalibrationTask(
-        scanner=to_scanner(given.scanner),
-        phantom=to_phantom(given.drawing),
-        sinogram=given.sinogram,
-        angles_rad=given.angles_rad,
-        bounds=to_bounds(given.bounds),
-        handedness=None if options.handedness is None else geometry.Handedness(options.handedness),
-        rotation=None if options.rotation is None else geometry.Rotation(options.rotation),
-        rays_per_cell=options.rays_per_cell,
-        log_radius_mm=given.log_radius_mm,
-        tolerance_mm=given.tolerance_mm,
-    )
+    task = _task(given, options)
 
     def progress(generation: int, most: int, best: float) -> None:
         report(Progress(fraction=min(generation / most, 0.95), stage="search", generation=generation, best_value=best))
@@ -91,7 +125,7 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
         gain=calibration.gain,
         offset=calibration.offset,
         residual=contracts.Residual(rms=calibration.residual_rms, relative=calibration.relative_residual),
-        adjustments=list(calibration.adjustments),
+        adjustments=[*given.remarks, *calibration.adjustments],
         verdict=calibration.verdict,
         reasons=list(calibration.reasons),
         scanner=given.scanner,
