@@ -31,7 +31,7 @@ THETA = Theta(
 )
 ROW_PITCH_MM = 4.0
 PHANTOM_ROWS, LOG_ROWS = 3, 5
-LOG_START_MM = 188.0
+LOG_START_MM = 192.0
 
 
 def full_turn(views: int) -> FloatArray:

@@ -181,7 +181,8 @@ def _draw_residual(
     ax.set_yticks(marked, [f"{angles_deg[view]:.4g}" for view in marked])
     ax.set_ylabel("angle of the view, degrees")
     ax.set_xlabel("position on the detector, mm")
-    rms, whole = _rms(residual), _rms(sinogram)
+    # Against the sinogram without its mean, as the result says it: a background explains nothing.
+    rms, whole = _rms(residual), float(np.std(sinogram, dtype=np.float64))
     share = f", {100 * rms / whole:.2g} % of the sinogram's" if whole else ""
     ax.set_title(f"measured less model, RMS {rms:.3g}{share}")
     figure.colorbar(shown, ax=ax, shrink=0.85, pad=0.02, extend="both")
