@@ -20,6 +20,12 @@ class Png(Response):
     media_type = "image/png"
 
 
+class Svg(Response):
+    """A drawing."""
+
+    media_type = "image/svg+xml"
+
+
 class Hdf5(Response):
     """A file of arrays."""
 
@@ -50,11 +56,11 @@ def is_known(request: Request, tag: str) -> bool:
     return tag in held or "*" in held
 
 
-def picture(request: Request, tag: str, draw: Callable[[], bytes]) -> Response:
-    """A PNG, drawn only for a client that does not hold it."""
+def picture(request: Request, tag: str, draw: Callable[[], bytes | str], *, answer: type[Response] = Png) -> Response:
+    """A PNG, or another kind of picture, drawn only for a client that does not hold it."""
     if is_known(request, tag):
         return Response(status_code=304, headers={"ETag": tag})
-    return Png(draw(), headers={"ETag": tag})
+    return answer(draw(), headers={"ETag": tag})
 
 
 def file(request: Request, path: Path, media_type: str, *, save_as: str | None = None) -> Response:

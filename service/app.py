@@ -12,7 +12,19 @@ from service.gate import Gate, ProtectiveHeaders
 from service.observer import JobsByState, Observer
 from service.openapi_document import Application
 from service.problems import install
-from service.routes import calibrations, console, health, jobs, phantoms, reconstructions, scanners, scans, schedules
+from service.routes import (
+    calibrations,
+    console,
+    drifts,
+    health,
+    jobs,
+    phantoms,
+    plans,
+    reconstructions,
+    scanners,
+    scans,
+    schedules,
+)
 from service.settings import ServiceSettings
 from worker.storage.store import Store
 
@@ -33,11 +45,12 @@ TAGS = [
     {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
     {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
     {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
+    {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "schedules", "description": "Recalibration at fixed times."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
-ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, health, console)
+ROUTERS = (scanners, phantoms, plans, scans, calibrations, reconstructions, drifts, jobs, schedules, health, console)
 
 
 def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Application:

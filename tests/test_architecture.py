@@ -63,4 +63,5 @@ def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():
 
 def test_a_process_that_is_kept_ready_has_all_tasks_imported():
     modules = imported_by("import worker.execution.attempt")
-    assert {f"worker.tasks.{task}" for task in ("ingest", "calibrate", "reconstruct", "trace_phantom")} <= modules
+    tasks = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
+    assert {f"worker.tasks.{task}" for task in tasks} <= modules

@@ -1,10 +1,11 @@
-"""The commands that need no server: calibrate, reconstruct, simulate, export, worker (DESIGN section 8).
+"""The commands that need no server: calibrate, drift, reconstruct, simulate, export, phantom, worker.
 
 Here stand their flags, what is wrong use of them, and what they print. What they do stands in `worker.commands` and is
 imported by the command that does it, so that no command waits for another's libraries.
 """
 # ruff: noqa: PLC0415, FBT002 - imports inside the commands, for that reason; flags are booleans with a default
 
+import math
 import os
 from enum import StrEnum
 from importlib.metadata import version
@@ -13,6 +14,7 @@ from typing import Annotated, Literal
 from uuid import uuid4
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -28,12 +30,16 @@ from worker.contracts.calibrations import (
     CalibrationResult,
     PaperOptions,
 )
+from worker.contracts.drifts import DriftOptions, DriftResult
 from worker.contracts.geometry import ScannerConstants
+from worker.contracts.plans import PlanOptions, PlanResult
 from worker.contracts.reconstructions import FilterName, ReconstructionMethod, ReconstructionOptions
 from worker.formats.angles import AngleSteps
 from worker.tasks.report_table import report_table
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
+phantom_app = typer.Typer(no_args_is_help=True)
+app.add_typer(phantom_app, name="phantom", help="Choose a phantom, and draw it.")
 
 
 def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's callback
@@ -144,6 +150,87 @@ def _print_calibration(result: CalibrationResult) -> None:
     console.print(table)
     for reason in result.reasons:
         console.print(f"- {reason}", highlight=False, markup=False)
+
+
+@app.command()
+def drift(
+    scan: given.ScanFile,
+    data: given.Data,
+    calibration: Annotated[
+        Path,
+        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help="What calibrate --json printed."),
+    ],
+    source_to_cor_mm: Annotated[
+        float | None, typer.Option(callback=given.length, help="r_S; the calibration carries it.")
+    ] = None,
+    dataset: given.Dataset = None,
+    angles_deg: given.AnglesDeg = None,
+    angles_file: given.AnglesFile = None,
+    views: given.Views = None,
+    rows: given.RowsText = None,
+    detector_pitch_mm: given.DetectorPitch = None,
+    row_pitch_mm: given.RowPitch = None,
+    tolerance_mm: Annotated[
+        float, typer.Option(callback=given.length, help="RMS ray distance up to which nothing moved.")
+    ] = 0.5,
+    as_json: given.JsonFlag = False,
+) -> None:
+    """Say what moved since a calibration, from any dense full-turn scan, without a phantom."""
+    with wrong_use_told():
+        options = DriftOptions(rows=rows)
+    said = ScanSaid(
+        path=scan,
+        data=data,
+        dataset=dataset,
+        angles=given.given_angles(angles_deg, angles_file),
+        views=views,
+        rows=options.rows,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+    )
+    known = CalibrationSaid(calibration, source_to_cor_mm)
+    with answering(as_json=as_json), showing_progress("drift") as progress:
+        from worker.commands.drift import look_for_drift
+
+        result = look_for_drift(said, known, tolerance_mm=tolerance_mm, report=progress)
+    if as_json:
+        print_json({"state": "succeeded", **result.model_dump(mode="json")})
+    else:
+        _print_drift(result)
+
+
+def _print_drift(result: DriftResult) -> None:
+    word, colour = {
+        True: ("within tolerance", "green"),
+        False: ("out of tolerance", "red"),
+        None: ("too uncertain to say", "yellow"),
+    }[result.within_tolerance]
+    table = Table(title=f"Drift: [bold {colour}]{word}[/]")
+    for column in ("", "measured", "calibrated", "change", "± sd", "sd's"):
+        table.add_column(column, justify="right" if column else "left")
+    units = {
+        "COR on the detector, mm": ("cor_column_mm", 1.0),
+        "tilt, °": ("tilt_rad", math.degrees(1.0)),
+        "source to detector, mm (weakly seen)": ("source_to_detector_mm", 1.0),
+    }
+    for label, (name, unit) in units.items():
+        three = (result.measured, result.calibrated, result.change)
+        measured, calibrated, change = (unit * getattr(part, name) for part in three)
+        spread, significance = (getattr(part, name) for part in (result.change_standard_deviation, result.significance))
+        if spread is None or significance is None:
+            table.add_row(label, "not seen", f"{calibrated:.3f}", "held", "", "")
+            continue
+        spread *= unit
+        table.add_row(
+            label, f"{measured:.3f}", f"{calibrated:.3f}", f"{change:+.3f}", f"{spread:.2g}", f"{significance:+.1f}"
+        )
+    moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
+    table.add_row("rays moved", "", "", moved, "", "")
+    console = Console()
+    console.print(table)
+    console.print(f"- {result.reason}", highlight=False, markup=False)
+    for blind in result.not_seen:
+        console.print(f"- not seen: {blind}", highlight=False, markup=False)
 
 
 @app.command()
@@ -315,7 +402,12 @@ def export(
         Path,
         typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help="What calibrate --json printed."),
     ],
-    to: Annotated[given.ExportTarget, typer.Option(help="astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm.")],
+    to: Annotated[
+        given.ExportTarget,
+        typer.Option(
+            help="astra: rows srcX srcY dX dY uX uY of fanflat_vec, mm; odl, cil: JSON of every argument; rtk: XML.",
+        ),
+    ],
     output: given.Result,
     views: Annotated[int, typer.Option(min=1, help="Number of views.")],
     angles_deg: given.AnglesDeg = None,
@@ -326,10 +418,84 @@ def export(
     if angles is None:
         raise typer.BadParameter("the views' angles are missing: give --angles-deg START:STEP or --angles-file.")
     with answering():
-        from worker.commands.export import WRITERS
+        from worker.commands.export import export_geometry
 
-        WRITERS[to](calibration, output, angles, views)
+        export_geometry(to, calibration, output, angles, views)
     say(f"{views} views: {output}")
+
+
+@phantom_app.command()
+def plan(
+    phantoms: Annotated[
+        list[str], typer.Argument(metavar="PHANTOM...", help="What to compare: names or files, as --phantom.")
+    ],
+    theta: Annotated[str, typer.Option(metavar=given.THETA_FORM, help=f"Nominal: {given.THETA_HELP}")],
+    views: Annotated[
+        list[int] | None, typer.Option(min=3, help="Views over a full turn; may be repeated. 20 and 360 by default.")
+    ] = None,
+    noise: Annotated[float, typer.Option(help="Standard deviation against the RMS of the sinogram.")] = 0.02,
+    source_to_cor_mm: given.SourceToCor = 859.46,
+    detector_pitch_mm: Annotated[
+        float, typer.Option(callback=given.length, help="Distance between detector cells.")
+    ] = 1.502864583,
+    detector_pixels: Annotated[int, typer.Option(min=8, max=65_536, help="Cells of the detector.")] = 768,
+    log_radius_mm: Annotated[float, typer.Option(callback=given.length, help="Of the largest log.")] = 150.0,
+    phantom_width_mm: given.PhantomWidth = None,
+    as_json: given.JsonFlag = False,
+) -> None:
+    """Say how well phantoms will calibrate a scanner, before they are made."""
+    five = given.parse_theta(theta)
+    said = [PhantomSaid(text, phantom_width_mm) for text in phantoms]
+    with wrong_use_told():
+        options = [PlanOptions(views=count, noise=noise) for count in views or (20, 360)]
+    scanner = ScannerConstants(
+        source_to_cor_mm=source_to_cor_mm, num_detector_pixels=detector_pixels, detector_pitch_mm=detector_pitch_mm
+    )
+    with answering(as_json=as_json):
+        from worker.commands.phantom import plan_phantoms
+
+        plans = plan_phantoms(said, options, scanner=scanner, theta=five, log_radius_mm=log_radius_mm)
+    if as_json:
+        print_json({"state": "succeeded", "plans": [each.model_dump(mode="json") for each in plans]})
+    else:
+        Console().print(_plan_table(plans))
+    for each in plans:
+        if each.views_cut_off:
+            say(f"{each.phantom}: {each.views_cut_off} of {each.views} views reach an end of the detector")
+
+
+def _plan_table(plans: list[PlanResult]) -> Table:
+    table = Table(
+        title=f"Standard deviations, noise {plans[0].noise:.3g} of the sinogram's RMS",
+        caption="rays: RMS inside the log, and what 95 of 100 calibrations stay below; "
+        "size: RMS from the phantom's size tolerance, beside it",
+        box=box.SIMPLE,
+        padding=(0, 1, 0, 0),
+    )
+    for column in ("phantom", "views", "R mm", "COR mm", "tilt °", "psi °", "rays mm", "95 % mm", "size mm"):
+        table.add_column(column, justify="left" if column == "phantom" else "right")
+    for each in plans:
+        spread, predicted = each.standard_deviation.source_frame, each.predicted_ray_error_mm
+        lengths = (spread.source_distance_mm, spread.cor_column_mm)
+        angles = (math.degrees(value or 0.0) for value in (spread.tilt_rad, spread.psi_rad))
+        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, each.scale_ray_error_mm)
+        table.add_row(escape(each.phantom), str(each.views), *(f"{value:.2g}" for value in numbers))
+    return table
+
+
+@phantom_app.command()
+def draw(
+    phantom: Annotated[str, typer.Argument(metavar="PHANTOM", help="A name or a file, as --phantom.")],
+    output: given.Result,
+    phantom_width_mm: given.PhantomWidth = None,
+) -> None:
+    """Draw a phantom as SVG in mm, to print at full size."""
+    said = PhantomSaid(phantom, phantom_width_mm)
+    with answering():
+        from worker.commands.phantom import draw_phantom
+
+        draw_phantom(said, output)
+    say(f"{phantom}, to be printed at 100 %: {output}")
 
 
 @app.command()

@@ -8,14 +8,17 @@ import structlog
 
 from worker.contracts.base import DataKind
 from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.drifts import DriftAsk
 from worker.contracts.geometry import ScannerConstants
 from worker.contracts.phantoms import PhantomDrawing, PolygonShape
+from worker.contracts.plans import PlanAsk
 from worker.contracts.reconstructions import ReconstructionAsk
 from worker.contracts.scanners import ScannerSpec
 from worker.contracts.scans import ScanSpec
 from worker.contracts.schedules import ScheduleSpec
 from worker.formats.scan_file import write_raw_scan
 from worker.storage.store import Store
+from worker.tasks.conversion import from_theta
 from worker.tomography.built_in import L_SHAPE
 from worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
@@ -94,6 +97,11 @@ def seed_examples(store: Store) -> None:
         rows = f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}"
         asked = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=rows)
         store.reconstructions.accept(asked, reconstruction_id=EXAMPLE)
+    if EXAMPLE not in {item.id for item in store.drifts.page().items}:
+        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE)
+    if EXAMPLE not in {item.id for item in store.plans.page().items}:
+        nominal = from_theta(THETA)
+        store.plans.accept(L_SHAPE.name, PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20), plan_id=EXAMPLE)
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(

@@ -5,12 +5,14 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from service.answers import Paging, accept
+from service.answers import Paging, Svg, accept, etag, picture
 from service.dependencies import TheSettings, TheStore, TheWake
 from service.openapi_document import trying, trying_file
+from service.problems import Refused
 from service.uploads import chunks
 from worker.contracts.base import Identifier, Page
 from worker.contracts.phantoms import Phantom, PhantomDrawing, PhantomPicture
+from worker.pictures.phantom_drawing import phantom_svg
 
 router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
 PICTURES = "/pictures"
@@ -70,6 +72,23 @@ def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[P
 def get_phantom(phantom_id: Identifier, store: TheStore) -> Phantom:
     """Its outlines in mm; null while its picture is being traced."""
     return store.phantoms.get(phantom_id)
+
+
+@router.get(
+    "/{phantom_id}/drawing.svg",
+    response_class=Svg,
+    summary="Draw a phantom to print at full size",
+    openapi_extra=trying(phantom_id="l-shape"),
+)
+def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
+    phantom = store.phantoms.get(phantom_id)
+    drawing = phantom.drawing
+    if drawing is None:
+        detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
+        raise Refused(409, "phantom-without-drawing", detail)
+    tag = etag(drawing)
+    return picture(request, tag, lambda: phantom_svg(drawing.name, drawing.shapes), answer=Svg)
 
 
 @router.delete(

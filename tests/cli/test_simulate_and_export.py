@@ -1,6 +1,7 @@
 """`sawmill simulate` and `sawmill export`."""
 
 import json
+import xml.etree.ElementTree as ET
 
 import h5py
 import numpy as np
@@ -9,6 +10,7 @@ from PIL import Image
 
 from worker.tomography.analytic import DetectorCells, project
 from worker.tomography.built_in import L_SHAPE
+from worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
 from worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
@@ -122,13 +124,15 @@ def test_an_impossible_geometry_is_refused(run, tmp_path):
     assert result.stderr.startswith("geometry: ")
 
 
+def calibrated(result_file, angles_deg) -> FanBeamGeometry:
+    theta = Theta(**json.loads(result_file.read_text())["theta"])
+    return FanBeamGeometry(Scanner(859.46, 256, 4.508593749), theta, np.deg2rad(angles_deg))
+
+
 def test_export_writes_the_vectors_of_astra(run, result_file, tmp_path):
     flags = ("--views", 12, "--angles-deg", "15:30", "-o", tmp_path / "out.txt")
     run("export", "--to", "astra", "--calibration", result_file, *flags)
-    known = json.loads(result_file.read_text())
-    fan = FanBeamGeometry(
-        Scanner(859.46, 256, 4.508593749), Theta(**known["theta"]), np.deg2rad(15 + 30 * np.arange(12))
-    )
+    fan = calibrated(result_file, 15 + 30 * np.arange(12))
     assert np.allclose(np.loadtxt(tmp_path / "out.txt"), fan.astra_vectors(), rtol=1e-10)
 
 
@@ -148,6 +152,26 @@ def test_export_turns_the_other_way_with_the_scanner(run, result_file, tmp_path)
     )
     run("export", *flags, "--calibration", result_file, "--angles-deg", "10:20", "-o", tmp_path / "b.txt")
     assert np.allclose(np.loadtxt(tmp_path / "a.txt"), np.loadtxt(tmp_path / "b.txt"))
+
+
+@pytest.mark.parametrize(("target", "arguments"), [("odl", odl_arguments), ("cil", cil_arguments)], ids=["odl", "cil"])
+def test_export_writes_every_argument_as_json(run, result_file, tmp_path, target, arguments):
+    flags = ("--views", 12, "--angles-deg", "15:30", "-o", tmp_path / "out.json")
+    run("export", "--to", target, "--calibration", result_file, *flags)
+    assert json.loads((tmp_path / "out.json").read_text()) == arguments(
+        calibrated(result_file, 15 + 30 * np.arange(12))
+    )
+
+
+def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
+    flags = ("--views", 3, "--angles-deg", "10:120", "-o", tmp_path / "out.xml")
+    run("export", "--to", "rtk", "--calibration", result_file, *flags)
+    root = ET.parse(tmp_path / "out.xml").getroot()  # noqa: S314 - our own text
+    expected = rtk_geometry(calibrated(result_file, np.array([10.0, 130.0, 250.0])))
+    matrices = [np.array(view.findtext("Matrix").split(), float) for view in root.findall("Projection")]
+    assert np.array_equal(np.reshape(matrices, (3, 3, 4)), expected.matrices)
+    assert float(root.findtext("SourceToDetectorDistance")) == expected.source_to_detector_mm
+    assert "256 cells, spacing 4.508593749 mm, origin -574.8457" in (tmp_path / "out.xml").read_text()
 
 
 def test_export_needs_angles_and_a_known_target(wrong_use, result_file, tmp_path):

@@ -17,9 +17,11 @@ from service.app import create_app
 from service.openapi_document import Application
 from service.settings import ServiceSettings
 from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.drifts import DriftAsk
 from worker.contracts.geometry import ScannerConstants
 from worker.contracts.jobs import JobKind, JobState
 from worker.contracts.phantoms import DiscShape, PhantomDrawing
+from worker.contracts.plans import PlanAsk
 from worker.contracts.reconstructions import ReconstructionAsk
 from worker.contracts.scanners import ScannerSpec
 from worker.contracts.scans import DataKind, ScanSpec
@@ -138,6 +140,12 @@ class FakeWorker:
     def finish_reconstruction(self) -> None:
         self._finish(write_reconstruction, reconstruction_result())
 
+    def finish_drift(self) -> None:
+        self._finish(lambda _: None, drift_result())
+
+    def finish_plan(self) -> None:
+        self._finish(lambda _: None, plan_result())
+
     def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
         claim = self.claim()
         output = self.store.files.make_attempt_folder(claim.job_id, claim.attempt)
@@ -162,6 +170,10 @@ def seed(store: Store, worker: FakeWorker) -> None:
     worker.finish_calibration()
     store.reconstructions.accept(ReconstructionAsk(scan_id="example"), reconstruction_id="example")
     worker.finish_reconstruction()
+    store.plans.accept("l-shape", PlanAsk(scanner_id="example", views=20), plan_id="example")
+    worker.finish_plan()
+    store.drifts.accept(DriftAsk(scan_id="example"), drift_id="example")
+    worker.finish_drift()
     for schedule_id in ("example", "example-spare"):
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     add_finished_job(store, "example")
@@ -283,6 +295,53 @@ def calibration_result() -> dict[str, Any]:
         "software_version": "0",
         "input_sha256": "0" * 64,
     }
+
+
+def drift_result() -> dict[str, Any]:
+    three = {"cor_column_mm": -209.1, "tilt_rad": -0.083, "source_to_detector_mm": 1619.3}
+    changes = ("change", "change_standard_deviation", "significance")
+    return {
+        "measured": three,
+        "standard_deviation": dict.fromkeys(three, 0.1),
+        "covariance": [[0.0] * 3] * 3,
+        "calibrated": three,
+        **dict.fromkeys(changes, dict.fromkeys(three, 0.1)),
+        "moved": False,
+        "ray_change_mm": 0.01,
+        "ray_change_uncertainty_mm": 0.02,
+        "radius_mm": 150.0,
+        "tolerance_mm": 0.5,
+        "within_tolerance": True,
+        "reason": "nothing moved",
+        "not_seen": ["R"],
+        "rotation": "as-given",
+        "rotation_ratio": 60.0,
+        "rotation_decided": True,
+        "relative_residual": 0.01,
+        "scanner": calibration_result()["scanner"],
+        "views": 120,
+        "rows": (0, 1),
+        "time_s": 0.1,
+        "software_version": "0",
+        "input_sha256": "0" * 64,
+    }
+
+
+def plan_result() -> dict[str, Any]:
+    known = calibration_result()
+    kept = (
+        "theta",
+        "source_frame",
+        "standard_deviation",
+        "covariance",
+        "predicted_ray_error_mm",
+        "scale_uncertainty_mm",
+        "scale_ray_error_mm",
+        "scanner",
+        "phantom",
+        "software_version",
+    )
+    return {name: known[name] for name in kept} | {"noise_mm": 2.1, "views_cut_off": 0, "views": 20, "noise": 0.02}
 
 
 def reconstruction_result() -> dict[str, Any]:

@@ -54,3 +54,23 @@ def test_the_picture_offered_to_try_is_the_l_shape():
     expected = np.asarray(drawn.resize((400, 400), Image.Resampling.BOX), dtype=float) / 255
     assert shown.shape == (400, 400)
     assert np.abs(shown - expected).mean() < 0.002
+
+
+def test_a_drawing_is_svg_for_those_who_do_not_hold_it(client):
+    answer = client.get("/v1/phantoms/rectangle-with-hole/drawing.svg")
+    assert (answer.status_code, answer.headers["Content-Type"]) == (200, "image/svg+xml")
+    assert "⌀ 52 at (-50, -49)" in answer.text
+    assert 'width="360.36mm"' in answer.text
+    again = client.get(
+        "/v1/phantoms/rectangle-with-hole/drawing.svg", headers={"If-None-Match": answer.headers["ETag"]}
+    )
+    assert (again.status_code, again.content) == (304, b"")
+    other = client.get("/v1/phantoms/l-shape/drawing.svg")
+    assert other.headers["ETag"] != answer.headers["ETag"]
+
+
+def test_a_phantom_that_is_being_traced_has_no_drawing(client):
+    accepted = client.post("/v1/phantoms/pictures?name=ell&width_mm=400", content=PICTURE)
+    answer = client.get(f"{accepted.headers['Location']}/drawing.svg")
+    assert (answer.status_code, answer.json()["code"]) == (409, "phantom-without-drawing")
+    assert "is tracing and has no drawing" in answer.json()["detail"]

@@ -146,10 +146,59 @@ def reconstruction_result() -> dict[str, Any]:
     }
 
 
+def plan_result() -> dict[str, Any]:
+    known = calibration_result()
+    kept = (
+        "theta",
+        "source_frame",
+        "standard_deviation",
+        "covariance",
+        "predicted_ray_error_mm",
+        "scale_uncertainty_mm",
+        "scale_ray_error_mm",
+        "scanner",
+        "phantom",
+        "software_version",
+    )
+    return {name: known[name] for name in kept} | {"noise_mm": 2.1, "views_cut_off": 0, "views": 20, "noise": 0.02}
+
+
+def drift_result() -> dict[str, Any]:
+    three = {"cor_column_mm": -209.1, "tilt_rad": -0.083, "source_to_detector_mm": 1619.3}
+    changes = ("change", "change_standard_deviation", "significance")
+    return {
+        "measured": three,
+        "standard_deviation": dict.fromkeys(three, 0.1),
+        "covariance": [[0.0] * 3] * 3,
+        "calibrated": three,
+        **dict.fromkeys(changes, dict.fromkeys(three, 0.1)),
+        "moved": False,
+        "ray_change_mm": 0.01,
+        "ray_change_uncertainty_mm": 0.02,
+        "radius_mm": 150.0,
+        "tolerance_mm": 0.5,
+        "within_tolerance": True,
+        "reason": "nothing moved",
+        "not_seen": ["R"],
+        "rotation": "as-given",
+        "rotation_ratio": 60.0,
+        "rotation_decided": True,
+        "relative_residual": 0.01,
+        "scanner": CONSTANTS,
+        "views": 120,
+        "rows": (0, 1),
+        "time_s": 0.1,
+        "software_version": "0",
+        "input_sha256": "0" * 64,
+    }
+
+
 RESULTS: dict[JobKind, Callable[[], dict[str, Any]]] = {
     JobKind.INGEST: reading,
     JobKind.CALIBRATE: calibration_result,
     JobKind.RECONSTRUCT: reconstruction_result,
+    JobKind.PLAN: plan_result,
+    JobKind.DRIFT: drift_result,
     JobKind.TRACE_PHANTOM: lambda: {
         "name": "traced",
         "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],

@@ -34,6 +34,7 @@ def calibrate_scan(
         bounds=None,
         drawing=drawing,
         input_sha256=used.sha256,
+        from_counts=used.counts,
     )
     if said.rows is None:
         given = with_phantom_rows(given, used.stack)

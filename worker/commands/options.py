@@ -95,6 +95,9 @@ class ExportTarget(StrEnum):
     """Toolkits that a geometry can be written for."""
 
     ASTRA = "astra"
+    ODL = "odl"
+    CIL = "cil"
+    RTK = "rtk"
 
 
 @dataclass(frozen=True)

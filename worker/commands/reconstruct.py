@@ -46,13 +46,19 @@ def _with_theta(said: ScanSaid, geometry: ThetaSaid) -> ReconstructionInput:
 
 
 def _with_calibration(said: ScanSaid, geometry: CalibrationSaid) -> ReconstructionInput:
+    known, used = load_with_calibration(said, geometry)
+    return _input(used, known.theta, known.rotation, known.handedness)
+
+
+def load_with_calibration(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanInput]:
+    """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
     known = read_calibration(geometry.path)
     r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
     _check_agreement("detector_pitch_mm", pitch, said.detector_pitch_mm)
     used = load(replace(said, detector_pitch_mm=pitch), source_to_cor_mm=r_s)
     _check_same_detector(known, used)
-    return _input(used, known.theta, known.rotation, known.handedness)
+    return known, used
 
 
 def _input(used: ScanInput, theta: Theta, rotation: Rotation, handedness: Handedness) -> ReconstructionInput:

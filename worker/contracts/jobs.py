@@ -15,6 +15,8 @@ class JobKind(StrEnum):
     TRACE_PHANTOM = "trace-phantom"
     CALIBRATE = "calibrate"
     RECONSTRUCT = "reconstruct"
+    PLAN = "plan"
+    DRIFT = "drift"
 
 
 class JobState(StrEnum):
@@ -62,7 +64,7 @@ class Job(Stamped):
 
     kind: JobKind
     state: JobState
-    subject_id: Identifier = Field(description="The scan, phantom, calibration or reconstruction it works on.")
+    subject_id: Identifier = Field(description="The scan, phantom, calibration, reconstruction or plan it works on.")
     queue_position: int | None = Field(None, description="Jobs that will start before it; null once it runs.")
     progress: Progress | None = None
     attempt: int = Field(description="How often it was started; at most three.")

@@ -6,7 +6,8 @@ scans/<id>/scan.h5              line integrals
 phantoms/<id>/                  what tracing left
 calibrations/<id>/              report.png, overlay.png, result.h5
 reconstructions/<id>/           volume.h5
-attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of the four above when it succeeds
+plans/<id>/, drifts/<id>/       nothing
+attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of those above when it succeeds
 removed/                        what is being deleted
 """
 
@@ -30,6 +31,8 @@ _ROOM = {
     JobKind.TRACE_PHANTOM: "phantoms",
     JobKind.CALIBRATE: "calibrations",
     JobKind.RECONSTRUCT: "reconstructions",
+    JobKind.PLAN: "plans",
+    JobKind.DRIFT: "drifts",
 }
 _TEMPORARY = ("incoming", "removed")
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")

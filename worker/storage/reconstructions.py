@@ -41,7 +41,11 @@ class Reconstructions:
             refuse_taken(session, ReconstructionRow, "reconstruction", identifier)
             scan = usable_scan(session, ask.scan_id)
             needs = [scan.job_id] if scan.state is ScanState.INGESTING else []
-            calibration = None if ask.theta is not None else _usable_calibration(session, scan, ask.calibration_id)
+            calibration = (
+                None
+                if ask.theta is not None
+                else usable_calibration(session, scan, ask.calibration_id, instead=", or give theta")
+            )
             if calibration is not None and not calibration.job.state.ended:
                 needs.append(calibration.job_id)
             calibration_id = calibration.id if calibration is not None else None
@@ -85,10 +89,22 @@ class Reconstructions:
             return read_page(session, statement, ReconstructionRow, _read, after=after, limit=limit)
 
 
-def _usable_calibration(session: Session, scan: ScanRow, asked: str | None) -> CalibrationRow:
+def usable_calibration(session: Session, scan: ScanRow, asked: str | None, *, instead: str) -> CalibrationRow:
+    """The calibration asked for, or the active one of the scan's scanner; it may still be computed.
+
+    Parameters
+    ----------
+    instead
+        What else the asker could give, for the sentence of a scanner that has no active one.
+
+    Raises
+    ------
+    NotFound, Conflict
+        There is none, it belongs to another scanner, or it ended without a result.
+    """
     calibration_id = asked or active_calibration_id(session, scan.scanner_id)
     if calibration_id is None:
-        msg = f"scanner {scan.scanner_id!r} has no active calibration: name one as calibration_id, or give theta"
+        msg = f"scanner {scan.scanner_id!r} has no active calibration: name one as calibration_id{instead}"
         raise Conflict("no-active-calibration", msg)
     calibration = found(session, CalibrationRow, "calibration", calibration_id)
     if calibration.scanner_id != scan.scanner_id:

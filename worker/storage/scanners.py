@@ -13,6 +13,7 @@ from worker.storage.paging import found, new_id, read_page, refuse_taken
 from worker.storage.tables import (
     ActivationRow,
     CalibrationRow,
+    DriftRow,
     ReconstructionRow,
     ScannerRow,
     ScanRow,
@@ -74,7 +75,7 @@ class Scanners:
         """
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
-            for table in (ScanRow, CalibrationRow, ReconstructionRow, ScheduleRow):
+            for table in (ScanRow, CalibrationRow, ReconstructionRow, DriftRow, ScheduleRow):
                 used = session.scalar(select(func.count()).select_from(table).where(table.scanner_id == scanner_id))
                 if used:
                     msg = f"scanner {scanner_id!r} is used by {used} {table.__tablename__}; a used scanner stays"

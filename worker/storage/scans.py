@@ -11,7 +11,7 @@ from worker.storage.errors import Conflict
 from worker.storage.files import FileStore, Received
 from worker.storage.paging import found, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
-from worker.storage.tables import CalibrationRow, JobRow, PhantomRow, ReconstructionRow, ScannerRow, ScanRow
+from worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ReconstructionRow, ScannerRow, ScanRow
 from worker.storage.uploading import kept_upload
 
 _COLUMNS = {"scanner_id", "phantom_id"}
@@ -118,7 +118,8 @@ def usable_scan(session: Session, scan_id: str) -> ScanRow:
 
 
 def _unfinished_jobs_of(scan: ScanRow) -> Select[str]:
-    results = [select(table.job_id).where(table.scan_id == scan.id) for table in (CalibrationRow, ReconstructionRow)]
+    made_from_it = (CalibrationRow, ReconstructionRow, DriftRow)
+    results = [select(table.job_id).where(table.scan_id == scan.id) for table in made_from_it]
     return (
         select(JobRow.id)
         .where(JobRow.state.in_([JobState.QUEUED, JobState.RUNNING]))

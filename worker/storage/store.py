@@ -7,10 +7,12 @@ from sqlalchemy import text
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
 from worker.storage.calibrations import Calibrations
 from worker.storage.database import Clock, Database, make_engine, utc_now
+from worker.storage.drifts import Drifts
 from worker.storage.errors import StorageUnavailable
 from worker.storage.files import FileStore
 from worker.storage.jobs import Jobs
 from worker.storage.phantoms import Phantoms
+from worker.storage.plans import Plans
 from worker.storage.reconstructions import Reconstructions
 from worker.storage.scanners import Scanners
 from worker.storage.scans import Scans
@@ -23,7 +25,7 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules
         The rows.
     files
         The arrays.
@@ -40,6 +42,8 @@ class Store:
         self.scans = Scans(self._database, self.files)
         self.calibrations = Calibrations(self._database)
         self.reconstructions = Reconstructions(self._database)
+        self.plans = Plans(self._database)
+        self.drifts = Drifts(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.schedules = Schedules(self._database)
 

@@ -1,4 +1,4 @@
-"""What a job's end means for the scan, phantom, calibration or reconstruction it worked on."""
+"""What a job's end means for the scan, phantom, calibration, reconstruction, plan or look at drift it worked on."""
 
 from collections.abc import Callable
 from datetime import datetime
@@ -8,19 +8,23 @@ from sqlalchemy.orm import Session
 
 from worker.contracts.base import Contract
 from worker.contracts.calibrations import CalibrationResult
+from worker.contracts.drifts import DriftResult
 from worker.contracts.jobs import JobKind
 from worker.contracts.phantoms import PhantomDrawing, PhantomState
+from worker.contracts.plans import PlanResult
 from worker.contracts.reconstructions import ReconstructionResult
 from worker.contracts.scans import ScanReading, ScanState
 from worker.storage.paging import found
 from worker.storage.scanners import activate
-from worker.storage.tables import CalibrationRow, Json, PhantomRow, ReconstructionRow, ScanRow
+from worker.storage.tables import CalibrationRow, DriftRow, Json, PhantomRow, PlanRow, ReconstructionRow, ScanRow
 
 _RESULT: dict[JobKind, type[Contract]] = {
     JobKind.INGEST: ScanReading,
     JobKind.TRACE_PHANTOM: PhantomDrawing,
     JobKind.CALIBRATE: CalibrationResult,
     JobKind.RECONSTRUCT: ReconstructionResult,
+    JobKind.PLAN: PlanResult,
+    JobKind.DRIFT: DriftResult,
 }
 
 
@@ -76,9 +80,19 @@ def _reconstructed(session: Session, subject_id: str, result: Json, _: datetime)
     found(session, ReconstructionRow, "reconstruction", subject_id).result = result
 
 
+def _planned(session: Session, subject_id: str, result: Json, _: datetime) -> None:
+    found(session, PlanRow, "plan", subject_id).result = result
+
+
+def _drift_seen(session: Session, subject_id: str, result: Json, _: datetime) -> None:
+    found(session, DriftRow, "drift", subject_id).result = result
+
+
 _SUCCESS: dict[JobKind, Callable[[Session, str, Json, datetime], None]] = {
     JobKind.INGEST: _scan_read,
     JobKind.TRACE_PHANTOM: _phantom_traced,
     JobKind.CALIBRATE: _calibrated,
     JobKind.RECONSTRUCT: _reconstructed,
+    JobKind.PLAN: _planned,
+    JobKind.DRIFT: _drift_seen,
 }

@@ -185,6 +185,34 @@ class ReconstructionRow(Resource):
     job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
 
 
+class DriftRow(Resource):
+    """A look at drift; its state is its job's. It outlives its scan, whose id it keeps."""
+
+    __tablename__ = "drifts"
+    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    scan_id: Mapped[str] = mapped_column(String(64), index=True)
+    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+class PlanRow(Resource):
+    """A plan; its state is its job's. It outlives its phantom and its scanner, whose ids it keeps."""
+
+    __tablename__ = "plans"
+
+    phantom_id: Mapped[str] = mapped_column(String(64))
+    scanner_id: Mapped[str] = mapped_column(String(64))
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
 class ActivationRow(Base):
     """From then on this calibration was its scanner's active one."""
 

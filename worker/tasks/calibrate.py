@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from worker.contracts.base import DataKind
 from worker.contracts.calibrations import CalibrationOptions, CalibrationResult, CalibrationSucceeded, Comparison
 from worker.contracts.phantoms import PhantomDrawing
 from worker.contracts.scanners import Scanner
@@ -29,7 +30,7 @@ def calibrate(attempt: Attempt) -> dict[str, Any]:
             "rotation": asked.options.rotation or scanner.rotation,
         }
     )
-    given = _load(store, asked.scan_id, options, scanner, _drawing(store, asked.phantom_id))
+    given = _load(store, asked.scan_id, options, scanner, drawing_of(store, asked.phantom_id))
     calibration, result = run_calibration(given, options, attempt.report)
     result = _compared(store, scanner, result)
     attempt.say(0.97, "report")
@@ -45,7 +46,8 @@ def usable_scan(store: Store, scan_id: str) -> Scan:
     return scan
 
 
-def _drawing(store: Store, phantom_id: str) -> PhantomDrawing:
+def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
+    """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
     phantom = store.phantoms.get(phantom_id)
     if phantom.drawing is None:
         raise refused("phantom-refused", f"phantom {phantom_id!r} has no drawing: {phantom.reason}")
@@ -70,6 +72,7 @@ def _load(
         input_sha256=scan.sha256,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
+        from_counts=scan.data is DataKind.COUNTS,
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return given if named else with_phantom_rows(given, stored.line_integrals)

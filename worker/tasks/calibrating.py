@@ -1,5 +1,6 @@
 """A calibration from a sinogram in memory: what the job and the command line share."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -37,6 +38,7 @@ class CalibrationInput:
     input_sha256: str
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
+    from_counts: bool = False
     remarks: tuple[str, ...] = ()
 
 
@@ -75,6 +77,7 @@ def _task(given: CalibrationInput, options: contracts.CalibrationOptions | None 
         rays_per_cell=chosen.rays_per_cell,
         log_radius_mm=given.log_radius_mm,
         tolerance_mm=given.tolerance_mm,
+        from_counts=given.from_counts,
     )
 
 
@@ -85,7 +88,10 @@ def run_calibration(
     task = _task(given, options)
 
     def progress(generation: int, most: int, best: float) -> None:
-        report(Progress(fraction=min(generation / most, 0.95), stage="search", generation=generation, best_value=best))
+        fraction = min(generation / most, 0.95)
+        # Nothing fits yet: there is no best value to tell.
+        value = best if math.isfinite(best) else None
+        report(Progress(fraction=fraction, stage="search", generation=generation, best_value=value))
 
     if options.method is contracts.CalibrationMethod.PAPER:
         # Imported here because it brings the reconstruction along, for which the default need not wait.

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from worker.contracts.jobs import FailureKind
 from worker.formats.errors import UnreadableScan
 from worker.tomography.calibration.calibration import CalibrationError
+from worker.tomography.drift import DriftError
 from worker.tomography.geometry import GeometryError
 from worker.tomography.phantom import PhantomError
 from worker.tomography.preprocess import CountsError
@@ -39,7 +40,7 @@ def input_errors_translated() -> Iterator[None]:
     """Turn what formats and science say of unusable input into the asker's failure, the cause chained."""
     try:
         yield
-    except (UnreadableScan, CalibrationError) as error:
+    except (UnreadableScan, CalibrationError, DriftError) as error:
         raise refused(error.code, str(error)) from error
     except GeometryError as error:
         raise refused("geometry", str(error)) from error

@@ -7,8 +7,10 @@ from typing import Any
 from worker.contracts.jobs import JobKind
 from worker.tasks.attempt import Attempt
 from worker.tasks.calibrate import calibrate
+from worker.tasks.drift import drift
 from worker.tasks.failures import input_errors_translated
 from worker.tasks.ingest import ingest
+from worker.tasks.plan import plan
 from worker.tasks.reconstruct import reconstruct
 from worker.tasks.trace_phantom import trace_phantom
 from worker.tomography.warm_up import warm_up
@@ -21,6 +23,8 @@ _TASKS: Mapping[JobKind, Callable[[Attempt], dict[str, Any]]] = MappingProxyType
         JobKind.TRACE_PHANTOM: trace_phantom,
         JobKind.CALIBRATE: calibrate,
         JobKind.RECONSTRUCT: reconstruct,
+        JobKind.PLAN: plan,
+        JobKind.DRIFT: drift,
     }
 )
 

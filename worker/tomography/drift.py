@@ -1,26 +1,32 @@
-"""Drift without a phantom: over a full turn every ray is measured twice, once from either side.
+"""What moved since a calibration, how surely, and what that looks like: from pairs of opposite rays, without a phantom.
 
-p(phi, gamma) = p(phi + pi - 2 gamma, -gamma), gamma = atan2((u - u_c) cos tau, SDD + (u - u_c) sin tau): no R in it, so
-u_c and tau (and weakly SDD) can be fitted to any dense full-turn scan (design page, section 5; the symmetry is that of
-Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
+The fit itself stands in `conjugate_rays`. R and psi cannot be seen (design page, section 5).
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter, map_coordinates, spline_filter
-from scipy.optimize import least_squares
 
-from worker.tomography.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame, view_weights
+from worker.tomography.geometry import FloatArray, GeometryError, Rotation, Scanner, SourceFrame
+from worker.tomography.ray_error import predicted_ray_error, ray_error
 
-# Between views farther apart than this the sinogram of a log cannot be interpolated to a tenth of its noise.
-WIDEST_STEP_DEG = 3.0
-# Parameters are scattered over blocks of views: neighbours share their interpolation errors.
-BLOCKS = 24
-# Standard deviation of the blur over (views, cells).
-BLUR = (1.0, 1.5)
+# From so many times the better residual on, the other sense of rotation is ruled out.
+DECISIVE_RATIO = 1.1
+# A change beyond so many standard deviations is a change.
+SIGNIFICANT = 3.0
+# Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
+UNEXPLAINED = 11.83
+
+DISTANCE_NOT_SEEN = (
+    "the distance from source to detector: this log does not show it, so it is held at the calibrated one"
+)
+NOT_SEEN = (
+    "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
+    "the first angle psi, so neither the encoder's zero nor which way is up",
+    "from which end the log is looked at",
+    "a turntable that moved along the ray through the centre of rotation, which changes R alone",
+)
 
 
 class DriftError(ValueError):
@@ -29,7 +35,7 @@ class DriftError(ValueError):
     Attributes
     ----------
     code : str
-        Stable, for programs: sparse-views, partial-turn, nothing-seen.
+        Stable, for programs: sparse-views, partial-turn, outside-detector, nothing-seen, moved-too-far.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -37,7 +43,7 @@ class DriftError(ValueError):
         self.code = code
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ConjugateFit:
     """What pairs of opposite rays say of the detector.
 
@@ -45,18 +51,25 @@ class ConjugateFit:
     ----------
     covariance : (3, 3) float64
         Of (u_c, tau, SDD).
-    residual_rms : float
-        Of the differences of paired rays, in the sinogram's unit.
-    initial_rms : float
-        The same with the geometry started from.
+    distance_held : bool
+        The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
+    rotation : Rotation
+        The sense of rotation in which the pairs agree better.
+    rotation_ratio : float
+        Residual of the other sense against this one's.
+    relative_residual : float
+        RMS of the pairs' differences against the RMS of what they differ in: the part of the rays that changes with
+        the view, after the blur.
     """
 
     cor_column_mm: float
     tilt_rad: float
     source_to_detector_mm: float
     covariance: FloatArray
-    residual_rms: float
-    initial_rms: float
+    distance_held: bool
+    rotation: Rotation
+    rotation_ratio: float
+    relative_residual: float
 
     @property
     def deviation(self) -> FloatArray:
@@ -64,111 +77,135 @@ class ConjugateFit:
         spread: FloatArray = np.sqrt(np.diag(self.covariance))
         return spread
 
-
-class _Pairs:
-    """Differences of paired rays, as a function of (u_c, tau, SDD)."""
-
-    def __init__(self, scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray) -> None:
-        self._scanner = scanner
-        views = sinogram.shape[0]
-        self._angles = np.arange(views) * TAU / views
-        # Interpolating white noise weakens it between samples, and least squares would seek those places: blur first.
-        self.sinogram = gaussian_filter(
-            _equidistant(sinogram, angles_rad, self._angles), BLUR, mode=("grid-wrap", "nearest")
-        )
-        self._coefficients = spline_filter(self.sinogram, order=3, mode="grid-wrap")
-
-    def differences(self, vector: FloatArray) -> FloatArray:
-        """Each ray less its partner from the other side, (views, cells); 0 where the partner misses the detector."""
-        u_c, tau, sdd = vector
-        w = self._scanner.cell_centres_mm - u_c
-        gamma = np.arctan2(w * math.cos(tau), sdd + w * math.sin(tau))
-        # The partner has -gamma: w' = SDD sin(-gamma) / cos(-gamma + tau).
-        partner = u_c - sdd * np.sin(gamma) / np.cos(tau - gamma)
-        cell = partner / self._scanner.detector_pitch_mm + 0.5 * self._scanner.num_detector_pixels - 0.5
-        view = (self._angles[:, None] + math.pi - 2.0 * gamma[None, :]) * (len(self._angles) / TAU)
-        seen = (cell >= 0.0) & (cell <= self._scanner.num_detector_pixels - 1.0)
-        where = np.stack([view, np.broadcast_to(cell, view.shape)])
-        other = map_coordinates(self._coefficients, where, order=3, mode="grid-wrap", prefilter=False)
-        return np.where(seen[None, :], self.sinogram - other, 0.0)
+    @property
+    def rotation_decided(self) -> bool:
+        """Whether the scan tells which way it turned; a round, centred log does not."""
+        return self.rotation_ratio > DECISIVE_RATIO
 
 
-def _equidistant(sinogram: FloatArray, angles_rad: FloatArray, wanted: FloatArray) -> FloatArray:
-    """The sinogram at equidistant angles from 0, by periodic cubic splines over the views."""
-    wrapped = np.mod(angles_rad, TAU)
-    order = np.argsort(wrapped, kind="stable")
-    knots = np.append(wrapped[order], wrapped[order[0]] + TAU)
-    values = np.concatenate([sinogram[order], sinogram[order[:1]]])
-    moved = np.mod(wanted - knots[0], TAU) + knots[0]
-    resampled: FloatArray = CubicSpline(knots, values, bc_type="periodic")(moved)
-    return resampled
+@dataclass(frozen=True, eq=False)
+class DriftChange:
+    """Measured less calibrated.
+
+    Attributes
+    ----------
+    change : (3,) float64
+        Of (u_c, tau, SDD).
+    covariance : (3, 3) float64
+        Of the change: this scan's and the calibration's.
+    ray_change_mm : float
+        RMS distance of the rays inside the log's disc with R and psi held; SDD too where it has not changed
+        significantly, because this scan sees it worse than the calibration does.
+    ray_change_uncertainty_mm : float
+        RMS ray distance that the covariance alone brings about.
+    """
+
+    change: FloatArray
+    covariance: FloatArray
+    ray_change_mm: float
+    ray_change_uncertainty_mm: float
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of the changes, (3,)."""
+        spread: FloatArray = np.sqrt(np.diag(self.covariance))
+        return spread
+
+    @property
+    def significance(self) -> FloatArray:
+        """Each change in units of its standard deviation, (3,); 0 for what was held."""
+        deviation = self.deviation
+        share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
+        return share
+
+    @property
+    def moved(self) -> bool:
+        """Whether any change is significant."""
+        return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
 
 
-def conjugate_fit(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame) -> ConjugateFit:
-    """Fit u_c, tau and SDD to the pairs of opposite rays of any object.
+def drift_change(
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    calibrated_covariance: FloatArray | None,
+    fit: ConjugateFit,
+    *,
+    radius_mm: float = 150.0,
+) -> DriftChange:
+    """Compare a scan's conjugate rays with a calibration.
 
     Parameters
     ----------
-    sinogram : (views, detector) float
-        Line integrals of anything that stayed still on the turntable, all round.
-    angles_rad : (views,) float64
-        As the scanner's sense of rotation reads them.
-    start : SourceFrame
-        The calibrated geometry.
-
-    Raises
-    ------
-    DriftError
-        If the views are sparse or do not go all round, or the scan is empty.
+    calibrated_covariance : (5, 5) float64
+        Of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
+    radius_mm : float
+        Of the disc in which rays are compared.
     """
-    _check(sinogram, angles_rad)
-    pairs = _Pairs(scanner, np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64))
-    first = np.array([start.cor_column_mm, start.tilt_rad, start.source_to_detector_mm])
-    scale = np.array([1.0, 0.01, 20.0])
+    covariance = fit.covariance.copy()
+    if calibrated_covariance is not None:
+        order = [3, 4, 2]
+        covariance += calibrated_covariance[np.ix_(order, order)]
+    if fit.distance_held:
+        covariance[2, :] = covariance[:, 2] = 0.0
+    before = np.array([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm])
+    change = np.array([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]) - before
+    counted, spread = _counted(change, covariance)
+    u_c, tau, sdd = (float(value) for value in before + counted)
+    now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
+    frame_covariance = np.zeros((5, 5))
+    frame_covariance[np.ix_([3, 4, 2], [3, 4, 2])] = spread
+    try:
+        rays = ray_error(scanner, calibrated, now, radius_mm=radius_mm).rms_mm
+    except GeometryError:  # the calibrated rays no longer meet the log
+        rays = radius_mm
+    uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
+    return DriftChange(change, covariance, rays, uncertainty)
 
-    def residual(x: FloatArray) -> FloatArray:
-        return pairs.differences(first + x * scale).ravel()
 
-    before = residual(np.zeros(3))
-    solved = least_squares(residual, np.zeros(3), method="lm", diff_step=[1e-4] * 3)
-    if not solved.success:
-        raise DriftError(
-            "nothing-seen", f"the paired rays do not agree for any geometry near the start: {solved.message}"
+def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The change and its covariance, conditional on an unchanged SDD unless that has changed significantly."""
+    if covariance[2, 2] == 0.0 or abs(change[2]) > SIGNIFICANT * math.sqrt(covariance[2, 2]):
+        return change, covariance
+    carried = covariance[:, 2] / covariance[2, 2]
+    return change - carried * change[2], covariance - np.outer(carried, covariance[2])
+
+
+def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
+    """What moved and where to look, in one sentence.
+
+    A turntable that moves leaves the detector's foot u_n = u_c - SDD sin tau and height H = SDD cos tau as they are, so
+    tau and SDD follow u_c; a detector that slides along itself leaves tau and SDD as they are.
+    """
+    column, tilt, distance = moved.change
+    tau = calibrated.tilt_rad
+    if not moved.moved:
+        return (
+            f"nothing moved that this scan can show: the COR is where it was to {moved.deviation[0]:.2g} mm on the "
+            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees"
         )
-    u_c, tau, sdd = first + solved.x * scale
-    covariance = _covariance(np.asarray(solved.jac, np.float64), solved.fun, len(sinogram)) * np.outer(scale, scale)
-    return ConjugateFit(
-        cor_column_mm=float(u_c),
-        tilt_rad=float(tau),
-        source_to_detector_mm=float(sdd),
-        covariance=covariance,
-        residual_rms=float(np.sqrt(np.mean(solved.fun**2))),
-        initial_rms=float(np.sqrt(np.mean(before**2))),
+    turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
+    slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
+    tilted = abs(moved.significance[1]) > SIGNIFICANT
+    shifted = f"the COR moved {column:+.2f} mm on the detector"
+    if turntable <= UNEXPLAINED and not tilted:
+        also = " (a detector that slid along itself would look the same)" if slide <= UNEXPLAINED else ""
+        return f"{shifted} and the tilt did not: look at the turntable, not the detector{also}"
+    if turntable <= UNEXPLAINED:
+        return f"{shifted} and the tilt followed as when the turntable moves sideways: look at the turntable"
+    if slide <= UNEXPLAINED:
+        return f"{shifted} and the tilt stayed, as when the detector slides along itself: look at the detector's stops"
+    return (
+        f"the detector stands otherwise towards the source: COR {column:+.2f} mm, tilt {math.degrees(tilt):+.3f} "
+        f"degrees, distance {distance:+.1f} mm: look at the mounting of detector and source, then calibrate with the "
+        "phantom"
     )
 
 
-def _check(sinogram: FloatArray, angles_rad: FloatArray) -> None:
-    try:
-        view_weights(angles_rad)
-    except GeometryError as error:
-        raise DriftError("partial-turn", str(error)) from error
-    gaps = np.diff(np.sort(np.mod(angles_rad, TAU)))
-    widest = math.degrees(float(gaps.max()))
-    if widest > WIDEST_STEP_DEG:
-        raise DriftError(
-            "sparse-views",
-            f"{angles_rad.size} views stand up to {widest:.3g} degrees apart: opposite rays can be paired only where "
-            f"views are at most {WIDEST_STEP_DEG:g} degrees apart; calibrate with the phantom instead",
-        )
-    if np.ptp(sinogram) == 0.0:
-        raise DriftError("nothing-seen", "every value of the sinogram is the same: nothing was scanned")
-
-
-def _covariance(jacobian: FloatArray, residual: FloatArray, views: int) -> FloatArray:
-    """Cluster-robust covariance, blocks of neighbouring views as clusters; every pair stands in it twice."""
-    bread = np.linalg.inv(jacobian.T @ jacobian)
-    scores = (jacobian * residual[:, None]).reshape(views, -1, jacobian.shape[1]).sum(axis=1)
-    blocks = np.add.reduceat(scores, np.arange(BLOCKS) * views // BLOCKS, axis=0)
-    meat = blocks.T @ blocks * BLOCKS / (BLOCKS - 1)
-    # A pair's two differences are one measurement: its scores lie in two blocks, so half of the variance is hidden.
-    return 2.0 * bread @ meat @ bread
+def _unexplained(moved: DriftChange, direction: FloatArray) -> float:
+    """Chi-squared that is left of the change when the best multiple of a motion is taken off."""
+    seen = np.flatnonzero(moved.deviation > 0.0)
+    precision = np.zeros((3, 3))
+    precision[np.ix_(seen, seen)] = np.linalg.inv(moved.covariance[np.ix_(seen, seen)])
+    along = float(direction @ precision @ moved.change / (direction @ precision @ direction))
+    rest = moved.change - along * direction
+    return float(rest @ precision @ rest)

@@ -50,7 +50,7 @@ def off_mm(sinogram, angles):
 def without_remedies(monkeypatch):
     """The plain fit on every sample."""
 
-    def plain(_, data, fit):
+    def plain(_, data, fit, **_asked):
         return Adjusted(data, fit)
 
     def everything(sinogram):

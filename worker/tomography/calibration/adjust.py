@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.tomography import analytic
-from worker.tomography.analytic import PARAMETERS
+from worker.tomography.analytic import PARAMETERS, DetectorCells
 from worker.tomography.calibration.refine import (
     DATA,
     MOMENTS,
@@ -29,6 +29,8 @@ from worker.tomography.phantom import Phantom
 
 # In robust standard deviations: beyond it a sample loses weight.
 OUTLIER = 4.0
+# Rays over which a cell's intensities are averaged.
+FINE_RAYS = 8
 # The shadow proper, as a share of its depth.
 SHADOW = 0.02
 # Outliers are worth reweighting when they hold this share of the residual's power.
@@ -50,9 +52,11 @@ class Adjusted:
     done: tuple[str, ...] = ()
 
 
-def adjust(phantom: Phantom, data: SinogramData, fit: Fit) -> Adjusted:
-    """Go from the plain fit to the one that the scan asks for."""
+def adjust(phantom: Phantom, data: SinogramData, fit: Fit, *, from_counts: bool = False) -> Adjusted:
+    """Go from the plain fit to the one that the scan asks for; `from_counts` says that cells averaged intensities."""
     now = Adjusted(data, fit)
+    if from_counts:
+        now = _paths_from_intensities(phantom, now)
     now = _without_outliers(phantom, now)
     for find in (_view_gain, _hardening, _gradient):
         now = find(phantom, now)
@@ -83,6 +87,30 @@ def explained(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     gains = (weights * (shape - centre) * data.sinogram).sum(axis=1, keepdims=True) / np.maximum(power, 1e-300)
     model: FloatArray = level + gains * (shape - centre)
     return model
+
+
+def _paths_from_intensities(phantom: Phantom, now: Adjusted) -> Adjusted:
+    """A cell of counts holds -ln(mean(exp(-p))) over its rays where the model holds mean(p): add what is between.
+
+    It is taken from the fit itself, and the fit repeated, twice: edges along the rays would pull the geometry.
+    """
+    if now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
+        return now
+    cells = now.data.cells
+    fine = DetectorCells(cells.first_border_mm, cells.width_mm / FINE_RAYS, cells.count * FINE_RAYS)
+    data, fit = now.data, now.fit
+    for _ in range(2):
+        rays = analytic.project(
+            phantom, fine, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=1
+        ).reshape(len(data.sinogram), cells.count, FINE_RAYS)
+        rays *= fit.gain
+        between = rays.mean(axis=2) + np.log(np.exp(-rays).mean(axis=2))
+        data = replace(now.data, sinogram=now.data.sinogram + between)
+        again = refine(phantom, data, fit.frame, position_mm=fit.position_mm)
+        if again is None or not again.converged:
+            return now
+        fit = again
+    return Adjusted(data, fit, (*now.done, "each cell's averaging of intensities was allowed for"))
 
 
 def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:

@@ -118,10 +118,7 @@ class Calibration:
         """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where fixed; None without error bars."""
         if self.covariance is None:
             return None
-        r, sdd = self.frame.source_distance_mm, self.frame.source_to_detector_mm
-        slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
-        magnification = math.sqrt(max(float(slope @ self.covariance @ slope), 0.0))
-        return np.append(np.sqrt(np.diag(self.covariance)), magnification)
+        return frame_deviation(self.frame, self.covariance)
 
 
 def choose_theta(scanner: Scanner, frame: SourceFrame, bounds: ThetaBounds | None) -> tuple[Theta, Theta | None]:
@@ -133,6 +130,14 @@ def choose_theta(scanner: Scanner, frame: SourceFrame, bounds: ThetaBounds | Non
     if bounds is not None and bounds.contain(twin) and not bounds.contain(theta):
         return twin, theta
     return theta, twin
+
+
+def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
+    """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,)."""
+    r, sdd = frame.source_distance_mm, frame.source_to_detector_mm
+    slope = np.array([0.0, -sdd / (r * r), 1.0 / r, 0.0, 0.0])
+    magnification = math.sqrt(max(float(slope @ covariance @ slope), 0.0))
+    return np.append(np.sqrt(np.diag(covariance)), magnification)
 
 
 def theta_deviation(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:

@@ -51,6 +51,9 @@ RANDOM_STARTS = (64, 256)
 # Starts of each hypothesis that are fitted, and the iterations they are given: the final fit needs no more.
 STARTS_FITTED = 2
 COARSE_ITERATIONS = 20
+FINE_ITERATIONS = 60
+# A source that far away, against source_to_cor_mm, is no scanner's: the fit has run off.
+FARTHEST = 2.0
 
 # Told the round of the search, the most there can be, and the least relative residual so far.
 Progress = Callable[[int, int, float], None]
@@ -72,6 +75,8 @@ class CalibrationTask:
         None tries both.
     rays_per_cell : int or None
         Rays a cell in the model; None averages over the cell, as a real detector does.
+    from_counts : bool
+        Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
     """
 
     scanner: Scanner
@@ -84,6 +89,7 @@ class CalibrationTask:
     rays_per_cell: int | None = None
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
+    from_counts: bool = False
 
     def __post_init__(self) -> None:
         """Refuse data that do not belong together."""
@@ -223,6 +229,13 @@ def conclude(
     """From the coarse fits to the complete answer."""
     ranked = _full_fits(task, coarse)
     unexplained = _unexplained(task, ranked[0]) if ranked else 1.0
+    width = task.scanner.num_detector_pixels * task.scanner.detector_pitch_mm
+    if unexplained > NOT_FOUND and 2.0 * task.phantom.radius_mm > width:
+        raise CalibrationError(
+            "phantom-outside-field",
+            f"the phantom {task.phantom.name!r} reaches {task.phantom.radius_mm:.4g} mm from the centre of rotation, "
+            f"and the detector is {width:.4g} mm wide: check the phantom's size or picture width, or use a smaller one",
+        )
     if unexplained > NOT_FOUND:
         raise CalibrationError(
             "phantom-not-found",
@@ -231,12 +244,19 @@ def conclude(
             "scanner's constants",
         )
     (handedness, rotation), free = ranked[0]
+    if free.frame.source_distance_mm > FARTHEST * task.scanner.source_to_cor_mm:
+        raise CalibrationError(
+            "phantom-not-found",
+            f"the best geometry puts the source at {free.frame.source_distance_mm:.4g} mm where source_to_cor_mm is "
+            f"{task.scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size, and the handedness and "
+            "rotation if they were given",
+        )
     phantom, data = task.phantoms[handedness], task.full_data(rotation)
-    adjusted = adjust(phantom, data, free)
+    adjusted = adjust(phantom, data, free, from_counts=task.from_counts)
     data, free = adjusted.data, adjusted.fit
     fit, fixed = _with_theta(task, phantom, data, free)
     refined = time.perf_counter()
-    model = explained(phantom, data, fit)
+    residual = data.sinogram - explained(phantom, data, fit)
     inflation = residual_inflation(phantom, data, fit)
     covariance = fit.covariance[:5, :5] * inflation
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
@@ -282,8 +302,8 @@ def conclude(
         offset=fit.offset,
         residual_rms=fit.residual_rms,
         relative_residual=fit.relative_residual,
-        model=model,
-        residual=task.sinogram - model,
+        model=task.sinogram - residual,
+        residual=residual,
         adjustments=(*task.screening.done, *adjusted.done),
         verdict=verdict,
         reasons=reasons,
@@ -325,17 +345,23 @@ def _rivals(ranked: list[tuple[Hypothesis, Fit]]) -> tuple[tuple[HypothesisRepor
 
 
 def _full_fits(task: CalibrationTask, coarse: dict[Hypothesis, list[Fit]]) -> list[tuple[Hypothesis, Fit]]:
-    """Fit on all the data what may have won, keep the coarse fit of what cannot; best first, one a first angle."""
+    """Fit on all the data what may have won, measure there what cannot; best first, one a first angle."""
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
     fitted: list[tuple[Hypothesis, Fit]] = []
     for (handedness, rotation), starts in coarse.items():
         data = task.full_data(rotation)
         for number, start in enumerate(starts):
-            fit: Fit | None = start
-            if start.relative_residual <= CONTENDER * least:
-                fit = refine(task.phantoms[handedness], data, start.frame, position_mm=start.position_mm)
-            elif number > 0:
+            contends = start.relative_residual <= CONTENDER * least
+            if number > 0 and not contends:
                 continue
+            # The coarse residual has its noise averaged away: what cannot win is still measured on all the data.
+            fit = refine(
+                task.phantoms[handedness],
+                data,
+                start.frame,
+                position_mm=start.position_mm,
+                max_iterations=FINE_ITERATIONS if contends else 1,
+            )
             if fit is not None:
                 fitted.append(((handedness, rotation), fit))
     ranked: list[tuple[Hypothesis, Fit]] = []

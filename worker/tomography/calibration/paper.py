@@ -239,7 +239,7 @@ def _answer(
         residual=residual,
         adjustments=(),
         verdict="watch" if hypotheses[0].relative_residual < NOT_FOUND else "fail",
-        reasons=("the published search gives no error bars: its theta is not known to be within tolerance",),
+        reasons=_reasons(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,
         seconds={
             "total": ended - started,
@@ -248,6 +248,17 @@ def _answer(
             "uncertainty": 0.0,
         },
     )
+
+
+def _reasons(unexplained: float, *, rotation_given: bool) -> tuple[str, ...]:
+    reasons = ["the published search gives no error bars: its theta is not known to be within tolerance"]
+    if unexplained >= NOT_FOUND:
+        reasons.insert(
+            0, f"its theta leaves {unexplained:.0%} of the sinogram unexplained: it did not find the phantom"
+        )
+    if not rotation_given:
+        reasons.append("it takes the rotation as given: say --rotation reversed for a scanner that turns the other way")
+    return tuple(reasons)
 
 
 def _explain(

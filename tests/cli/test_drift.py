@@ -1,0 +1,81 @@
+"""`sawmill drift`: what moved since a calibration, from a log's scan."""
+
+import json
+
+import pytest
+
+from worker.contracts.calibrations import CalibrationFile
+from worker.contracts.drifts import DriftResult
+from worker.contracts.geometry import ScannerConstants, Theta
+from worker.tasks.conversion import from_frame, to_theta
+
+THETA = "2.55,714.7,319.9,43.7,0.281"
+MOVED = "2.55,714.7,318.9,44.7,0.281"  # the turntable 1 mm along x
+SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 3.0)
+
+
+@pytest.fixture(scope="session")
+def log_scans(run, scans):
+    """Counts of a log before and after the turntable moved, and in too few views."""
+    folder = scans / "drift"
+    folder.mkdir()
+    for name, theta, views in (("still", THETA, 180), ("moved", MOVED, 180), ("sparse", THETA, 60)):
+        flags = ("--detector-pixels", 384, "--views", views, "--rows", 2, "--seed", 3)
+        run("simulate", "log", "--theta", theta, *SCANNER, *flags, "-o", folder / f"{name}.h5")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def known(result_file, scans):
+    """The calibration of that scanner: exact, without error bars."""
+    found = CalibrationFile.read(result_file.read_text())
+    theta = Theta.model_validate(dict(zip(Theta.model_fields, map(float, THETA.split(",")), strict=True)))
+    exact = found.model_copy(
+        update={
+            "theta": theta,
+            "source_frame": from_frame(to_theta(theta).source_frame(859.46)),
+            "covariance": None,
+            "scanner": ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0),
+        }
+    )
+    path = scans / "known.json"
+    path.write_text(CalibrationFile(id="known", **dict(exact)).model_dump_json())
+    return path
+
+
+def test_a_scanner_that_stood_still_is_within_tolerance(run, log_scans, known):
+    answer = run("drift", log_scans / "still.h5", "--data", "counts", "--calibration", known, "--json")
+    document = json.loads(answer.stdout)
+    assert document.pop("state") == "succeeded"
+    result = DriftResult.model_validate(document)
+    assert result.within_tolerance
+    assert abs(result.change.cor_column_mm) < 4.0 * result.change_standard_deviation.cor_column_mm
+    assert (result.views, result.rows, result.tolerance_mm) == (180, (0, 2), 0.5)
+
+
+def test_a_turntable_that_moved_is_told_in_words(run, log_scans, known):
+    flags = ("--data", "counts", "--calibration", known, "--rows", "0:1", "--tolerance-mm", "0.2")
+    answer = run("drift", log_scans / "moved.h5", *flags)
+    assert "out of tolerance" in answer.stdout
+    assert "look at the turntable" in answer.stdout
+    assert "not seen: the distance R" in answer.stdout
+
+
+def test_sparse_views_have_no_answer(failure, log_scans, known):
+    told = failure("drift", log_scans / "sparse.h5", "--data", "counts", "--calibration", known)
+    assert (told["kind"], told["code"]) == ("input", "sparse-views")
+    assert "60 views stand 6 degrees apart" in told["detail"]
+    thinned = failure("drift", log_scans / "still.h5", "--data", "counts", "--calibration", known, "--views", 90)
+    assert thinned["code"] == "sparse-views"
+
+
+def test_a_flag_that_contradicts_the_calibration_is_refused(failure, log_scans, known):
+    flags = ("--data", "counts", "--calibration", known, "--source-to-cor-mm", 900)
+    told = failure("drift", log_scans / "still.h5", *flags)
+    assert told["code"] == "contradiction"
+
+
+def test_wrong_use(wrong_use, log_scans, known):
+    scan = (log_scans / "still.h5", "--data", "counts")
+    assert "--calibration" in wrong_use("drift", *scan)
+    assert "rows must be A:B" in wrong_use("drift", *scan, "--calibration", known, "--rows", "3")

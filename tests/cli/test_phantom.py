@@ -1,0 +1,66 @@
+"""`sawmill phantom plan` and `sawmill phantom draw`."""
+
+import json
+import xml.etree.ElementTree as ET
+
+import pytest
+
+from worker.contracts.plans import PlanResult
+
+THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
+
+
+def test_a_plan_compares_phantoms_at_numbers_of_views(run):
+    flags = ("--views", 20, "--views", 90, "--noise", 0.01, "--json")
+    answer = json.loads(run("phantom", "plan", "l-shape", "rectangle-with-hole", *THETA, *flags).stdout)
+    assert answer["state"] == "succeeded"
+    plans = [PlanResult.model_validate(each) for each in answer["plans"]]
+    assert [(each.phantom, each.views) for each in plans] == [
+        ("L-shape", 20),
+        ("L-shape", 90),
+        ("Rectangle with hole", 20),
+        ("Rectangle with hole", 90),
+    ]
+    rays = [each.predicted_ray_error_mm.rms for each in plans]
+    assert rays[1] < rays[0] < rays[2]
+    assert all(each.noise == 0.01 and each.views_cut_off == 0 for each in plans)
+
+
+def test_a_plan_is_a_table_for_people(run):
+    shown = run("phantom", "plan", "l-shape", *THETA).stdout
+    assert "L-shape" in shown
+    assert "rays mm" in " ".join(shown.split())
+
+
+def test_a_shadow_beyond_the_detector_is_told(run):
+    told = run("phantom", "plan", "l-shape", *THETA, "--detector-pixels", 256, "--views", 20)
+    assert "of 20 views reach an end of the detector" in told.stderr
+
+
+def test_a_phantom_that_cannot_calibrate_is_refused(failure, tmp_path):
+    disc = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+    (tmp_path / "disc.json").write_text(json.dumps(disc))
+    told = failure("phantom", "plan", tmp_path / "disc.json", *THETA)
+    assert (told["kind"], told["code"]) == ("input", "phantom")
+    assert "leaves psi undetermined" in told["detail"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        (("cube", *THETA), "--phantom must be"),
+        (("l-shape", "--theta", "1,2"), "--theta needs five numbers"),
+        (("l-shape", *THETA, "--noise", 0), "--noise: Input should be greater than 0"),
+        (("l-shape", *THETA, "--views", 2), "--views"),
+    ],
+)
+def test_wrong_use_is_told(wrong_use, flags, said):
+    assert said in wrong_use("phantom", "plan", *flags)
+
+
+def test_a_drawing_is_svg_in_mm(run, tmp_path):
+    run("phantom", "draw", "rectangle-with-hole", "-o", tmp_path / "drawing.svg")
+    root = ET.parse(tmp_path / "drawing.svg").getroot()  # noqa: S314 - our own text
+    assert root.tag == "{http://www.w3.org/2000/svg}svg"
+    assert root.get("width").endswith("mm")
+    assert "Rectangle with hole" in [element.text for element in root.iter()]

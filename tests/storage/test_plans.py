@@ -1,0 +1,69 @@
+import pytest
+
+from worker.contracts.calibrations import CalibrationAsk
+from worker.contracts.geometry import Theta
+from worker.contracts.jobs import Failure, FailureKind, JobState
+from worker.contracts.phantoms import PhantomPicture
+from worker.contracts.plans import PlanAsk
+from worker.storage.errors import Conflict, NotFound
+
+NOMINAL = Theta(
+    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
+)
+
+
+def traced_later(store):
+    received = store.files.receive([b"picture"], max_bytes=10)
+    return store.phantoms.accept_picture(PhantomPicture(name="cross", width_mm=400.0), received)
+
+
+def test_a_plan_is_queued_and_has_its_answer_when_its_job_is_done(store, scanner, finish):
+    asked = store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=20))
+    assert (asked.state, asked.result, asked.options.theta) == ("queued", None, NOMINAL)
+    finish(store)
+    done = store.plans.get(asked.id)
+    assert done.state == "succeeded"
+    assert done.result.predicted_ray_error_mm.rms == 0.02
+
+
+def test_without_a_theta_the_active_calibration_s_is_taken(store, scanner, ready_scan, finish):
+    with pytest.raises(Conflict, match="has no active calibration whose theta could be taken: give theta"):
+        store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id))
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+    finish(store)
+    asked = store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id))
+    assert asked.options.theta == store.calibrations.get(calibration.id).theta
+
+
+def test_a_plan_waits_for_its_phantom_to_be_traced(store, scanner, finish):
+    phantom = traced_later(store)
+    asked = store.plans.accept(phantom.id, PlanAsk(scanner_id=scanner.id, theta=NOMINAL))
+    assert store.jobs.get(finish(store).job_id).subject_id == phantom.id
+    finish(store)
+    assert store.plans.get(asked.id).state == "succeeded"
+
+
+def test_a_refused_phantom_and_unknown_ones_are_told(store, scanner):
+    phantom = traced_later(store)
+    claim = store.jobs.claim("test", lease_s=60)
+    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="no-picture", detail="there is no wood in it"))
+    ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL)
+    with pytest.raises(Conflict, match="cannot be used: there is no wood in it"):
+        store.plans.accept(phantom.id, ask)
+    with pytest.raises(NotFound, match="there is no phantom 'cube'"):
+        store.plans.accept("cube", ask)
+    with pytest.raises(NotFound, match="there is no scanner 'line-9'"):
+        store.plans.accept("l-shape", PlanAsk(scanner_id="line-9", theta=NOMINAL))
+
+
+def test_plans_are_listed_by_phantom_and_stand_in_nobody_s_way(store, scanner):
+    phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
+    asked = [
+        store.plans.accept(name, PlanAsk(scanner_id=scanner.id, theta=NOMINAL))
+        for name in ("l-shape", phantom.id, "l-shape")
+    ]
+    assert [plan.id for plan in store.plans.page().items] == [plan.id for plan in reversed(asked)]
+    assert [plan.id for plan in store.plans.page(phantom_id=phantom.id).items] == [asked[1].id]
+    store.phantoms.delete(phantom.id)
+    store.scanners.delete(scanner.id)
+    assert store.jobs.get(asked[1].job_id).state is JobState.QUEUED

@@ -1,0 +1,209 @@
+"""Drift without a phantom: opposite rays of simulated logs, and of the published one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from worker.tomography.conjugate_rays import conjugate_fit
+from worker.tomography.drift import DriftError, drift_change, likely_cause
+from worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
+from worker.tomography.log_model import LogModel
+from worker.tomography.phantom import Disc, Phantom
+from worker.tomography.simulate import simulate_sinogram
+
+MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
+THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
+
+
+def log(seed: int) -> Phantom:
+    rng = np.random.default_rng(seed)
+    return (
+        LogModel.random(seed, radius_mm=rng.uniform(100, 140))
+        .slice_at(rng.uniform(50, 350))
+        .moved(*rng.uniform(-8, 8, 2))
+    )
+
+
+def scan(angles, *, theta=THETA, seed=1, noise=0.01, body=None):
+    fan = FanBeamGeometry(MILL, theta, angles)
+    return simulate_sinogram(body or log(seed), fan, noise=noise, seed=seed)
+
+
+def detector(frame) -> np.ndarray:
+    return np.array([frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm])
+
+
+def moved(frame, column=0.0, tilt=0.0, distance=0.0):
+    return replace(
+        frame,
+        cor_column_mm=frame.cor_column_mm + column,
+        tilt_rad=frame.tilt_rad + tilt,
+        source_to_detector_mm=frame.source_to_detector_mm + distance,
+    )
+
+
+@pytest.fixture(scope="module")
+def frame():
+    return THETA.source_frame(MILL.source_to_cor_mm)
+
+
+@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (8.0, 0.02, 20.0), (-20.0, 0.0, -10.0)])
+@pytest.mark.parametrize("sense", list(Rotation))
+def test_the_published_log_shows_its_centre_to_a_twentieth_of_a_millimetre(
+    scanner, theta, full_turn, log_sinogram, off, sense
+):
+    truth = theta.source_frame(scanner.source_to_cor_mm)
+    fit = conjugate_fit(scanner, log_sinogram, sense.apply(full_turn(360)), moved(truth, *off))
+    error = detector(fit) - detector(truth)
+    assert abs(error[0]) < 0.05
+    assert abs(math.degrees(error[1])) < 0.05
+    assert np.all(np.abs(error) < 3.0 * fit.deviation)
+    assert fit.rotation is sense
+    assert fit.rotation_ratio > 10.0
+
+
+def test_the_error_bars_are_honest(full_turn):
+    rng = np.random.default_rng(41)
+    shares = []
+    for seed in range(40, 72):
+        theta = Theta(*rng.uniform([0, 600, -250, -60, -0.3], [6.28, 850, 250, 60, 0.3]))
+        truth = theta.source_frame(MILL.source_to_cor_mm)
+        sinogram = scan(full_turn(180), theta=theta, seed=seed)
+        fit = conjugate_fit(MILL, sinogram, full_turn(180), moved(truth, 0.6, 0.002, 5.0))
+        shares.append((detector(fit) - detector(truth)) / fit.deviation)
+    column, tilt, distance = np.sqrt(np.mean(np.square(shares), axis=0))
+    assert 0.8 < column < 1.5
+    assert 0.8 < tilt < 1.5
+    assert 0.8 < distance < 1.5
+
+
+def test_without_noise_the_geometry_is_found_whatever_r_and_psi_are(full_turn, frame):
+    sinogram = scan(full_turn(180), noise=0.0)
+    fit = conjugate_fit(MILL, sinogram, full_turn(180), moved(frame, -3.0, 0.01, 10.0))
+    error = np.abs(detector(fit) - detector(frame))
+    assert np.all(error < [0.01, 2e-4, 1.0])
+    assert fit.relative_residual < 0.02
+    other = replace(moved(frame, -3.0, 0.01, 10.0), source_distance_mm=500.0, psi_rad=3.0)
+    assert np.array_equal(detector(conjugate_fit(MILL, sinogram, full_turn(180), other)), detector(fit))
+
+
+def test_what_every_view_has_in_common_is_no_drift(full_turn, frame):
+    sinogram = scan(full_turn(180))
+    rings = sinogram + 0.3 * np.random.default_rng(3).standard_normal(MILL.num_detector_pixels)
+    plain, ringed = (conjugate_fit(MILL, each, full_turn(180), frame) for each in (sinogram, rings))
+    assert np.allclose(detector(ringed), detector(plain), rtol=0, atol=1e-6)
+
+
+def test_irregular_views_in_any_order_do(frame):
+    rng = np.random.default_rng(5)
+    angles = rng.permutation((np.arange(240) + rng.uniform(-0.3, 0.3, 240)) * 2.0 * np.pi / 240)
+    fit = conjugate_fit(MILL, scan(angles), angles, moved(frame, 1.0))
+    assert abs(fit.cor_column_mm - frame.cor_column_mm) < min(0.2, 4.0 * fit.deviation[0])
+
+
+@pytest.mark.parametrize(
+    ("angles", "code", "sentence"),
+    [
+        (np.arange(60) * 2.0 * np.pi / 60, "sparse-views", "60 views stand 6 degrees apart"),
+        (np.deg2rad(np.arange(270.0)), "partial-turn", "a gap of 91 degrees where their usual distance is 1"),
+        (np.deg2rad(np.delete(np.arange(360.0), [40, 41, 42])), "partial-turn", "a gap of 4 degrees"),
+    ],
+)
+def test_sparse_and_partial_turns_are_refused(frame, angles, code, sentence):
+    with pytest.raises(DriftError, match=sentence) as refusal:
+        conjugate_fit(MILL, np.ones((angles.size, MILL.num_detector_pixels)), angles, frame)
+    assert refusal.value.code == code
+
+
+def test_what_shows_no_centre_is_refused(full_turn, frame):
+    round_log = Phantom("round", (Disc((0.0, 0.0), 120.0, 0.02),))
+    for sinogram in (np.zeros((180, 384)), scan(full_turn(180), body=round_log, noise=0.02)):
+        with pytest.raises(DriftError) as refusal:
+            conjugate_fit(MILL, sinogram, full_turn(180), frame)
+        assert refusal.value.code == "nothing-seen"
+
+
+def test_a_centre_beyond_the_detector_is_refused(full_turn, frame):
+    with pytest.raises(DriftError, match="edge or beyond") as refusal:
+        conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), replace(frame, cor_column_mm=600.0))
+    assert refusal.value.code == "outside-detector"
+
+
+def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn, frame):
+    body = LogModel.random(3).slice_at(20.0)
+    fit = conjugate_fit(MILL, scan(full_turn(180), body=body, noise=0.03), full_turn(180), moved(frame, 0.5))
+    assert fit.distance_held
+    assert fit.source_to_detector_mm == frame.source_to_detector_mm
+    assert abs(fit.cor_column_mm - frame.cor_column_mm) < 4.0 * fit.deviation[0]
+    change = drift_change(MILL, frame, np.eye(5) * 1e-8, fit)
+    assert change.deviation[2] == change.significance[2] == change.change[2] == 0.0
+    assert "nothing moved" in likely_cause(frame, change)
+
+
+def test_a_geometry_that_moved_too_far_is_refused(full_turn, frame):
+    with pytest.raises(DriftError) as refusal:
+        conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), moved(frame, 90.0))
+    assert refusal.value.code in {"moved-too-far", "nothing-seen"}
+
+
+def turntable(theta: Theta, by_mm: float) -> Theta:
+    """The turntable moves along x: seen from it, source and detector move the other way."""
+    return replace(
+        theta, source_shift_mm=theta.source_shift_mm - by_mm, detector_shift_mm=theta.detector_shift_mm + by_mm
+    )
+
+
+def slid(theta: Theta, by_mm: float) -> Theta:
+    """The detector slides along its axis a."""
+    step = by_mm / math.hypot(1.0, theta.detector_tilt)
+    return replace(
+        theta,
+        detector_shift_mm=theta.detector_shift_mm - step,
+        detector_to_cor_mm=theta.detector_to_cor_mm + step * theta.detector_tilt,
+    )
+
+
+def turned(theta: Theta, by: float) -> Theta:
+    return replace(theta, detector_tilt=theta.detector_tilt + by)
+
+
+@pytest.mark.parametrize(
+    ("now", "noise", "within", "cause"),
+    [
+        (THETA, 0.002, True, "nothing moved that this scan can show"),
+        (turntable(THETA, 0.5), 0.02, True, "and the tilt did not: look at the turntable, not the detector"),
+        (turntable(THETA, 20.0), 0.002, False, "the tilt followed as when the turntable moves sideways"),
+        (slid(THETA, 20.0), 0.002, False, "the detector slides along itself: look at the detector's stops"),
+        (turned(THETA, 0.04), 0.002, False, "look at the mounting of detector and source"),
+    ],
+)
+def test_what_moved_is_named(full_turn, frame, now, noise, within, cause):
+    fit = conjugate_fit(MILL, scan(full_turn(360), theta=now, seed=8, noise=noise), full_turn(360), frame)
+    change = drift_change(MILL, frame, None, fit)
+    truth = detector(now.source_frame(MILL.source_to_cor_mm)) - detector(frame)
+    assert np.all(np.abs(change.change - truth) < 4.0 * change.deviation)
+    assert cause in likely_cause(frame, change)
+    assert (change.ray_change_mm < 0.5) == within
+    if change.moved:
+        assert f"{change.change[0]:+.2f} mm" in likely_cause(frame, change)
+
+
+def test_the_calibration_s_own_errors_count(full_turn, frame):
+    fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
+    calibrated = moved(frame, 1.0)
+    surely = drift_change(MILL, calibrated, None, fit)
+    covariance = np.diag([1e-4, 1.0, 4.0, 1.0, 1e-4])
+    perhaps = drift_change(MILL, calibrated, covariance, fit)
+    assert surely.moved
+    assert not perhaps.moved
+    assert perhaps.deviation**2 == pytest.approx(surely.deviation**2 + [1.0, 1e-4, 4.0])
+
+
+def test_a_distance_that_has_not_surely_changed_is_held(full_turn, frame):
+    fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
+    assert not fit.distance_held
+    worse = replace(fit, covariance=fit.covariance + np.diag([0.0, 0.0, 400.0]), source_to_detector_mm=1650.0)
+    assert abs(worse.source_to_detector_mm - frame.source_to_detector_mm) > 20.0
+    assert drift_change(MILL, frame, None, worse).ray_change_mm < 0.2

@@ -1,0 +1,30 @@
+"""`sawmill drift`: a scan's file and a calibration to what moved."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from worker.commands.options import CalibrationSaid, ScanSaid
+from worker.commands.reconstruct import load_with_calibration
+from worker.commands.terminal import Report
+from worker.contracts.drifts import DriftResult
+from worker.contracts.jobs import Progress
+from worker.tasks.drifting import DriftInput, run_drift
+
+
+def look_for_drift(said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: Report) -> DriftResult:
+    """Read, pair opposite rays, compare."""
+    report(Progress(fraction=0.0, stage="read"))
+    known, used = load_with_calibration(said, calibration)
+    report(Progress(fraction=0.5, stage="pair rays"))
+    given = DriftInput(
+        sinogram=used.stack.mean(axis=1, dtype=np.float64),
+        angles_rad=used.angles_rad,
+        rows=used.rows,
+        calibration=known,
+        input_sha256=used.sha256,
+        tolerance_mm=tolerance_mm,
+    )
+    if known.predicted_ray_error_mm is not None:
+        given = replace(given, log_radius_mm=known.predicted_ray_error_mm.radius_mm)
+    return run_drift(given)
