@@ -133,7 +133,7 @@ def test_a_centre_beyond_the_detector_is_refused(full_turn, frame):
 
 def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn, frame):
     body = LogModel.random(3).slice_at(20.0)
-    fit = conjugate_fit(MILL, scan(full_turn(180), body=body, noise=0.03), full_turn(180), moved(frame, 0.5))
+    fit = conjugate_fit(MILL, scan(full_turn(180), body=body, noise=0.005), full_turn(180), moved(frame, 0.5))
     assert fit.distance_held
     assert fit.source_to_detector_mm == frame.source_to_detector_mm
     assert abs(fit.cor_column_mm - frame.cor_column_mm) < 4.0 * fit.deviation[0]

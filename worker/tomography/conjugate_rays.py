@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.linalg import eigh
 
 from worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError
 from worker.tomography.geometry import TAU, FloatArray, Rotation, Scanner, SourceFrame
@@ -27,6 +28,8 @@ COARSE, FINE = (4.0, 8.0), (1.0, 1.5)
 BLOCKS = 24
 # How far u_c (share of the detector), tau (rad) and SDD (share) may have moved and are still followed.
 REACH = (0.05, 0.2, 0.2)
+# Where noise makes up more than the rest of the slopes in any direction, what is left of them cannot be trusted.
+SIGNAL_SHARE = 0.2
 # An SDD less certain than this share of itself is not seen: it is held at the calibrated one.
 WORST_DISTANCE = 0.02
 # A u_c less certain than this share of a cell says nothing about drift.
@@ -328,8 +331,8 @@ def _covariance(pairs: _PairedRays, views: int, free: slice) -> FloatArray:
 
     What is not free has zeros; infinite where the pairs do not show the free ones.
     """
-    gram = pairs.gram(corrected=True)[free, free]
-    if not _is_definite(gram):
+    gram, noisy = (pairs.gram(corrected=corrected)[free, free] for corrected in (True, False))
+    if not (_is_definite(noisy) and eigh(gram, noisy, eigvals_only=True)[0] > SIGNAL_SHARE):
         return np.full((3, 3), math.inf)
     differences = _over_theta(pairs.difference, views)
     scores = np.stack([(_over_theta(slope, views) * differences).sum(axis=1) for slope in pairs.slopes[free]], -1)
