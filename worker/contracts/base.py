@@ -1,9 +1,8 @@
 """The base of every contract, and the few types that many of them share."""
 
-import math
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated, Any, Generic, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
 
@@ -74,17 +73,6 @@ def _check_range(value: tuple[float, float]) -> tuple[float, float]:
 
 
 Range = Annotated[tuple[float, float], AfterValidator(_check_range)]
-
-
-def finite_or_none(value: Any) -> Any:  # noqa: ANN401 - walks any JSON value
-    """JSON has no NaN: what is not finite becomes null."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {key: finite_or_none(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite_or_none(item) for item in value]
-    return value
 
 
 Item = TypeVar("Item")
