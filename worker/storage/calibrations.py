@@ -19,7 +19,7 @@ from worker.contracts.scanners import Scanner
 from worker.contracts.scans import ScanState
 from worker.storage.database import Database
 from worker.storage.errors import Conflict
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
 from worker.storage.scanners import activate, read_scanner
 from worker.storage.scans import usable_scan
@@ -72,13 +72,8 @@ class Calibrations:
         limit: int = 50,
     ) -> Page[CalibrationAnswer]:
         """Calibrations, newest first."""
-        statement = select(CalibrationRow)
-        if scanner_id is not None:
-            statement = statement.where(CalibrationRow.scanner_id == scanner_id)
-        if scan_id is not None:
-            statement = statement.where(CalibrationRow.scan_id == scan_id)
-        if state is not None:
-            statement = statement.where(CalibrationRow.job.has(JobRow.state == state))
+        wanted = {CalibrationRow.scanner_id: scanner_id, CalibrationRow.scan_id: scan_id, JobRow.state: state}
+        statement = narrowed(select(CalibrationRow).join(CalibrationRow.job), wanted)
         with self._database.read() as session:
             return read_page(session, statement, CalibrationRow, _read, after=after, limit=limit)
 

@@ -7,7 +7,7 @@ from worker.contracts.drifts import Drift, DriftAsk, DriftOptions
 from worker.contracts.jobs import JobKind, JobState
 from worker.contracts.scans import ScanState
 from worker.storage.database import Database
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
 from worker.storage.reconstructions import usable_calibration
 from worker.storage.scans import usable_scan
@@ -72,13 +72,8 @@ class Drifts:
         limit: int = 50,
     ) -> Page[Drift]:
         """Looks at drift, newest first."""
-        statement = select(DriftRow)
-        if scanner_id is not None:
-            statement = statement.where(DriftRow.scanner_id == scanner_id)
-        if scan_id is not None:
-            statement = statement.where(DriftRow.scan_id == scan_id)
-        if state is not None:
-            statement = statement.where(DriftRow.job.has(JobRow.state == state))
+        wanted = {DriftRow.scanner_id: scanner_id, DriftRow.scan_id: scan_id, JobRow.state: state}
+        statement = narrowed(select(DriftRow).join(DriftRow.job), wanted)
         with self._database.read() as session:
             return read_page(session, statement, DriftRow, _read, after=after, limit=limit)
 

@@ -18,7 +18,7 @@ from worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, 
 from worker.storage.database import Database, database_now_s
 from worker.storage.errors import Conflict, LeaseLost
 from worker.storage.files import FileStore
-from worker.storage.paging import found, read_page
+from worker.storage.paging import found, narrowed, read_page
 from worker.storage.subjects import checked_result, record_end_without_result, record_success
 from worker.storage.tables import JobDependencyRow, JobRow
 
@@ -65,11 +65,7 @@ class Jobs:
         limit: int = 50,
     ) -> Page[Job]:
         """Jobs, newest first."""
-        statement = select(JobRow)
-        if state is not None:
-            statement = statement.where(JobRow.state == state)
-        if kind is not None:
-            statement = statement.where(JobRow.kind == kind)
+        statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
         with self._database.read() as session:
             return read_page(session, statement, JobRow, lambda row: _read(session, row), after=after, limit=limit)
 

@@ -1,12 +1,12 @@
 """Lists, newest first, one page at a time."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
 from uuid import uuid4
 
 from sqlalchemy import Select, and_, or_
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from worker.contracts.base import Contract, Page
 from worker.storage.errors import Conflict, Invalid, NotFound
@@ -48,6 +48,11 @@ def refuse_taken(session: Session, table: type[Resource], kind: str, identifier:
     """
     if session.get(table, identifier) is not None:
         raise Conflict(f"{kind}-exists", f"there is a {kind} {identifier!r} already; choose another id")
+
+
+def narrowed(statement: Select[Row], wanted: Mapping[InstrumentedAttribute[Any], str | None]) -> Select[Row]:
+    """The rows whose columns have the values wanted; None wants any."""
+    return statement.where(*(column == value for column, value in wanted.items() if value is not None))
 
 
 def read_page(

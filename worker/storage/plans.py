@@ -9,7 +9,7 @@ from worker.contracts.phantoms import PhantomState
 from worker.contracts.plans import Plan, PlanAsk
 from worker.storage.database import Database
 from worker.storage.errors import Conflict
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
 from worker.storage.scanners import active_calibration_id
 from worker.storage.tables import CalibrationRow, Json, PhantomRow, PlanRow, ScannerRow
@@ -64,9 +64,7 @@ class Plans:
 
     def page(self, *, phantom_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Plan]:
         """Plans, newest first."""
-        statement = select(PlanRow)
-        if phantom_id is not None:
-            statement = statement.where(PlanRow.phantom_id == phantom_id)
+        statement = narrowed(select(PlanRow), {PlanRow.phantom_id: phantom_id})
         with self._database.read() as session:
             return read_page(session, statement, PlanRow, _read, after=after, limit=limit)
 

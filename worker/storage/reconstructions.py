@@ -9,7 +9,7 @@ from worker.contracts.reconstructions import Reconstruction, ReconstructionAsk
 from worker.contracts.scans import ScanState
 from worker.storage.database import Database
 from worker.storage.errors import Conflict
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
 from worker.storage.scanners import active_calibration_id
 from worker.storage.scans import usable_scan
@@ -78,13 +78,8 @@ class Reconstructions:
         limit: int = 50,
     ) -> Page[Reconstruction]:
         """Reconstructions, newest first."""
-        statement = select(ReconstructionRow)
-        if scanner_id is not None:
-            statement = statement.where(ReconstructionRow.scanner_id == scanner_id)
-        if scan_id is not None:
-            statement = statement.where(ReconstructionRow.scan_id == scan_id)
-        if state is not None:
-            statement = statement.where(ReconstructionRow.job.has(JobRow.state == state))
+        wanted = {ReconstructionRow.scanner_id: scanner_id, ReconstructionRow.scan_id: scan_id, JobRow.state: state}
+        statement = narrowed(select(ReconstructionRow).join(ReconstructionRow.job), wanted)
         with self._database.read() as session:
             return read_page(session, statement, ReconstructionRow, _read, after=after, limit=limit)
 

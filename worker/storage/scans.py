@@ -9,7 +9,7 @@ from worker.contracts.scans import Scan, ScanSpec, ScanState
 from worker.storage.database import Database
 from worker.storage.errors import Conflict
 from worker.storage.files import FileStore, Received
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.queueing import queue_job
 from worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ReconstructionRow, ScannerRow, ScanRow
 from worker.storage.uploading import kept_upload
@@ -76,11 +76,7 @@ class Scans:
         limit: int = 50,
     ) -> Page[Scan]:
         """Scans, newest first."""
-        statement = select(ScanRow)
-        if scanner_id is not None:
-            statement = statement.where(ScanRow.scanner_id == scanner_id)
-        if state is not None:
-            statement = statement.where(ScanRow.state == state)
+        statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
         with self._database.read() as session:
             return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
 

@@ -14,7 +14,7 @@ from worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from worker.storage.calibrations import queue_calibration
 from worker.storage.database import Database
 from worker.storage.errors import Invalid
-from worker.storage.paging import found, new_id, read_page, refuse_taken
+from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from worker.storage.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow, ScheduleRow, ScheduleRunRow
 
 
@@ -49,9 +49,7 @@ class Schedules:
 
     def page(self, *, scanner_id: str | None = None, after: str | None = None, limit: int = 50) -> Page[Schedule]:
         """Schedules, newest first."""
-        statement = select(ScheduleRow)
-        if scanner_id is not None:
-            statement = statement.where(ScheduleRow.scanner_id == scanner_id)
+        statement = narrowed(select(ScheduleRow), {ScheduleRow.scanner_id: scanner_id})
         with self._database.read() as session:
             return read_page(session, statement, ScheduleRow, lambda row: _read(session, row), after=after, limit=limit)
 
