@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 
 from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
@@ -109,6 +110,30 @@ def test_the_gram_matrices_are_the_inner_products_of_the_derivatives(cells, fram
     size = np.sqrt(np.einsum("kpp,kqq->kpq", expected, expected))
     # Sums of 768 products, relative to the lengths of their factors.
     assert (np.abs(grams - expected) <= 1e-12 * size).all()
+
+
+def test_a_blur_is_one_of_every_row_but_the_data_s(cells, frame, full_turn):
+    angles, width = full_turn(5), 1.7
+    data = np.random.default_rng(203).standard_normal((5, cells.count))
+    value, slopes = analytic.project_with_derivative(OVERLAPPING, cells, frame, angles, position_mm=(1.0, 2.0))
+    soft = gaussian_filter1d(np.concatenate([slopes, value[None]]), width, axis=2, mode="reflect")
+    rows = np.concatenate([soft, np.ones_like(value)[None], data[None]])
+    expected = np.einsum("pkm,qkm->kpq", rows, rows)
+    options = analytic.GramOptions(blur_cells=width)
+    grams = analytic.gram(OVERLAPPING, cells, frame, angles, data, position_mm=(1.0, 2.0), options=options)
+    size = np.sqrt(np.einsum("kpp,kqq->kpq", expected, expected))
+    # A discrete Gaussian of this width differs from samples of one by up to 2 % at the finest detail.
+    assert (np.abs(grams - expected) <= 0.01 * size).all()
+
+
+@pytest.mark.parametrize("width", [0.2, 0.7, 3.0])
+def test_the_taps_of_a_blur_have_its_sum_and_its_variance(width):
+    taps = analytic.blur_taps(width)
+    both = np.concatenate([taps[:0:-1], taps])
+    place = np.arange(both.size) - taps.size + 1
+    assert both.sum() == pytest.approx(1.0, abs=1e-12)
+    # What lies beyond four and a half widths is cut off.
+    assert (both * place**2).sum() == pytest.approx(width**2, rel=1e-3)
 
 
 @by_name

@@ -243,7 +243,24 @@ def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitc
 
 
 @njit(inline="always")
-def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+def _blur_row(line, taps, cells, padded):
+    """Convolve one line with the symmetric taps (the middle one first), continued evenly beyond its ends."""
+    reach = taps.size - 1
+    for m in range(cells):
+        padded[reach + m] = line[m]
+    for j in range(reach):
+        padded[reach - 1 - j] = line[min(j, cells - 1)]
+        padded[reach + cells + j] = line[max(cells - 1 - j, 0)]
+    for m in range(cells):
+        line[m] *= taps[0]
+    for j in range(1, taps.size):
+        tap = taps[j]
+        for m in range(cells):
+            line[m] += tap * (padded[reach + m - j] + padded[reach + m + j])
+
+
+@njit(inline="always")
+def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out):
     cells = sinogram.shape[1]
     count = out.shape[1]
     row = np.zeros((ROWS, cells))
@@ -263,6 +280,11 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
         for p in range(7):
             for m in range(cells):
                 row[p, m] *= 1.0 + 2.0 * hardening * row[7, m]
+    if taps.size > 1:
+        padded = np.empty(cells + 2 * taps.size)
+        for p in range(count):
+            if p not in (8, 9):
+                _blur_row(row[p], taps, cells, padded)
     if weights.shape[0] > 0:
         for p in range(count):
             for m in range(cells):
@@ -277,20 +299,39 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out):
     """Fill out (views, n, n) with each view's inner products of the first n terms, n = 10 or 13.
 
     The terms: seven derivatives of p + hardening p^2, p, 1, sinogram, p^2, the first moments in x and y.
-    weights (views, cells) multiply each cell's products; an empty array weighs all alike.
+    weights (views, cells) multiply each cell's products; an empty array weighs all alike. taps blur all but 1 and the
+    sinogram along the detector, the middle one first; one tap blurs nothing.
     """
     for k in prange(sinogram.shape[0]):
         _gram_view(
-            np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out
+            np.int64(k),
+            edges,
+            discs,
+            frame,
+            t_x,
+            t_y,
+            angles,
+            u_first,
+            pitch,
+            rays,
+            sinogram,
+            weights,
+            hardening,
+            taps,
+            out,
         )
 
 
 @njit(cache=True, fastmath=_FAST)
-def gram_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out):
+def gram_in_one_thread(
+    edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out
+):
     """As `gram`, where handing work to threads costs more than the work."""
     for k in range(sinogram.shape[0]):
-        _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, out)
+        _gram_view(
+            k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out
+        )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ive
 
 from worker.tomography import _analytic_numba as kernels
 from worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
@@ -132,11 +133,25 @@ class GramOptions:
         Whether p^2 and the first moments stand beside the rest.
     hardening : float
         The derivatives are those of p + hardening p^2.
+    blur_cells : float
+        Standard deviation of the blur along the detector that all but 1 and the sinogram have.
     """
 
     weights: FloatArray | None = None
     extended: bool = False
     hardening: float = 0.0
+    blur_cells: float = 0.0
+
+
+def blur_taps(width_cells: float) -> FloatArray:
+    """The discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square (Lindeberg 1990).
+
+    Unlike samples of a Gaussian it has the variance asked for, however narrow, and its cosine transform is
+    exp(t (cos w - 1)).
+    """
+    taps = np.asarray(ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
+    normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
+    return normalised
 
 
 def gram(
@@ -162,7 +177,8 @@ def gram(
     arguments = _arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
     weights = np.empty((0, 0)) if chosen.weights is None else chosen.weights
     kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
-    kernel(*arguments, sinogram, weights, chosen.hardening, out)
+    taps = blur_taps(chosen.blur_cells) if chosen.blur_cells > 0.0 else np.ones(1)
+    kernel(*arguments, sinogram, weights, chosen.hardening, taps, out)
     return out
 
 

@@ -57,6 +57,10 @@ def test_more_generations_find_a_better_value_and_a_better_theta(task, geometry,
     assert [done for done, _, _ in heard] == list(range(1, len(heard) + 1))
     # Populations of 15 for each of five parameters.
     assert many.search.evaluations >= 75 * (many.search.generations + 1)
+    evaluations, best = np.transpose(many.search.history)
+    assert (np.diff(best) < 0.0).all()
+    assert best[-1] == many.search.best_value
+    assert 75 <= evaluations[0] < evaluations[-1] <= many.search.evaluations
 
 
 def test_j_knows_the_truth_from_a_wrong_theta(task, theta):

@@ -1,15 +1,21 @@
 """What real scans are beyond the plain model: found, fitted and reported; nothing is done where nothing is wrong.
 
-Outliers (dead and hot cells, corrupt views, edges within a cell) lose their weight; beam hardening, a density that
-slopes over the wood, and views with a gain or background of their own become terms of the model. Each term must lower
-the residual by far more than chance and by a share that matters before it is taken in.
+Outliers (dead and hot cells, corrupt views, edges within a cell) lose their weight; blur, beam hardening, a density
+that slopes over the wood, and views with a gain or background of their own become terms of the model. Each term must
+lower the residual by far more than chance and by a share that matters before it is taken in.
 """
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.ndimage import correlate1d
+from scipy.optimize import minimize_scalar
 
 from worker.tomography import analytic
 from worker.tomography.analytic import PARAMETERS, DetectorCells
@@ -23,7 +29,7 @@ from worker.tomography.calibration.refine import (
     reduce,
     refine,
 )
-from worker.tomography.calibration.uncertainty import residual_inflation
+from worker.tomography.calibration.uncertainty import Spread, parameter_spread
 from worker.tomography.geometry import FloatArray
 from worker.tomography.phantom import Phantom
 
@@ -41,26 +47,78 @@ WHOLE, FAULT_SHARE = 0.2, 0.7
 LEAST_CHI_SQUARE, LEAST_SHARE = 50.0, 0.02
 # Hardening below this, on the longest path, is within what a drawing of the phantom may be wrong by.
 LEAST_HARDENING = 0.005
+# In cells, the Gaussian's standard deviation: less is lost in the averaging over the cell itself, more is no blur.
+LEAST_BLUR, WIDEST_BLUR = 0.2, 8.0
+BLUR_ROUNDS = 2
+
+
+class Adjustment(StrEnum):
+    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
+
+    FAULTY_CELLS = "faulty-cells"
+    CORRUPT_VIEWS = "corrupt-views"
+    INTENSITY_AVERAGING = "intensity-averaging"
+    BLUR = "blur"
+    OUTLIERS = "outliers"
+    VIEW_GAIN = "view-gain"
+    BEAM_HARDENING = "beam-hardening"
+    DENSITY_GRADIENT = "density-gradient"
+    PHANTOM_ROWS = "phantom-rows"
 
 
 @dataclass(frozen=True)
 class Adjusted:
     """The fit after what was found in the scan, and one sentence for each thing done."""
 
+    phantom: Phantom
     data: SinogramData
     fit: Fit
     done: tuple[str, ...] = ()
 
+    def after(self, data: SinogramData, fit: Fit, told: str) -> "Adjusted":
+        """What was done, told."""
+        return Adjusted(self.phantom, data, fit, (*self.done, told))
 
-def adjust(phantom: Phantom, data: SinogramData, fit: Fit, *, from_counts: bool = False) -> Adjusted:
-    """Go from the plain fit to the one that the scan asks for; `from_counts` says that cells averaged intensities."""
-    now = Adjusted(data, fit)
-    if from_counts:
-        now = _paths_from_intensities(phantom, now)
-    now = _without_outliers(phantom, now)
-    for find in (_view_gain, _hardening, _gradient):
-        now = find(phantom, now)
-    return now
+    @cached_property
+    def grams(self) -> FloatArray:
+        """`analytic.gram` at the fit, every term beside the rest: (views, 13, 13)."""
+        return self.data.gram(self.phantom, self.fit.to_vector(), self.fit.hardening, extended=True)
+
+    @cached_property
+    def spread(self) -> Spread:
+        """How the residual makes the parameters scatter."""
+        return parameter_spread(self.grams, self.data, self.fit)
+
+
+def adjust(
+    phantom: Phantom,
+    data: SinogramData,
+    fit: Fit,
+    *,
+    from_counts: bool = False,
+    without: Collection[Adjustment] = (),
+) -> Adjusted:
+    """Go from the plain fit to the one that the scan asks for.
+
+    Parameters
+    ----------
+    phantom, data, fit
+        The plain model, the scan, and where its least squares ended.
+    from_counts : bool
+        Whether cells averaged intensities.
+    without
+        What is not to be looked for.
+    """
+    now = Adjusted(phantom, data, fit)
+    if from_counts and Adjustment.INTENSITY_AVERAGING not in without:
+        now = _paths_from_intensities(now)
+    if Adjustment.OUTLIERS not in without:
+        now = _without_outliers(now)
+    now = _with_terms(now, without)
+    if Adjustment.BLUR in without:
+        return now
+    sharp = _blur(now)
+    return now if sharp is now else _with_terms(sharp, without)
 
 
 def explained(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
@@ -76,6 +134,9 @@ def explained(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
         shape = shadow = analytic.project(*given, position_mm=fit.position_mm, rays_per_cell=data.rays_per_cell)
     if data.hardening:
         shape = shape + fit.hardening * shadow**2
+    if data.blur_cells > 0.0:
+        taps = analytic.blur_taps(data.blur_cells)
+        shape = correlate1d(shape, np.concatenate([taps[:0:-1], taps]), axis=1, mode="reflect")
     if not data.view_gain:
         common: FloatArray = fit.gain * shape + fit.offset
         return common
@@ -89,7 +150,7 @@ def explained(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
     return model
 
 
-def _paths_from_intensities(phantom: Phantom, now: Adjusted) -> Adjusted:
+def _paths_from_intensities(now: Adjusted) -> Adjusted:
     """A cell of counts holds -ln(mean(exp(-p))) over its rays where the model holds mean(p): add what is between.
 
     It is taken from the fit itself, and the fit repeated, twice: edges along the rays would pull the geometry.
@@ -101,31 +162,70 @@ def _paths_from_intensities(phantom: Phantom, now: Adjusted) -> Adjusted:
     data, fit = now.data, now.fit
     for _ in range(2):
         rays = analytic.project(
-            phantom, fine, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=1
+            now.phantom, fine, fit.frame, data.angles_rad, position_mm=fit.position_mm, rays_per_cell=1
         ).reshape(len(data.sinogram), cells.count, FINE_RAYS)
         rays *= fit.gain
         between = rays.mean(axis=2) + np.log(np.exp(-rays).mean(axis=2))
         data = replace(now.data, sinogram=now.data.sinogram + between)
-        again = refine(phantom, data, fit.frame, position_mm=fit.position_mm)
+        again = refine(now.phantom, data, fit.frame, position_mm=fit.position_mm)
         if again is None or not again.converged:
             return now
         fit = again
-    return Adjusted(data, fit, (*now.done, "each cell's averaging of intensities was allowed for"))
+    return now.after(data, fit, "each cell's averaging of intensities was allowed for")
 
 
-def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:
+def _blur(now: Adjusted) -> Adjusted:
+    """The focal spot and the scintillator blur along the detector: a Gaussian, its width found by least squares.
+
+    The fit is repeated with it, and the width found again: the first one was beside a sharp fit.
+    """
+    data, fit = now.data, now.fit
+    for number in range(BLUR_ROUNDS):
+        model = explained(now.phantom, replace(data, blur_cells=0.0), fit)
+        residual = data.sinogram - model
+        if data.weights is not None:
+            residual *= data.weights > 0.0
+        width, share = _blur_width(model, residual)
+        if number == 0 and (share * data.samples < LEAST_CHI_SQUARE or share < LEAST_SHARE or width < LEAST_BLUR):
+            return now
+        data = replace(data, blur_cells=width)
+        again = refine(now.phantom, data, fit.frame, position_mm=fit.position_mm)
+        if again is None or not again.converged or again.residual_rms >= now.fit.residual_rms:
+            return now
+        fit = again
+    return now.after(data, fit, f"a blur of {data.blur_cells:.2f} detector cells (standard deviation) was fitted")
+
+
+def _blur_width(model: FloatArray, residual: FloatArray) -> tuple[float, float]:
+    """The width in cells that explains most of a sharp model's residual (views, cells), and which share of its power.
+
+    A cosine transform continues each view evenly beyond the detector's ends; there a blur is a factor.
+    """
+    sharp, left = dct(model, axis=1, norm="ortho"), dct(residual, axis=1, norm="ortho")
+    power, cross, total = (sharp**2).sum(axis=0), (sharp * left).sum(axis=0), float((left**2).sum())
+    frequency = np.pi * np.arange(power.size) / power.size
+
+    def misfit(width: float) -> float:
+        change = np.expm1(width**2 * (np.cos(frequency) - 1.0))
+        return float((change * change * power - 2.0 * change * cross).sum())
+
+    found = minimize_scalar(misfit, bounds=(0.0, WIDEST_BLUR), method="bounded", options={"xatol": 1e-3})
+    return float(found.x), -float(found.fun) / total if total > 0.0 else 0.0
+
+
+def _without_outliers(now: Adjusted) -> Adjusted:
     """Take weight from samples that the model cannot explain, twice: the first fit was still pulled by them."""
     data, fit = now.data, now.fit
     share = 0.0
     for _ in range(2):
-        model = explained(phantom, data, fit)
+        model = explained(now.phantom, data, fit)
         residual = data.sinogram - model
         # Air says nothing of the spread: it may be free of noise, and is the most of a sinogram.
         used = np.ones_like(residual) if now.data.weights is None else now.data.weights
         shadowed = residual[(model > fit.offset + SHADOW * float(np.ptp(model))) & (used > 0.0)]
         spread = 1.4826 * float(np.median(np.abs(shadowed - np.median(shadowed)))) if shadowed.size else 0.0
         # A phantom no truer than its size tolerance leaves that much by itself.
-        spread = max(spread, phantom.size_tolerance * float(np.ptp(model)))
+        spread = max(spread, now.phantom.size_tolerance * float(np.ptp(model)))
         if spread == 0.0:
             return now
         size = np.abs(residual) / spread
@@ -134,13 +234,13 @@ def _without_outliers(phantom: Phantom, now: Adjusted) -> Adjusted:
         if power.sum() < OUTLIER_POWER * (used * residual**2).sum() or not _of_a_fault(power, outlying):
             break
         weighted = replace(data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
-        again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm)
+        again = refine(now.phantom, weighted, fit.frame, position_mm=fit.position_mm)
         if again is None or not again.converged:
             break
         data, fit, share = weighted, again, float(outlying[used > 0.0].mean())
     if share == 0.0:
         return now
-    return Adjusted(data, fit, (*now.done, f"{share:.2%} of the samples are outliers and lost weight"))
+    return now.after(data, fit, f"{share:.2%} of the samples are outliers and lost weight")
 
 
 def _of_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
@@ -150,13 +250,12 @@ def _of_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:
     return bool(max(cells, views) > FAULT_SHARE * power.sum())
 
 
-def _gain_of(phantom: Phantom, now: Adjusted, extras: list[int], *, view_gain: bool) -> tuple[float, float]:
+def _gain_of(now: Adjusted, extras: list[int], *, view_gain: bool) -> tuple[float, float]:
     """Chi-square and share of the residual's power that more linear terms would take away, to first order."""
-    grams = now.data.gram(phantom, now.fit.to_vector(), now.fit.hardening, extended=True)
     kept = [*range(PARAMETERS), DATA]
 
     def remaining(terms: list[int], *, by_view: bool) -> float:
-        schur, _ = reduce(grams, terms, kept, view_gain=by_view)
+        schur, _ = reduce(now.grams, terms, kept, view_gain=by_view)
         return float(project_out(schur, list(range(PARAMETERS)), [PARAMETERS])[0][0, 0])
 
     try:
@@ -166,49 +265,72 @@ def _gain_of(phantom: Phantom, now: Adjusted, extras: list[int], *, view_gain: b
         return 0.0, 0.0
     if not (math.isfinite(before) and before > 0.0):
         return 0.0, 0.0
-    samples = now.data.sinogram.size if now.data.weights is None else float(now.data.weights.sum())
     share = max(before - after, 0.0) / before
-    return share * samples / residual_inflation(phantom, now.data, now.fit), share
+    return share * now.data.samples / now.spread.inflation, share
 
 
-def _refitted(phantom: Phantom, now: Adjusted, data: SinogramData, told: str) -> Adjusted | None:
-    fit = refine(phantom, data, now.fit.frame, position_mm=now.fit.position_mm)
+def _refitted(now: Adjusted, data: SinogramData, told: str) -> Adjusted | None:
+    fit = refine(now.phantom, data, now.fit.frame, position_mm=now.fit.position_mm)
     if fit is None or fit.relative_residual >= now.fit.relative_residual:
         return None
-    return Adjusted(data, fit, (*now.done, told))
+    return now.after(data, fit, told)
 
 
-def _view_gain(phantom: Phantom, now: Adjusted) -> Adjusted:
+def _with_terms(now: Adjusted, without: Collection[Adjustment]) -> Adjusted:
+    """Take in the linear terms that are worth it, each time the one that explains most: they resemble each other."""
+    terms = {
+        Adjustment.VIEW_GAIN: (now.data.view_gain, _view_gain_share, _view_gain),
+        Adjustment.BEAM_HARDENING: (now.data.hardening, _hardening_share, _hardening),
+        Adjustment.DENSITY_GRADIENT: (now.data.density_gradient, _gradient_share, _gradient),
+    }
+    waiting = [(share, take) for name, (taken, share, take) in terms.items() if not taken and name not in without]
+    while waiting:
+        shares = [share(now) for share, _ in waiting]
+        best = int(np.argmax(shares))
+        if shares[best] == 0.0:
+            break
+        now = waiting.pop(best)[1](now)
+    return now
+
+
+def _view_gain_share(now: Adjusted) -> float:
+    """Of the residual's power that it takes away; 0 where that is not worth it, as with the others."""
     views = len(now.data.sinogram)
-    chi_square, share = _gain_of(phantom, now, [], view_gain=True)
+    chi_square, share = _gain_of(now, [], view_gain=True)
     # Two terms a view always take away two samples' worth a view.
-    if chi_square < 2.0 * (2.0 * views) or share < LEAST_SHARE + 4.0 * views / now.data.sinogram.size:
-        return now
+    chance = 4.0 * views / now.data.sinogram.size
+    return share if chi_square >= 2.0 * (2.0 * views) and share >= LEAST_SHARE + chance else 0.0
+
+
+def _view_gain(now: Adjusted) -> Adjusted:
     told = "the views differ in gain or background: each was fitted with its own"
-    return _refitted(phantom, now, replace(now.data, view_gain=True), told) or now
+    return _refitted(now, replace(now.data, view_gain=True), told) or now
 
 
-def _hardening(phantom: Phantom, now: Adjusted) -> Adjusted:
-    chi_square, share = _gain_of(phantom, now, [SQUARE], view_gain=False)
-    if chi_square < LEAST_CHI_SQUARE or share < LEAST_SHARE:
-        return now
-    after = _refitted(phantom, now, replace(now.data, hardening=True), "")
+def _hardening_share(now: Adjusted) -> float:
+    chi_square, share = _gain_of(now, [SQUARE], view_gain=False)
+    return share if chi_square >= LEAST_CHI_SQUARE and share >= LEAST_SHARE else 0.0
+
+
+def _hardening(now: Adjusted) -> Adjusted:
+    after = _refitted(now, replace(now.data, hardening=True), "")
     if after is None:
         return now
-    longest = float(analytic.project(phantom, now.data.cells, after.fit.frame, now.data.angles_rad).max())
+    longest = float(analytic.project(now.phantom, now.data.cells, after.fit.frame, now.data.angles_rad).max())
     if abs(after.fit.hardening * longest) < LEAST_HARDENING:
         return now
     told = f"beam hardening of {after.fit.hardening * longest:+.1%} on the longest path was fitted"
-    return replace(after, done=(*now.done, told))
+    return now.after(after.data, after.fit, told)
 
 
-def _gradient(phantom: Phantom, now: Adjusted) -> Adjusted:
-    chi_square, share = _gain_of(phantom, now, [*MOMENTS], view_gain=False)
-    if chi_square < 2.0 * LEAST_CHI_SQUARE or share < LEAST_SHARE:
-        return now
-    after = _refitted(phantom, now, replace(now.data, density_gradient=True), "")
+def _gradient_share(now: Adjusted) -> float:
+    chi_square, share = _gain_of(now, [*MOMENTS], view_gain=False)
+    return share if chi_square >= 2.0 * LEAST_CHI_SQUARE and share >= LEAST_SHARE else 0.0
+
+
+def _gradient(now: Adjusted) -> Adjusted:
+    after = _refitted(now, replace(now.data, density_gradient=True), "")
     if after is None:
         return now
     slope = math.hypot(*after.fit.gradient_per_mm) * 100.0
-    told = f"the wood's density slopes by {slope:.1%} in 100 mm, which was fitted"
-    return replace(after, done=(*now.done, told))
+    return now.after(after.data, after.fit, f"the wood's density slopes by {slope:.1%} in 100 mm, which was fitted")

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -18,6 +19,17 @@ from worker.tomography.phantom import Phantom
 from worker.tomography.ray_error import PredictedRayError
 
 
+class Status(StrEnum):
+    """How far an answer may be relied on; the refusals of `CalibrationError` have codes of their own."""
+
+    CALIBRATED = "calibrated"
+    IMPRECISE = "imprecise"
+    AMBIGUOUS_TURN = "ambiguous-turn"
+    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    NOT_CONVERGED = "not-converged"
+    WITHOUT_ERROR_BARS = "without-error-bars"
+
+
 class CalibrationError(Exception):
     """No calibration could be made of this scan.
 
@@ -25,7 +37,7 @@ class CalibrationError(Exception):
     ----------
     code : str
         Stable, for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
-        phantom-not-found.
+        phantom-outside-field, phantom-not-found.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -35,7 +47,13 @@ class CalibrationError(Exception):
 
 @dataclass(frozen=True)
 class SearchReport:
-    """How the valley was found."""
+    """How the valley was found.
+
+    Attributes
+    ----------
+    history : tuple of (int, float)
+        The evaluations made and the best value so far, each time that it became better.
+    """
 
     method: str
     seed: int
@@ -44,6 +62,13 @@ class SearchReport:
     best_value: float
     converged: bool
     message: str
+    history: tuple[tuple[int, float], ...] = ()
+
+    @staticmethod
+    def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
+        """Add a value to a history in the making, if it is better than all before it."""
+        if not history or value < history[-1][1]:
+            history.append((evaluations, value))
 
 
 @dataclass(frozen=True)
@@ -102,6 +127,7 @@ class Calibration:
     model: FloatArray
     residual: FloatArray
     adjustments: tuple[str, ...]
+    status: Status
     verdict: str
     reasons: tuple[str, ...]
     search: SearchReport

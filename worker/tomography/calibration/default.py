@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.adjust import adjust, explained
+from worker.tomography.calibration.adjust import Adjustment, adjust, explained
 from worker.tomography.calibration.calibration import (
     Calibration,
     CalibrationError,
@@ -20,9 +20,10 @@ from worker.tomography.calibration.calibration import (
 )
 from worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
 from worker.tomography.calibration.refine import Fit, SinogramData, refine
+from worker.tomography.calibration.refusals import refuse_unfound, refuse_unusable
 from worker.tomography.calibration.screening import Screening, screen
 from worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
-from worker.tomography.calibration.uncertainty import residual_inflation
+from worker.tomography.calibration.structure import find_structure
 from worker.tomography.calibration.verdict import TurnedRival, judge
 from worker.tomography.geometry import (
     FloatArray,
@@ -36,9 +37,6 @@ from worker.tomography.geometry import (
 from worker.tomography.phantom import Phantom
 from worker.tomography.ray_error import predicted_ray_error, scale_ray_error
 
-# A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
-# from the wrong side leaves 0.11 to 0.3, an empty scan 1.
-NOT_FOUND = 0.25
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
 # Hypotheses whose coarse residual comes this close to the best one's are fitted on all the data and compared again.
@@ -52,8 +50,6 @@ RANDOM_STARTS = (64, 256)
 STARTS_FITTED = 2
 COARSE_ITERATIONS = 20
 FINE_ITERATIONS = 60
-# A source that far away, against source_to_cor_mm, is no scanner's: the fit has run off.
-FARTHEST = 2.0
 
 # Told the round of the search, the most there can be, and the least relative residual so far.
 Progress = Callable[[int, int, float], None]
@@ -77,6 +73,8 @@ class CalibrationTask:
         Rays a cell in the model; None averages over the cell, as a real detector does.
     from_counts : bool
         Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
+    without : frozenset of Adjustment
+        What is not to be done about a scan that is not as the plain model has it.
     """
 
     scanner: Scanner
@@ -90,30 +88,13 @@ class CalibrationTask:
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
     from_counts: bool = False
+    without: frozenset[Adjustment] = frozenset()
 
     def __post_init__(self) -> None:
         """Refuse data that do not belong together."""
         sinogram = np.ascontiguousarray(self.sinogram, np.float64)
         angles = np.ascontiguousarray(self.angles_rad, np.float64)
-        if sinogram.ndim != 2 or sinogram.shape[1] != self.scanner.num_detector_pixels:
-            raise CalibrationError(
-                "wrong-shape",
-                f"the sinogram has shape {sinogram.shape}, but the scanner has {self.scanner.num_detector_pixels} "
-                "detector cells: it must be (views, detector)",
-            )
-        if angles.shape != sinogram.shape[:1]:
-            raise CalibrationError(
-                "angles-mismatch",
-                f"there are {sinogram.shape[0]} views and {angles.size} angles: each view needs its own",
-            )
-        if sinogram.shape[0] < 3:
-            raise CalibrationError("too-few-views", f"{sinogram.shape[0]} views cannot calibrate: give at least 3")
-        if not np.isfinite(sinogram).all() or not np.isfinite(angles).all():
-            raise CalibrationError("not-finite", "the sinogram or its angles hold NaN or infinite values: remove them")
-        if np.ptp(sinogram) == 0.0:
-            raise CalibrationError(
-                "flat-scan", f"every value of the sinogram is {sinogram[0, 0]:.6g}: nothing was scanned"
-            )
+        refuse_unusable(self.scanner, sinogram, angles)
         object.__setattr__(self, "sinogram", sinogram)
         object.__setattr__(self, "angles_rad", angles)
 
@@ -131,7 +112,11 @@ class CalibrationTask:
     @cached_property
     def screening(self) -> Screening:
         """Which cells and views have a usable signal."""
-        return screen(self.sinogram)
+        return screen(
+            self.sinogram,
+            cells=Adjustment.FAULTY_CELLS not in self.without,
+            views=Adjustment.CORRUPT_VIEWS not in self.without,
+        )
 
     def full_data(self, rotation: Rotation) -> SinogramData:
         """All views and cells, as this sense of rotation reads them; what has no usable signal weighs nothing."""
@@ -169,13 +154,14 @@ def _find_valleys(
     extent = shadow_extent(sinogram, cells)
     distances = (float(box[0, 0]), float(box[0, 1]))
     fits: dict[Hypothesis, Fit] = {}
+    history: list[tuple[int, float]] = []
     best, generation, starts = math.inf, 0, np.zeros((0, 4))
     for generation, count in enumerate((0, *RANDOM_STARTS)):
         if count:
             starts = random_starts(box, count, rng)
         elif extent is not None:
             starts = shadow_starts(extent, task.phantom.radius_mm, distances, rng)
-        _improve(fits, misfit, starts)
+        _improve(fits, misfit, starts, history)
         best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
         if progress is not None:
             progress(generation + 1, len(RANDOM_STARTS) + 1, best)
@@ -183,16 +169,21 @@ def _find_valleys(
             break
     explained = best < EXPLAINED
     message = f"a start explains {1.0 - best:.1%} of the scan" if explained else "no start explains the scan well"
-    report = SearchReport("multi-start", seed, misfit.evaluations, generation + 1, best, explained, message)
+    report = SearchReport(
+        "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
+    )
     return _with_other_turns(fits, misfit), report
 
 
-def _improve(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, starts: FloatArray) -> None:
+def _improve(
+    fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, starts: FloatArray, history: list[tuple[int, float]]
+) -> None:
     """Fit the best starts of each hypothesis coarsely, and keep what is better than what was there."""
     scored: dict[Hypothesis, list[Candidate]] = {}
     for start in starts:
         for hypothesis, candidate in misfit(start).items():
             scored.setdefault(hypothesis, []).append(candidate)
+            SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
     for (handedness, rotation), candidates in scored.items():
         data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
         for candidate in sorted(candidates, key=lambda c: c.misfit)[:STARTS_FITTED]:
@@ -200,6 +191,7 @@ def _improve(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, starts: FloatArr
             kept = fits.get((handedness, rotation))
             if fit is not None and (kept is None or fit.relative_residual < kept.relative_residual):
                 fits[handedness, rotation] = fit
+                SearchReport.note(history, misfit.evaluations, fit.relative_residual)
 
 
 def _with_other_turns(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict[Hypothesis, list[Fit]]:
@@ -228,46 +220,33 @@ def conclude(
 ) -> Calibration:
     """From the coarse fits to the complete answer."""
     ranked = _full_fits(task, coarse)
-    unexplained = _unexplained(task, ranked[0]) if ranked else 1.0
-    width = task.scanner.num_detector_pixels * task.scanner.detector_pitch_mm
-    if unexplained > NOT_FOUND and 2.0 * task.phantom.radius_mm > width:
-        raise CalibrationError(
-            "phantom-outside-field",
-            f"the phantom {task.phantom.name!r} reaches {task.phantom.radius_mm:.4g} mm from the centre of rotation, "
-            f"and the detector is {width:.4g} mm wide: check the phantom's size or picture width, or use a smaller one",
-        )
-    if unexplained > NOT_FOUND:
-        raise CalibrationError(
-            "phantom-not-found",
-            f"the phantom {task.phantom.name!r} was not found: the best geometry leaves {unexplained:.0%} of the "
-            "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
-            "scanner's constants",
-        )
+    refuse_unfound(
+        task.scanner,
+        task.phantom,
+        ranked[0][1] if ranked else None,
+        _unexplained(task, ranked[0]) if ranked else 1.0,
+    )
     (handedness, rotation), free = ranked[0]
-    if free.frame.source_distance_mm > FARTHEST * task.scanner.source_to_cor_mm:
-        raise CalibrationError(
-            "phantom-not-found",
-            f"the best geometry puts the source at {free.frame.source_distance_mm:.4g} mm where source_to_cor_mm is "
-            f"{task.scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size, and the handedness and "
-            "rotation if they were given",
-        )
     phantom, data = task.phantoms[handedness], task.full_data(rotation)
-    adjusted = adjust(phantom, data, free, from_counts=task.from_counts)
+    adjusted = adjust(phantom, data, free, from_counts=task.from_counts, without=task.without)
     data, free = adjusted.data, adjusted.fit
     fit, fixed = _with_theta(task, phantom, data, free)
     refined = time.perf_counter()
-    residual = data.sinogram - explained(phantom, data, fit)
-    inflation = residual_inflation(phantom, data, fit)
-    covariance = fit.covariance[:5, :5] * inflation
+    explained_part = explained(phantom, data, fit)
+    residual = data.sinogram - explained_part
+    spread = (replace(adjusted, fit=fit) if fixed else adjusted).spread
+    covariance = spread.covariance[:5, :5]
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     predicted = predicted_ray_error(task.scanner, fit.frame, covariance, radius_mm=task.log_radius_mm)
     hypotheses, turned_rival = _rivals(ranked)
     deviation = theta_deviation(task.scanner, fit.frame, theta, covariance)
-    verdict, reasons = judge(
+    judged = judge(
         predicted_mm=predicted.rms_mm,
         tolerance_mm=task.tolerance_mm,
         fit=fit,
-        inflation=inflation,
+        inflation=spread.inflation,
+        widening=spread.widening,
+        structure=find_structure(residual * task.screening.mask, explained_part) if spread.structured else None,
         hypotheses=hypotheses,
         turned=turned_rival,
         samples=data.sinogram.size,
@@ -293,7 +272,7 @@ def conclude(
         ),
         predicted_ray_error=predicted,
         log_radius_mm=task.log_radius_mm,
-        inflation=inflation,
+        inflation=spread.inflation,
         handedness=handedness,
         rotation=rotation,
         hypotheses=hypotheses,
@@ -305,8 +284,9 @@ def conclude(
         model=task.sinogram - residual,
         residual=residual,
         adjustments=(*task.screening.done, *adjusted.done),
-        verdict=verdict,
-        reasons=reasons,
+        status=judged.status,
+        verdict=judged.verdict,
+        reasons=judged.reasons,
         search=search_report,
         seconds={
             "total": ended - started,

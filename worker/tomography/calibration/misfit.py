@@ -50,6 +50,11 @@ class Candidate:
     misfit: float
     frame: SourceFrame
 
+    @property
+    def relative_residual(self) -> float:
+        """What the best gain and background leave of the coarse sinogram: sqrt(1 - correlation^2)."""
+        return math.sqrt(max(self.misfit * (2.0 - self.misfit), 0.0))
+
 
 @dataclass
 class CoarseMisfit:

@@ -20,9 +20,11 @@ from worker.tomography.calibration.calibration import (
     CalibrationError,
     HypothesisReport,
     SearchReport,
+    Status,
     choose_theta,
 )
-from worker.tomography.calibration.default import NOT_FOUND, CalibrationTask, Progress
+from worker.tomography.calibration.default import CalibrationTask, Progress
+from worker.tomography.calibration.refusals import NOT_FOUND
 from worker.tomography.fbp import Weighting, fbp
 from worker.tomography.filters import FilterName
 from worker.tomography.geometry import (
@@ -152,9 +154,12 @@ def calibrate_as_published(
     objective = PaperObjective(task, rotation, chosen)
     bounds = (task.bounds or ThetaBounds()).as_array()
 
+    history: list[tuple[int, float]] = []
+
     def report(intermediate_result: object) -> None:
+        best = getattr(intermediate_result, "fun", math.nan)
+        SearchReport.note(history, objective.evaluations, float(best))
         if progress is not None:
-            best = getattr(intermediate_result, "fun", math.nan)
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     tight = chosen.stop == "tight"
@@ -170,6 +175,7 @@ def calibrate_as_published(
         tol=0.0 if tight else SCIPY_DEFAULT_TOL,
         atol=TIGHT * objective.scale if tight else 0.0,
     )
+    SearchReport.note(history, objective.evaluations, float(outcome.fun))  # the polish comes after the last generation
     search = SearchReport(
         "differential-evolution on FBP correlation"
         if chosen.objective == "image"
@@ -180,6 +186,7 @@ def calibrate_as_published(
         float(outcome.fun),
         bool(outcome.success),
         str(outcome.message),
+        tuple(history),
     )
     return _answer(task, Theta.from_vector(outcome.x), rotation, objective, search, started)
 
@@ -238,6 +245,7 @@ def _answer(
         model=model,
         residual=residual,
         adjustments=(),
+        status=Status.WITHOUT_ERROR_BARS if hypotheses[0].relative_residual < NOT_FOUND else Status.NOT_CONVERGED,
         verdict="watch" if hypotheses[0].relative_residual < NOT_FOUND else "fail",
         reasons=_reasons(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,

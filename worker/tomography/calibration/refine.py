@@ -40,6 +40,8 @@ class SinogramData:
     hardening, density_gradient, view_gain : bool
         Whether p^2, the density's slopes over the phantom, and a gain and offset of each view's own are fitted beside
         one gain and one offset.
+    blur_cells : float
+        Standard deviation, in cells, of the model's blur along the detector.
     """
 
     sinogram: FloatArray
@@ -50,15 +52,23 @@ class SinogramData:
     hardening: bool = False
     density_gradient: bool = False
     view_gain: bool = False
+    blur_cells: float = 0.0
 
     @property
     def extras(self) -> list[int]:
         """Positions of the extra terms in `analytic.gram`."""
         return [SQUARE] * self.hardening + [*MOMENTS] * self.density_gradient
 
+    @property
+    def samples(self) -> float:
+        """How many there are, by weight."""
+        return self.sinogram.size if self.weights is None else float(self.weights.sum())
+
     def gram(self, phantom: Phantom, x: FloatArray, hardening: float, *, extended: bool | None = None) -> FloatArray:
         """`analytic.gram` at x = (psi, R, SDD, u_c, tau, t_x, t_y)."""
-        options = analytic.GramOptions(self.weights, bool(self.extras) if extended is None else extended, hardening)
+        options = analytic.GramOptions(
+            self.weights, bool(self.extras) if extended is None else extended, hardening, self.blur_cells
+        )
         return analytic.gram(
             phantom,
             self.cells,
@@ -247,7 +257,7 @@ def _fit(
     converged: bool,
     iterations: int,
 ) -> Fit:
-    count = data.sinogram.size if data.weights is None else float(data.weights.sum())
+    count = data.samples
     linear = 2 * len(data.sinogram) if data.view_gain else 2
     degrees = max(count - free.size - linear - len(data.extras), 1.0)
     covariance = np.zeros((PARAMETERS, PARAMETERS))

@@ -40,6 +40,12 @@ class Screening:
         return np.outer(self.views, self.cells).astype(np.float64)
 
     @property
+    def mask(self) -> NDArray[np.bool_]:
+        """(views, cells) what may be used."""
+        used: NDArray[np.bool_] = np.outer(self.views, self.cells)
+        return used
+
+    @property
     def done(self) -> tuple[str, ...]:
         """One sentence for each thing left out."""
         told = []
@@ -63,15 +69,15 @@ class Screening:
         return filled
 
 
-def screen(sinogram: FloatArray) -> Screening:
-    """Look at a sinogram (views, detector) before it is used."""
-    views = ~_corrupt_views(sinogram)
-    if views.sum() < 3:
-        views[:] = True
-    cells = ~_odd_cells(sinogram[views])
-    if cells.sum() < 8:
-        cells[:] = True
-    return Screening(cells, views)
+def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
+    """Look at a sinogram (views, detector) before it is used: at its cells, its views, or both."""
+    usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
+    if usable_views.sum() < 3:
+        usable_views[:] = True
+    usable_cells = ~_odd_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
+    if usable_cells.sum() < 8:
+        usable_cells[:] = True
+    return Screening(usable_cells, usable_views)
 
 
 def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:

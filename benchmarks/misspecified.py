@@ -1,0 +1,244 @@
+"""Where the model is wrong on purpose: the error beside what the answer promises, and whether the answer says so.
+
+    python benchmarks/misspecified.py [--scans 40] [--seed 1] [--only NAME]
+
+Each kind of wrong model is tried on random scanners with 0.2 to 2 % noise, blind. The table shows the median of the
+true RMS ray error and of what was predicted, the share of scans whose error stayed below its predicted 95 % bound, by
+itself and with twice what the phantom's size tolerance adds (no residual shows a wrong size), the median inflation, the
+share of scans that passed, and the share of which something was said or done; then the most frequent beginnings of it.
+"""
+
+import argparse
+import math
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from rich.progress import track
+from scanners import SCANNER, RandomScan, random_scan
+from scipy.ndimage import gaussian_filter1d
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.calibration.calibration import Calibration, CalibrationError
+from worker.tomography.calibration.default import CalibrationTask, calibrate
+from worker.tomography.geometry import FloatArray, Handedness
+from worker.tomography.log_model import SAPWOOD_PER_MM
+from worker.tomography.phantom import Disc, Phantom, Polygon
+from worker.tomography.ray_error import ray_error
+from worker.tomography.tracing import trace
+
+RAYS = 8
+FIELD_MM = 400.0
+NOISES = (0.002, 0.02)
+WORDS = 30
+
+
+@dataclass(frozen=True)
+class Made:
+    """One scan that is not what the model says: what is asked, and what is wrong."""
+
+    sinogram: FloatArray
+    drawn: Phantom
+    from_counts: bool = False
+
+
+def exact(scan: RandomScan, _: np.random.Generator) -> Made:
+    """Nothing is wrong."""
+    return Made(shadow(scan, scan.task.phantom), scan.task.phantom)
+
+
+def coarse_drawing(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """The phantom was traced from a picture with pixels of 2 to 3 mm, black or white."""
+    size = round(FIELD_MM / rng.uniform(2.0, 3.0))
+    picture = scan.task.phantom.rasterise(size, FIELD_MM, subsamples=1)
+    return Made(shadow(scan, scan.task.phantom), trace(picture, FIELD_MM, name="picture"))
+
+
+def blur(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """The focal spot and the scintillator blur by a Gaussian of one to three cells."""
+    return Made(_blurred(shadow(scan, scan.task.phantom), rng), scan.task.phantom)
+
+
+def hardening(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """The beam hardens: y + c y^2, by 2 to 10 % on the longest path."""
+    sinogram = shadow(scan, scan.task.phantom)
+    return Made(sinogram - rng.uniform(0.02, 0.1) / sinogram.max() * sinogram**2, scan.task.phantom)
+
+
+def rounded_corner(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """One corner of the wood is rounded by 5 to 10 mm."""
+    radius = rng.uniform(5.0, 10.0)
+    worn = replace(scan.task.phantom, shapes=tuple(_rounded(s, radius, rng) for s in scan.task.phantom.shapes))
+    return Made(shadow(scan, worn), scan.task.phantom)
+
+
+def knot(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """A knot of 8 to 16 mm, denser by a fifth to a half."""
+    inside = _inside(scan.task.phantom, rng)
+    grown = Disc(inside, rng.uniform(8.0, 16.0), rng.uniform(0.2, 0.5))
+    return Made(shadow(scan, scan.task.phantom, grown), scan.task.phantom)
+
+
+def growth_rings(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """Rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
+    pith = _inside(scan.task.phantom, rng)
+    density = rng.uniform(0.1, 0.2)
+    rings = [
+        Disc(pith, radius, sign * density)
+        for radius in range(8, 41, 8)
+        for sign, radius in ((1, radius), (-1, radius - 3))
+    ]
+    return Made(shadow(scan, scan.task.phantom, *rings), scan.task.phantom)
+
+
+def counts(scan: RandomScan, _: np.random.Generator) -> Made:
+    """Each cell averages intensities, and says so."""
+    wood = scan.task.phantom.of_density(SAPWOOD_PER_MM)
+    cells = DetectorCells.of(SCANNER)
+    fine = DetectorCells(cells.first_border_mm, cells.width_mm / RAYS, cells.count * RAYS)
+    rays = shadow(scan, wood, cells=fine, rays=1).reshape(-1, cells.count, RAYS)
+    return Made(-np.log(np.exp(-rays).mean(axis=2)), scan.task.phantom, from_counts=True)
+
+
+def blur_and_hardening(scan: RandomScan, rng: np.random.Generator) -> Made:
+    """Both at once: each ray hardens, then the detector blurs."""
+    hardened = hardening(scan, rng)
+    return replace(hardened, sinogram=_blurred(hardened.sinogram, rng))
+
+
+KINDS: dict[str, Callable[[RandomScan, np.random.Generator], Made]] = {
+    "nothing wrong": exact,
+    "coarse drawing": coarse_drawing,
+    "blur": blur,
+    "beam hardening": hardening,
+    "rounded corner": rounded_corner,
+    "knot": knot,
+    "growth rings": growth_rings,
+    "counts": counts,
+    "blur and hardening": blur_and_hardening,
+}
+
+
+def shadow(
+    scan: RandomScan, body: Phantom, *more: Disc, cells: DetectorCells | None = None, rays: int = RAYS
+) -> FloatArray:
+    """The sinogram of a body, and of what has grown in it, as the scan's scanner sees it."""
+    whole = replace(body, shapes=(*body.shapes, *more))
+    seen = whole if scan.handedness is Handedness.AS_DRAWN else whole.mirrored()
+    angles = scan.rotation.apply(scan.task.angles_rad)
+    return analytic.project(seen, cells or DetectorCells.of(SCANNER), scan.frame, angles, rays_per_cell=rays)
+
+
+def _blurred(sinogram: FloatArray, rng: np.random.Generator) -> FloatArray:
+    soft: FloatArray = gaussian_filter1d(sinogram, rng.uniform(1.0, 3.0), axis=1, mode="nearest")
+    return soft
+
+
+def _rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> Polygon | Disc:
+    """A polygon with one of its corners replaced by an arc of eight chords."""
+    if isinstance(shape, Disc):
+        return shape
+    corners = np.array(shape.vertices_mm)
+    index = int(rng.integers(len(corners)))
+    before, corner, after = corners[index - 1], corners[index], corners[(index + 1) % len(corners)]
+    a, b = (before - corner) / np.hypot(*(before - corner)), (after - corner) / np.hypot(*(after - corner))
+    half = 0.5 * math.acos(float(np.clip(a @ b, -1.0, 1.0)))
+    centre = corner + radius / math.sin(half) * (a + b) / np.hypot(*(a + b))
+    start, stop = corner + radius / math.tan(half) * a - centre, corner + radius / math.tan(half) * b - centre
+    first = math.atan2(start[1], start[0])
+    turn = math.remainder(math.atan2(stop[1], stop[0]) - first, 2.0 * math.pi)
+    bends = first + turn * np.linspace(0.0, 1.0, 9)
+    arc = centre + radius * np.stack([np.cos(bends), np.sin(bends)], -1)
+    rounded = [*corners[:index].tolist(), *arc.tolist(), *corners[index + 1 :].tolist()]
+    return replace(shape, vertices_mm=tuple((x, y) for x, y in rounded))
+
+
+def _inside(body: Phantom, rng: np.random.Generator) -> tuple[float, float]:
+    """A point at least 25 mm or so inside the wood."""
+    image = body.rasterise(80, FIELD_MM)
+    full = np.lib.stride_tricks.sliding_window_view(image, (9, 9)).min(axis=(2, 3)) > 0.99
+    where = np.argwhere(full)
+    i, j = where[rng.integers(len(where))] + 4
+    return float((i + 0.5) * 5.0 - 200.0), float((j + 0.5) * 5.0 - 200.0)
+
+
+def noisy_task(scan: RandomScan, made: Made, rng: np.random.Generator) -> CalibrationTask:
+    """What is asked of the calibration."""
+    noise = math.exp(rng.uniform(*np.log(NOISES)))
+    spread = noise * np.sqrt(np.mean(made.sinogram**2))
+    measured = made.sinogram + spread * rng.standard_normal(made.sinogram.shape)
+    return CalibrationTask(SCANNER, made.drawn, measured, scan.task.angles_rad, from_counts=made.from_counts)
+
+
+@dataclass
+class Tally:
+    """What came of the scans of one kind."""
+
+    errors: list[float] = field(default_factory=list)
+    predicted: list[float] = field(default_factory=list)
+    covered: list[bool] = field(default_factory=list)
+    with_size: list[bool] = field(default_factory=list)
+    inflations: list[float] = field(default_factory=list)
+    spoken: list[bool] = field(default_factory=list)
+    verdicts: Counter[str] = field(default_factory=Counter)
+    said: Counter[str] = field(default_factory=Counter)
+
+    def add(self, scan: RandomScan, found: Calibration) -> None:
+        """Note one answer."""
+        assert found.predicted_ray_error is not None
+        error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
+        self.errors.append(error)
+        self.predicted.append(found.predicted_ray_error.rms_mm)
+        self.covered.append(error <= found.predicted_ray_error.upper_95_mm)
+        self.with_size.append(error <= found.predicted_ray_error.upper_95_mm + 2.0 * found.scale_ray_error_mm)
+        self.inflations.append(found.inflation)
+        self.verdicts[found.verdict] += 1
+        told = (*(reason for reason in found.reasons if "source shift" not in reason), *found.adjustments)
+        self.spoken.append(bool(told))
+        for sentence in told:
+            self.said[re.sub(r"[-+]?\d[\d.]*%?", "#", sentence)[:WORDS]] += 1
+
+    def row(self, name: str) -> str:
+        """One line of the table."""
+        shared = sum(self.verdicts.values())
+        return (
+            f"{name:20s} {np.median(self.errors):7.4f} {np.max(self.errors):7.4f} {np.median(self.predicted):9.4f} "
+            f"{np.mean(self.covered):7.1%} {np.mean(self.with_size):9.1%} {np.median(self.inflations):9.2f} "
+            f"{self.verdicts['pass'] / shared:7.1%} {np.mean(self.spoken):7.1%}"
+        )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scans", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", choices=tuple(KINDS))
+    options = parser.parse_args()
+    tallies = {name: Tally() for name in KINDS if options.only in {None, name}}
+    for name, tally in tallies.items():
+        rng = np.random.default_rng(options.seed)
+        for number in track(range(options.scans), description=name):
+            scan = random_scan(rng)
+            made = KINDS[name](scan, rng)
+            try:
+                tally.add(scan, calibrate(noisy_task(scan, made, rng), seed=number))
+            except CalibrationError as error:
+                tally.verdicts[error.code] += 1
+    noises = f"noise {NOISES[0]:.1%} to {NOISES[1]:.1%} of the RMS"
+    print(f"{options.scans} random scanners each, {noises}, seed {options.seed}")
+    print(
+        f"{'':20s} {'error':>7s} {'largest':>7s} {'predicted':>9s} {'covered':>7s} {'with size':>9s} "
+        f"{'inflation':>9s} {'passed':>7s} {'told':>7s}"
+    )
+    for name, tally in tallies.items():
+        print(tally.row(name))
+        for sentence, count in tally.said.most_common(2):
+            print(f"    {count:4d} x {sentence} ...")
+
+
+if __name__ == "__main__":
+    main()
