@@ -60,6 +60,10 @@ class ConjugateFit:
     relative_residual : float
         RMS of the pairs' differences against the RMS of what they differ in: the part of the rays that changes with
         the view, after the blur.
+    carried : (2,) float64
+        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
+    adjustments : tuple of str
+        What was done to the scan before it was used.
     """
 
     cor_column_mm: float
@@ -70,6 +74,8 @@ class ConjugateFit:
     rotation: Rotation
     rotation_ratio: float
     relative_residual: float
+    carried: FloatArray
+    adjustments: tuple[str, ...]
 
     @property
     def deviation(self) -> FloatArray:
@@ -144,7 +150,10 @@ def drift_change(
     covariance = fit.covariance.copy()
     if calibrated_covariance is not None:
         order = [3, 4, 2]
-        covariance += calibrated_covariance[np.ix_(order, order)]
+        # Where SDD is held, the calibration's error of it moves what is measured of the others.
+        difference = np.eye(3)
+        difference[:2, 2] = -fit.carried
+        covariance += difference @ calibrated_covariance[np.ix_(order, order)] @ difference.T
     if fit.distance_held:
         covariance[2, :] = covariance[:, 2] = 0.0
     before = np.array([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm])
@@ -181,7 +190,7 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
     if not moved.moved:
         return (
             f"nothing moved that this scan can show: the COR is where it was to {moved.deviation[0]:.2g} mm on the "
-            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees"
+            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees: go on with this calibration"
         )
     turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
     slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
