@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from worker.tomography.bridging import bridge
+
 Stack = NDArray[np.float32]
 
 # A transmission below this is no measurement but a starved detector: the line integral is cut off here (13.8).
@@ -41,6 +43,7 @@ def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineInte
 
     Cells whose flat is not above their dark are dead and are bridged from their neighbours along the detector;
     starved samples (counts at or below the dark) are cut off at the least transmission. Both are remarked.
+    Missing samples, NaN, stay missing.
 
     Raises
     ------
@@ -57,7 +60,8 @@ def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineInte
         )
     remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
     level = np.where(dead, 1.0, air).astype(np.float32)
-    stack: Stack = np.asarray((counts - dark.astype(np.float32)) / level, np.float32)
+    stack: Stack = np.asarray(counts - dark.astype(np.float32), np.float32)
+    stack /= level
     starved = (stack < LEAST_TRANSMISSION) & ~dead
     np.maximum(stack, LEAST_TRANSMISSION, out=stack)
     np.log(stack, out=stack)
@@ -71,13 +75,8 @@ def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineInte
 
 
 def _bridge(stack: Stack, dead: NDArray[np.bool_]) -> None:
-    """Replace dead cells by linear interpolation along the detector, in place."""
-    cells = np.arange(dead.shape[1])
+    """Bridge each row's dead cells, in place."""
     for row in np.flatnonzero(dead.any(axis=1)):
-        good, bad = cells[~dead[row]], cells[dead[row]]
-        if good.size == 0:
+        if dead[row].all():
             raise CountsError(f"every cell of detector row {row} is dead: leave the row out")
-        right = np.clip(np.searchsorted(good, bad), 1, max(good.size - 1, 1))
-        low, high = good[right - 1], good[np.minimum(right, good.size - 1)]
-        share = np.clip((bad - low) / np.maximum(high - low, 1), 0.0, 1.0).astype(np.float32)
-        stack[:, row, bad] = (1.0 - share) * stack[:, row, low] + share * stack[:, row, high]
+        bridge(stack[:, row], dead[row])

@@ -1,0 +1,103 @@
+"""What preparing a stack reaches: shifts of views that lost rows, by both ways, and what ring removal costs and saves.
+
+    python benchmarks/preparing.py
+
+Three simulated logs, lost rows 0 to 10 at each end, noise of a line integral as said. `off` is the RMS of the shifts'
+errors less their mean, `refused` that the way said it cannot. Takes a few minutes.
+"""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.fbp import fbp
+from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.log_model import LogModel
+from worker.tomography.matched_rows import shifts_by_features
+from worker.tomography.missing_rows import RowsError, RowShifts
+from worker.tomography.projector import Projector
+from worker.tomography.ring_removal import remove_rings
+from worker.tomography.row_mass import RowMoments, shifts_by_mass
+
+Stack = NDArray[np.float32]
+THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
+ROWS, ROW_PITCH_MM, MOST_LOST = 120, 2.0, 10
+WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
+    "profile": lambda stack, angles: shifts_by_mass(RowMoments.of(stack), angles),
+    "features": shifts_by_features,
+}
+
+
+def log_stack(seed: int, angles: FloatArray, cells: int) -> Stack:
+    """Line integrals (views, rows, cells)."""
+    scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=cells, detector_pitch_mm=1152.0 / cells)
+    log, frame, detector = LogModel.random(seed), THETA.source_frame(859.46), DetectorCells.of(scanner)
+    heights = 20.0 + ROW_PITCH_MM * np.arange(ROWS)
+    rows = [analytic.project(log.slice_at(z), detector, frame, angles, rays_per_cell=1) for z in heights]
+    return np.stack(rows, axis=1).astype(np.float32)
+
+
+def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray]:
+    """The views without some rows, moved up, and how many each lost at the top."""
+    top, bottom = rng.integers(0, MOST_LOST + 1, (2, len(stack)))
+    lost = np.full_like(stack, np.nan)
+    for view, image in enumerate(stack):
+        kept = ROWS - top[view] - bottom[view]
+        lost[view, :kept] = image[top[view] : top[view] + kept]
+    return lost, top.astype(np.float64)
+
+
+def told(way: str, lost: Stack, angles: FloatArray, truth: FloatArray) -> str:
+    """How far off a way is, and how long it took."""
+    started = time.perf_counter()
+    try:
+        shifts = WAYS[way](lost, angles)
+    except RowsError:
+        return f"{way}: refused"
+    off = (shifts.rows - truth).std()
+    return f"{way}: off {off:.3f}{' (whole)' if shifts.whole else ''}, {time.perf_counter() - started:.1f} s"
+
+
+def missing_rows() -> None:
+    """Views over a full turn."""
+    for views, cells in ((60, 256), (180, 384)):
+        angles = (np.arange(views) + 0.5) * TAU / views
+        for seed in (1, 2, 3):
+            clean = log_stack(seed, angles, cells)
+            for noise in (0.01, 0.03, 0.1):
+                rng = np.random.default_rng(seed)
+                noisy = clean + noise * rng.standard_normal(clean.shape).astype(np.float32)
+                lost, truth = lose_rows(noisy, rng)
+                answers = "; ".join(told(way, lost, angles, truth) for way in WAYS)
+                print(f"{views} views, log {seed}, noise {noise}: {answers}", flush=True)
+
+
+def rings() -> None:
+    """One slice from 360 views, stripes of unequal cells as a share of the deepest shadow."""
+    scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    geometry = FanBeamGeometry(scanner, THETA, (np.arange(360) + 0.5) * TAU / 360)
+    projector, cells = Projector(geometry, ImageGrid(256, 400.0)), DetectorCells.of(scanner)
+    for seed in (1, 2, 3):
+        body = LogModel.random(seed).slice_at(60.0)
+        clean = analytic.project(body, cells, geometry.frame, geometry.angles_rad, rays_per_cell=4).astype(np.float32)
+        truth = fbp(projector, clean)
+        for share in (0.0, 0.002, 0.005, 0.01):
+            stripes = np.random.default_rng(seed).standard_normal(768) * share * clean.max()
+            striped = clean + stripes.astype(np.float32)
+            errors = [
+                np.linalg.norm(fbp(projector, sinogram) - truth) / np.linalg.norm(truth)
+                for sinogram in (striped, remove_rings(striped))
+            ]
+            print(
+                f"log {seed}, stripes {share:.1%}: relative error {errors[0]:.4f}, sorted {errors[1]:.4f}", flush=True
+            )
+
+
+if __name__ == "__main__":
+    rings()
+    missing_rows()

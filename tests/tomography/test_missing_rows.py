@@ -1,0 +1,197 @@
+"""Views that lost rows, by both ways: the same log, the same losses, the same demands."""
+
+import numpy as np
+import pytest
+
+from worker.tomography import analytic
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.fbp import fbp
+from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.log_model import LogModel
+from worker.tomography.matched_rows import shifts_by_features
+from worker.tomography.missing_rows import RowsError, RowShifts, aligned, present_rows
+from worker.tomography.projector import Projector
+from worker.tomography.row_mass import RowMoments, shifts_by_mass
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
+THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
+ROW_PITCH_MM = 2.0
+MOST_LOST = 10
+# Of a line integral: 30 000 photons behind three attenuation lengths.
+NOISE = 0.025
+
+
+def project(heights_mm, angles, seed=1):
+    """Line integrals (views, rows, cells) of a log at heights."""
+    log = LogModel.random(seed)
+    geometry = FanBeamGeometry(SCANNER, THETA, angles)
+    cells = DetectorCells.of(SCANNER)
+    rows = [analytic.project(log.slice_at(z), cells, geometry.frame, angles, rays_per_cell=1) for z in heights_mm]
+    return np.stack(rows, axis=1).astype(np.float32)
+
+
+def noisy(stack, seed):
+    return stack + NOISE * np.random.default_rng(seed).standard_normal(stack.shape).astype(np.float32)
+
+
+def lose_rows(stack, seed):
+    """Each view without some rows at the top, moved up, and at the bottom; and how many at the top."""
+    rng = np.random.default_rng(seed)
+    views, rows, _ = stack.shape
+    top, bottom = rng.integers(0, MOST_LOST + 1, (2, views))
+    lost = np.full_like(stack, np.nan)
+    for view in range(views):
+        kept = rows - top[view] - bottom[view]
+        lost[view, :kept] = stack[view, top[view] : top[view] + kept]
+    return lost, top
+
+
+def even(mass):
+    """Row sums of a log on the rotation axis."""
+    return RowMoments(mass, np.zeros_like(mass))
+
+
+def apart(shifts, truth):
+    """Errors less their mean: the log has no row 0."""
+    error = shifts.rows - truth
+    return error - error.mean()
+
+
+@pytest.fixture(scope="module")
+def sparse():
+    """60 views round the turn, and their angles."""
+    angles = (np.arange(60) + 0.5) * TAU / 60
+    return project(20.0 + ROW_PITCH_MM * np.arange(100), angles), angles
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """20 views two degrees apart, and their angles."""
+    angles = (np.arange(20) + 0.5) * TAU / 180
+    return project(20.0 + ROW_PITCH_MM * np.arange(100), angles), angles
+
+
+class TestByMass:
+    @pytest.mark.parametrize("seed", [11, 12, 13])
+    def test_whole_lost_rows_are_found_exactly(self, sparse, seed):
+        stack, angles = sparse
+        lost, truth = lose_rows(noisy(stack, seed), seed)
+        shifts = shifts_by_mass(RowMoments.of(lost), angles)
+        assert shifts.whole
+        np.testing.assert_array_equal(shifts.rows, truth - truth.min())
+        # What it says of itself before it knew that rows are whole.
+        assert 0.01 < np.median(shifts.standard_deviation) < 0.1
+
+    def test_rows_that_stay_where_they_are_and_miss_at_both_ends(self, sparse):
+        stack = noisy(sparse[0], 14)
+        lost, _ = lose_rows(stack, 14)
+        in_place = np.where(np.isnan(np.roll(lost, 3, axis=1)), np.nan, stack)
+        assert not shifts_by_mass(RowMoments.of(in_place), sparse[1]).rows.any()
+
+    def test_fractions_of_a_row_are_found_to_a_tenth(self):
+        rng = np.random.default_rng(15)
+        views = 12
+        angles, truth = (np.arange(views) + 0.5) * TAU / views, rng.uniform(0.0, 6.0, views)
+        heights = 20.0 + ROW_PITCH_MM * np.arange(70)
+        stack = np.concatenate(
+            [project(heights + ROW_PITCH_MM * truth[view], angles[view : view + 1]) for view in range(views)]
+        )
+        shifts = shifts_by_mass(RowMoments.of(noisy(stack, 16)), angles)
+        assert not shifts.whole
+        error = apart(shifts, truth)
+        assert np.sqrt(np.mean(error**2)) < 0.1
+        assert np.abs(error).max() < 0.25
+
+    def test_the_slices_are_as_good_as_without_the_loss(self, sparse):
+        clean, angles = sparse
+        stack = noisy(clean, 17)
+        lost, truth = lose_rows(stack, 17)
+        mended = aligned(lost, shifts_by_mass(RowMoments.of(lost), angles))
+        assert not np.isnan(mended).any()
+        # In the middle of a whorl of knots; not mended, the row there is off by five on the average.
+        row = 12
+        same = row + int(truth.max())
+        projector = Projector(FanBeamGeometry(SCANNER, THETA, angles), ImageGrid(96, 400.0))
+        best = fbp(projector, clean[:, same])
+
+        def relative_error(sinogram):
+            return float(np.linalg.norm(fbp(projector, sinogram) - best) / np.linalg.norm(best))
+
+        whole, unmended = relative_error(stack[:, same]), relative_error(lost[:, same - MOST_LOST // 2])
+        assert relative_error(mended[:, row]) == pytest.approx(whole, rel=1e-6)
+        assert unmended > 1.5 * whole
+
+    def test_a_knot_that_comes_near_the_source_does_not_move_along_the_log(self):
+        # Two lumps at two heights on opposite sides, so that their common centre swings by a tenth of their distance.
+        views, rows = 40, np.arange(60.0)
+        angles, truth = np.arange(views) * TAU / views, np.random.default_rng(20).uniform(0.0, 3.0, views)
+        lumps = [np.exp(-0.5 * ((rows + truth[:, None] - height) / 5.0) ** 2) for height in (26.0, 36.0)]
+        near, across = 0.1 * np.cos(angles)[:, None], np.sin(angles)[:, None]
+        mass = 500.0 + 60.0 * ((1.0 + near) * lumps[0] + (1.0 - near) * lumps[1])
+        moments = RowMoments(mass, 60.0 * 25.0 * across * (lumps[0] - lumps[1]))
+        unmended = apart(shifts_by_mass(even(mass), angles), truth)
+        mended = apart(shifts_by_mass(moments, angles), truth)
+        assert unmended.std() > 0.2
+        assert mended.std() < 0.02
+
+    @pytest.mark.parametrize("profile", ["even", "taper"])
+    def test_a_log_without_features_along_it_is_refused(self, profile):
+        rng = np.random.default_rng(18)
+        mass = np.full(100, 500.0) - (np.arange(100) if profile == "taper" else 0.0)
+        with pytest.raises(RowsError, match=r"[Tt]he log varies too little"):
+            shifts_by_mass(even(mass + 0.4 * rng.standard_normal((40, 100))), np.arange(40) * TAU / 40)
+
+    def test_too_few_rows_are_refused(self):
+        with pytest.raises(RowsError, match="view 0 has 12 rows and at least 16 are needed"):
+            shifts_by_mass(even(np.random.default_rng(19).standard_normal((5, 12))), np.arange(5.0))
+
+
+class TestByFeatures:
+    def test_whole_lost_rows_are_found_exactly_in_dense_views(self, dense):
+        stack, angles = dense
+        lost, truth = lose_rows(noisy(stack, 21), 21)
+        shifts = shifts_by_features(lost, angles)
+        assert shifts.whole
+        np.testing.assert_array_equal(shifts.rows, truth - truth.min())
+
+    def test_views_too_far_apart_share_nothing_and_are_refused(self, dense):
+        lost, _ = lose_rows(dense[0][:16], 22)
+        with pytest.raises(RowsError, match=r"no two views share enough features .* align the rows by their profile"):
+            shifts_by_features(lost, np.arange(16) * TAU / 16)
+
+    def test_a_view_alone_is_named(self, dense):
+        stack, angles = dense
+        lost, _ = lose_rows(stack, 23)
+        lost[7] = np.where(np.isnan(lost[7]), np.nan, 0.0)
+        with pytest.raises(RowsError, match="view 7 shares too few features with its neighbours"):
+            shifts_by_features(lost, angles)
+
+    def test_too_few_rows_are_refused(self, dense):
+        stack, angles = dense
+        with pytest.raises(RowsError, match="view 0 has 20 rows; features need at least 32"):
+            shifts_by_features(stack[:, :20], angles)
+
+
+class TestAligned:
+    def test_whole_rows_are_moved_and_not_resampled(self, sparse):
+        lost, truth = lose_rows(sparse[0], 31)
+        shifts = RowShifts.of(truth.astype(np.float64), np.zeros(60))
+        mended = aligned(lost, shifts)
+        last = min(int(truth[view] + present_rows(lost)[view].sum()) for view in range(60))
+        np.testing.assert_array_equal(mended, sparse[0][:, truth.max() : last])
+
+    def test_fractions_are_resampled_to_what_stands_between(self):
+        rows = np.arange(40.0)
+        shift = np.array([0.0, 0.5, 0.27, 1.6])
+        wave = np.sin(0.3 * (rows + shift[:, None]))[..., None].astype(np.float32)
+        shifts = RowShifts.of(shift, np.zeros(4))
+        assert not shifts.whole
+        mended = aligned(wave, shifts)
+        expected = np.sin(0.3 * np.arange(2, 2 + mended.shape[1]))
+        # Cubic convolution of a wave of 21 rows: third-order error, and ends that repeat the last row.
+        np.testing.assert_allclose(mended[:, 1:-1, 0], np.tile(expected[1:-1], (4, 1)), atol=2e-3)
+
+    def test_views_without_a_row_in_common_are_refused(self):
+        with pytest.raises(RowsError, match="no row of the log in common"):
+            aligned(np.ones((2, 5, 3), np.float32), RowShifts.of(np.array([0.0, 9.0]), np.zeros(2)))

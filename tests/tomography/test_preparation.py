@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from worker.tomography import analytic
+from worker.tomography.air import AirCorrection
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.geometry import FanBeamGeometry
+from worker.tomography.log_model import LogModel
+from worker.tomography.preparation import Measures, prepare_rows
+
+VIEWS, ROWS = 60, 3
+NOISE = 0.005
+
+
+@pytest.fixture(scope="module")
+def clean(scanner, theta, full_turn):
+    """Line integrals (views, rows, cells) of a log."""
+    geometry = FanBeamGeometry(scanner, theta, full_turn(VIEWS))
+    log, cells = LogModel.random(51), DetectorCells.of(scanner)
+    rows = [
+        analytic.project(log.slice_at(60.0 + 2.0 * row), cells, geometry.frame, geometry.angles_rad, rays_per_cell=2)
+        for row in range(ROWS)
+    ]
+    return np.stack(rows, axis=1).astype(np.float32)
+
+
+def noisy(clean, seed):
+    return clean + NOISE * np.random.default_rng(seed).standard_normal(clean.shape).astype(np.float32)
+
+
+def test_a_drifting_source_and_faulty_cells_are_mended_and_told(clean):
+    rng = np.random.default_rng(52)
+    stack = noisy(clean, 53) + 0.02 * rng.standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
+    stack[:, 1, 300] = 9.0
+    stack[:, 2, 500:502] = 13.8
+    done = prepare_rows(stack, Measures(AirCorrection.VIEWS))
+    assert np.argwhere(done.faulty).tolist() == [[1, 300], [2, 500], [2, 501]]
+    error = stack - clean
+    # Cells that were bridged see the log's detail, not its noise.
+    assert error[~np.broadcast_to(done.faulty, error.shape)].std() == pytest.approx(NOISE, rel=0.02)
+    assert np.abs(error[:, 1, 300]).max() < 0.3
+    assert done.remarks[0] == "3 dead or hot detector cells in 2 rows bridged from their neighbours"
+    assert done.remarks[1].startswith("air level in ")
+    assert done.remarks[2].startswith("in 3 rows view by view, where it varied by 0.0")
+    assert done.air_cells.sum() > 200
+
+
+def test_a_row_is_prepared_as_in_the_whole_stack(clean):
+    stack = noisy(clean, 54) + np.float32(0.03)
+    alone = stack[:, 1:2].copy()
+    measures = Measures(AirCorrection.VIEWS, remove_rings=True)
+    prepare_rows(stack, measures)
+    prepare_rows(alone, measures)
+    np.testing.assert_array_equal(stack[:, 1:2], alone)
+
+
+def test_missing_rows_stay_missing_and_spoil_nothing(clean):
+    stack = noisy(clean, 55) + np.float32(0.05)
+    stack[7, 0] = np.nan
+    done = prepare_rows(stack, Measures(AirCorrection.BACKGROUND))
+    assert np.isnan(stack[7, 0]).all()
+    assert np.isfinite(np.delete(stack, 7, axis=0)).all()
+    assert abs(float(np.nanmean(stack - clean))) < 0.001
+    assert "taken out of 3 rows: 0.05 in the mean" in done.remarks[0]
+
+
+def test_a_level_that_cannot_be_air_is_kept_and_told(clean):
+    stack = noisy(clean, 56) + np.float32(0.8)
+    before = stack.copy()
+    done = prepare_rows(stack, Measures(AirCorrection.VIEWS, largest_air_level=0.3))
+    np.testing.assert_array_equal(stack, before)
+    assert done.remarks == ("3 rows without air at the detector's ends keep their level",)
+
+
+def test_rings_are_left_unless_asked_and_told_where_they_show(clean):
+    unequal = 0.05 * np.random.default_rng(57).standard_normal(clean.shape[1:]).astype(np.float32)
+    stack = noisy(clean, 58) + unequal
+    told = prepare_rows(stack, Measures(AirCorrection.OFF)).remarks
+    assert len(told) == 1
+    assert told[0].endswith("in 3 rows, seen as rings; rings=sorting removes them")
+    done = prepare_rows(stack, Measures(AirCorrection.OFF, remove_rings=True))
+    assert done.remarks[0].startswith(
+        "rings removed by sorting (Vo, Atwood and Drakopoulos 2018, algorithm 3, 9 cells)"
+    )
+    assert (stack - clean).std() < 0.6 * (unequal.std() + NOISE)
+
+
+def test_a_sound_steady_row_is_hardly_touched(clean):
+    stack = noisy(clean, 59)
+    before = stack.copy()
+    done = prepare_rows(stack, Measures(AirCorrection.VIEWS))
+    assert not done.faulty.any()
+    # One constant a row, the mean of some 20 000 samples.
+    assert np.abs(stack - before).max() < 5.0 * NOISE / 100.0
+    assert len(done.remarks) == 1
