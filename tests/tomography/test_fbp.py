@@ -76,7 +76,7 @@ def seen_radius(geometry):
 
 
 def distance_from_centre(size):
-    axis = ImageGrid(size, FIELD).centres_mm
+    axis = ImageGrid(size, FIELD).x_mm
     return np.hypot(axis[:, None], axis[None, :])
 
 
@@ -117,7 +117,7 @@ def test_a_small_disc_stands_where_it_is(reconstruct, irregular_turn):
     """Row is +x and column is +y, in a geometry without any symmetry."""
     disc = Phantom("disc", (Disc((80.0, -130.0), 12.0),))
     image = reconstruct(disc, FIVE["tilted forwards"], irregular_turn(180, 503))
-    axis = ImageGrid(256, FIELD).centres_mm
+    axis = ImageGrid(256, FIELD).x_mm
     weight = np.where(image > 0.5, image, 0.0)
     assert (weight.sum(axis=1) @ axis) / weight.sum() == pytest.approx(80.0, abs=0.1)
     assert (weight.sum(axis=0) @ axis) / weight.sum() == pytest.approx(-130.0, abs=0.1)

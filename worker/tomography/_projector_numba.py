@@ -1,8 +1,11 @@
 """Kernels of the ray-driven projector: exact intersection lengths of rays with pixels, and their transpose.
 
 A ray is marched slab by slab along the axis it mostly follows; in each slab it touches at most two pixels, and its
-length there is shared between them where it crosses their border. Rays along y read image[x, y], rays along x read
-the transposed image, so that the march is contiguous in memory either way.
+length there is shared between them where it crosses their border. The march first writes down where each pair of
+pixels lies and the two lengths (a long flat loop of arithmetic), then reads or adds to the pixels.
+
+Images have a border of pixels beyond the field, one before and two behind, so that a pair half outside needs no test.
+Blocks of slices have the slice axis innermost: one table of lengths serves them all.
 """
 
 import math
@@ -10,12 +13,14 @@ import math
 import numpy as np
 from numba import njit, prange
 
-_FAST = {"contract", "nsz"}
+# The summation order is free; positions and lengths are in double precision.
+_FAST = {"contract", "nsz", "reassoc"}
+BORDER = 3
 
 
 @njit(inline="always")
-def _ray(sx, sy, px, py, half, pixel):
-    """The ray S -> P as (march along y?, position at slab 0's border, step per slab, length per slab), in pixels."""
+def _march(sx, sy, px, py, half, pixel, lanes, n, where, near, far):
+    """Tabulate the ray S -> P: each slab's near pixel and the lengths in both; returns how many, and the far's step."""
     dx, dy = px - sx, py - sy
     along_y = abs(dy) >= abs(dx)
     if along_y:
@@ -24,7 +29,24 @@ def _ray(sx, sy, px, py, half, pixel):
     else:
         slope = dy / dx
         start = (sy + (-half - sx) * slope + half) / pixel
-    return along_y, start, slope, pixel * math.sqrt(1.0 + slope * slope)
+    first, last = _slabs(start, slope, n)
+    length = pixel * math.sqrt(1.0 + slope * slope)
+    # The ray's lower end in the first slab, in pixels, counted from the border.
+    lowest = start + min(slope, 0.0) + 1.0 + first * slope
+    per_pixel = length / max(abs(slope), 1e-30)
+    row, column = np.uint32((n + BORDER) * lanes), np.uint32(lanes)
+    step = row if along_y else column
+    onward = column if along_y else row
+    begin = np.uint32(first + 1) * onward
+    count = np.uint32(max(last - first, 0))
+    for j in range(count):
+        low = lowest + j * slope
+        i = np.int32(low)
+        share = min(length, (i + 1.0 - low) * per_pixel)
+        where[j] = np.uint32(i) * step + np.uint32(j) * onward + begin
+        near[j] = share
+        far[j] = length - share
+    return count, step
 
 
 @njit(inline="always")
@@ -42,76 +64,108 @@ def _slabs(start, slope, n):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def forward(image, image_t, source, centre, axis, pitch, half, pixel, out):
-    """Fill out (views, cells) with line integrals of image [x, y]."""
+def forward(image, n, source, centre, axis, pitch, half, pixel, out):
+    """Fill out (views, cells) with line integrals of a bordered image [x, y], flat."""
     views, cells = out.shape
-    n = image.shape[0]
     for kk in prange(views):
         k = np.int64(kk)
+        where, near, far = np.empty(n, np.uint32), np.empty(n, np.float32), np.empty(n, np.float32)
         for m in range(cells):
             u = (m + 0.5 - 0.5 * cells) * pitch
-            along_y, start, slope, length = _ray(
-                source[k, 0], source[k, 1], centre[k, 0] + u * axis[k, 0], centre[k, 1] + u * axis[k, 1], half, pixel
-            )
-            first, last = _slabs(start, slope, n)
+            px, py = centre[k, 0] + u * axis[k, 0], centre[k, 1] + u * axis[k, 1]
+            count, step = _march(source[k, 0], source[k, 1], px, py, half, pixel, 1, n, where, near, far)
             total = 0.0
-            for j in range(first, last):
-                a = start + j * slope
-                b = a + slope
-                ia, ib = int(math.floor(a)), int(math.floor(b))
-                share = 1.0
-                if ia != ib:
-                    share = (max(ia, ib) - a) / slope
-                if 0 <= ia < n:
-                    total += share * (image[ia, j] if along_y else image_t[ia, j])
-                if ia != ib and 0 <= ib < n:
-                    total += (1.0 - share) * (image[ib, j] if along_y else image_t[ib, j])
-            out[k, m] = length * total
+            for j in range(count):
+                p = where[j]
+                total += near[j] * image[p] + far[j] * image[p + step]
+            out[k, m] = total
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def adjoint(sinogram, source, centre, axis, pitch, half, pixel, threads, out):
-    """Fill out [x, y] with the transpose of `forward`; each of the threads sums into images of its own."""
+def adjoint(sinogram, n, source, centre, axis, pitch, half, pixel, work, out):
+    """Fill out [x, y] with the transpose of `forward`; each thread sums into a row of work of its own."""
     views, cells = sinogram.shape
-    n = out.shape[0]
-    upright = np.zeros((threads, n, n), np.float32)
-    turned = np.zeros((threads, n, n), np.float32)
+    threads = work.shape[0]
     for tt in prange(threads):
         t = np.int64(tt)
+        where, near, far = np.empty(n, np.uint32), np.empty(n, np.float32), np.empty(n, np.float32)
+        image = work[t]
+        image[:] = np.float32(0.0)
         for k in range(t * views // threads, (t + 1) * views // threads):
             for m in range(cells):
                 u = (m + 0.5 - 0.5 * cells) * pitch
-                along_y, start, slope, length = _ray(
-                    source[k, 0],
-                    source[k, 1],
-                    centre[k, 0] + u * axis[k, 0],
-                    centre[k, 1] + u * axis[k, 1],
-                    half,
-                    pixel,
-                )
-                first, last = _slabs(start, slope, n)
-                value = length * sinogram[k, m]
-                for j in range(first, last):
-                    a = start + j * slope
-                    b = a + slope
-                    ia, ib = int(math.floor(a)), int(math.floor(b))
-                    share = 1.0
-                    if ia != ib:
-                        share = (max(ia, ib) - a) / slope
-                    if 0 <= ia < n:
-                        if along_y:
-                            upright[t, ia, j] += share * value
-                        else:
-                            turned[t, ia, j] += share * value
-                    if ia != ib and 0 <= ib < n:
-                        if along_y:
-                            upright[t, ib, j] += (1.0 - share) * value
-                        else:
-                            turned[t, ib, j] += (1.0 - share) * value
+                px, py = centre[k, 0] + u * axis[k, 0], centre[k, 1] + u * axis[k, 1]
+                count, step = _march(source[k, 0], source[k, 1], px, py, half, pixel, 1, n, where, near, far)
+                value = sinogram[k, m]
+                for j in range(count):
+                    p = where[j]
+                    image[p] += near[j] * value
+                    image[p + step] += far[j] * value
     for ii in prange(n):
         i = np.int64(ii)
         for j in range(n):
             total = np.float32(0.0)
             for t in range(threads):
-                total += upright[t, i, j] + turned[t, j, i]
+                total += work[t, (i + 1) * (n + BORDER) + j + 1]
             out[i, j] = total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def forward_block(images, n, source, centre, axis, pitch, half, pixel, out):
+    """Fill out (views, cells, slices) with line integrals of a bordered block [x, y, slice], flat."""
+    views, cells, slices = out.shape
+    for kk in prange(views):
+        k = np.int64(kk)
+        where, near, far = np.empty(n + 1, np.uint32), np.empty(n + 1, np.float32), np.empty(n + 1, np.float32)
+        total = np.empty(slices, np.float32)
+        for m in range(cells):
+            u = (m + 0.5 - 0.5 * cells) * pitch
+            px, py = centre[k, 0] + u * axis[k, 0], centre[k, 1] + u * axis[k, 1]
+            count, step = _march(source[k, 0], source[k, 1], px, py, half, pixel, slices, n, where, near, far)
+            # Two slabs at a time: the sums are fetched and stored half as often. A last odd one gets an empty partner.
+            where[count], near[count], far[count] = 0, 0.0, 0.0
+            total[:] = np.float32(0.0)
+            for j in range(np.uint32(0), count, np.uint32(2)):
+                p, q = where[j], where[j + 1]
+                a, b, c, d = near[j], far[j], near[j + 1], far[j + 1]
+                for s in range(np.uint32(slices)):
+                    total[s] += (a * images[p + s] + b * images[p + step + s]) + (
+                        c * images[q + s] + d * images[q + step + s]
+                    )
+            out[k, m, :] = total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def adjoint_block(sinograms, n, source, centre, axis, pitch, half, pixel, work, out):
+    """Fill out [slice, x, y] with the transpose of `forward_block`; threads sum into rows of work of their own."""
+    views, cells, slices = sinograms.shape
+    threads = work.shape[0]
+    for tt in prange(threads):
+        t = np.int64(tt)
+        where, near, far = np.empty(n, np.uint32), np.empty(n, np.float32), np.empty(n, np.float32)
+        value = np.empty(slices, np.float32)
+        images = work[t]
+        images[:] = np.float32(0.0)
+        for k in range(t * views // threads, (t + 1) * views // threads):
+            for m in range(cells):
+                u = (m + 0.5 - 0.5 * cells) * pitch
+                px, py = centre[k, 0] + u * axis[k, 0], centre[k, 1] + u * axis[k, 1]
+                count, step = _march(source[k, 0], source[k, 1], px, py, half, pixel, slices, n, where, near, far)
+                value[:] = sinograms[k, m]
+                for j in range(count):
+                    p = where[j]
+                    # One loop a pixel: two pixels in one loop could be the same memory, for all the compiler knows.
+                    for s in range(np.uint32(slices)):
+                        images[p + s] += near[j] * value[s]
+                    p += step
+                    for s in range(np.uint32(slices)):
+                        images[p + s] += far[j] * value[s]
+    for ii in prange(n):
+        i = np.int64(ii)
+        for j in range(n):
+            at = ((i + 1) * (n + BORDER) + j + 1) * slices
+            for s in range(slices):
+                total = np.float32(0.0)
+                for t in range(threads):
+                    total += work[t, at + s]
+                out[s, i, j] = total

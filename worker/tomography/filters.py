@@ -73,9 +73,10 @@ def filter_rows(
     *,
     aperture_mm: float = 0.0,
 ) -> NDArray[np.float32]:
-    """Each row (views, cells) convolved with the windowed ramp, zero padded; in the rows' unit per mm."""
-    response, length = ramp_response(rows.shape[1], pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
-    spectrum = scipy.fft.rfft(rows, n=length, axis=1, workers=-1)
+    """Each row (..., cells) convolved with the windowed ramp, zero padded; in the rows' unit per mm."""
+    cells = rows.shape[-1]
+    response, length = ramp_response(cells, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
+    spectrum = scipy.fft.rfft(rows, n=length, workers=-1)
     spectrum *= response.astype(np.float32)
-    filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=length, axis=1, workers=-1)[:, : rows.shape[1]]
+    filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=length, workers=-1, overwrite_x=True)[..., :cells]
     return filtered

@@ -6,7 +6,7 @@ from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.built_in import L_SHAPE
 from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.fbp import fbp
+from worker.tomography.fbp import LEAST_BLOCK, fbp, fbp_block
 from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.projector import Projector
@@ -19,4 +19,8 @@ def warm_up() -> None:
     geometry = FanBeamGeometry(scanner, Theta(0.3, 700.0, 200.0, 20.0, 0.1), angles)
     sinogram = analytic.project(L_SHAPE, DetectorCells.of(scanner), geometry.frame, angles)
     calibrate(CalibrationTask(scanner, L_SHAPE, sinogram, angles))
-    fbp(Projector(geometry, ImageGrid(16, 400.0)), sinogram)
+    projector = Projector(geometry, ImageGrid(16, 400.0))
+    fbp(projector, sinogram)
+    fbp_block(projector, np.repeat(sinogram[:, None], LEAST_BLOCK, axis=1))
+    # A view less, and none is a quarter turn from another.
+    fbp(Projector(geometry.with_angles(angles[1:]), projector.grid), sinogram[1:])

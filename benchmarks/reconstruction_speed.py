@@ -1,0 +1,291 @@
+"""Filtered back-projection beside ODL and ASTRA, the cost model's fit, and a whole log in bounded memory.
+
+    python benchmarks/reconstruction_speed.py [--no-log]
+
+One slice and ODL's are timed in turns in one process, so that what else the machine does weighs on both. The log is
+made on the fly in a temporary folder (3 GB, deleted) and reconstructed as the job does it, in a process of its own
+whose largest memory is read from outside.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import astra
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+from published_pipeline import PublishedObjective
+from scanners import SCANNER
+from scipy.optimize import nnls
+
+from worker.contracts.base import Handedness, Rotation
+from worker.contracts.geometry import ScannerConstants
+from worker.contracts.reconstructions import ReconstructionOptions
+from worker.formats.result_files import new_reconstruction
+from worker.formats.scan_file import open_scan, write_scan
+from worker.tasks.conversion import from_theta
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from worker.tomography import analytic, cost
+from worker.tomography._fbp_numba import back_project_block
+from worker.tomography.analytic import DetectorCells
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.fbp import Preparation, fbp, fbp_block
+from worker.tomography.filters import FilterName
+from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.projector import Projector
+from worker.tomography.stack import reconstruct_stack
+
+THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
+VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500
+# (views, cells, size, slices) that the cost model is fitted to.
+GRID = ((90, 768, 256, 64), (360, 768, 128, 64), (360, 768, 256, 64), (360, 1536, 256, 32), (180, 384, 512, 32))
+LAPS = 7
+UNTOLD: dict[str, Any] = {
+    "pixel_mm": 1.0,
+    "row_pitch_mm": None,
+    "unit": "1/mm",
+    "geometry": {},
+    "parameters": {},
+    "software_version": "",
+    "input_sha256": "",
+}
+CORES = os.cpu_count() or 1
+
+
+def projector(views: int, cells: int, size: int, *, irregular: bool = False) -> Projector:
+    """A full turn of the published scanner with another detector, or the same with each view off its place."""
+    angles = (np.arange(views) + 0.5) * TAU / views
+    if irregular:
+        angles += np.random.default_rng(1).uniform(-0.3, 0.3, views) * TAU / views
+    scanner = Scanner(SCANNER.source_to_cor_mm, cells, SCANNER.detector_pitch_mm * CELLS / cells)
+    return Projector(FanBeamGeometry(scanner, THETA, angles), ImageGrid(size, 400.0))
+
+
+class Lap(NamedTuple):
+    """Seconds by the clock, and of the processor: on a busy machine only the latter tell anything."""
+
+    elapsed: float
+    processor: float
+
+    def __str__(self) -> str:
+        return f"{1e3 * self.elapsed:8.2f} ms ({1e3 * self.processor:8.2f} ms of the processor)"
+
+
+def in_turns(contestants: dict[str, Callable[[], object]], laps: int = LAPS) -> dict[str, Lap]:
+    """Medians of each, one after the other, the first round left out."""
+    taken: dict[str, list[Lap]] = {name: [] for name in contestants}
+    for _ in range(laps + 1):
+        for name, run in contestants.items():
+            started, used = time.perf_counter(), time.process_time()
+            run()
+            taken[name].append(Lap(time.perf_counter() - started, time.process_time() - used))
+    return {name: Lap(*np.median(of_one[1:], axis=0).tolist()) for name, of_one in taken.items()}
+
+
+def astra_slice(geometry: FanBeamGeometry, sinogram: FloatArray) -> Callable[[], object]:
+    """ASTRA's back-projection of one slice on the processor, without any filter: it has none for a fan."""
+    grid = astra.create_vol_geom(SIZE, SIZE, -200.0, 200.0, -200.0, 200.0)
+    rays = astra.create_projector(
+        "line_fanflat", astra.create_proj_geom("fanflat_vec", CELLS, geometry.astra_vectors()), grid
+    )
+
+    def run() -> object:
+        handle, image = astra.create_backprojection(sinogram, rays)
+        astra.data2d.delete(handle)
+        return image
+
+    return run
+
+
+def one_slice() -> None:
+    """Print one slice beside ODL and ASTRA."""
+    regular, irregular = projector(VIEWS, CELLS, SIZE), projector(VIEWS, CELLS, SIZE, irregular=True)
+    frame = regular.geometry.frame
+    sinogram = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), frame, regular.geometry.angles_rad)
+    objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
+    seconds = in_turns(
+        {
+            "ODL fbp_op on ASTRA CPU": lambda: objective.image(THETA),
+            "ASTRA CPU, no filter": astra_slice(regular.geometry, sinogram),
+            "any angles": lambda: fbp(irregular, sinogram),
+            "quarter turns": lambda: fbp(regular, sinogram),
+        }
+    )
+    print(f"one slice, {SIZE} x {SIZE} from {VIEWS} x {CELLS}, filter included")
+    peer = seconds["ODL fbp_op on ASTRA CPU"]
+    for name, lap in seconds.items():
+        print(f"  {name:24} {lap}, {peer.elapsed / lap.elapsed:6.1f} times ODL's speed", end="")
+        print(f" ({CORES * peer.processor / lap.processor:.1f} by processor time over {CORES} cores)")
+
+
+def from_counts(project: Projector, slices: int) -> Callable[[], object]:
+    """Counts of some slices to their images."""
+    views, cells = project.geometry.sinogram_shape
+    counts = np.random.default_rng(2).integers(5_000, 60_000, (views, slices, cells)).astype(np.float32)
+
+    def run() -> object:
+        return fbp_block(project, -np.log(counts / np.float32(60_000.0)))
+
+    return run
+
+
+def blocks() -> None:
+    """Print the speed of blocks, from counts to images."""
+    print(f"blocks, {SIZE} x {SIZE} from {VIEWS} x {CELLS}, counts to images")
+    project = projector(VIEWS, CELLS, SIZE)
+    contestants = {f"{slices} slices": from_counts(project, slices) for slices in (4, 16, 32, 64)}
+    for (name, lap), slices in zip(in_turns(contestants, 5).items(), (4, 16, 32, 64), strict=True):
+        each = Lap(lap.elapsed / slices, lap.processor / slices)
+        print(
+            f"  {name:24} {each} a slice; {VIEWS * SIZE**2 / each.elapsed / 1e9:5.1f} billion updates a second", end=""
+        )
+        print(f", {CORES * VIEWS * SIZE**2 / each.processor / 1e9:.1f} by processor time")
+    rows = np.random.default_rng(5).standard_normal((VIEWS, CELLS + 2, 64), dtype=np.float32)
+    volume = np.empty((64, SIZE, SIZE), np.float32)
+    frame = Preparation.of(project, "exact", FilterName.HANN, 1.0).frame
+    lap = in_turns({"alone": lambda: back_project_block(rows, *frame, volume)}, 5)["alone"]
+    updates = VIEWS * SIZE**2 * 64 / 1e9
+    print(f"  back-projection alone: {updates / lap.elapsed:.1f} billion updates a second", end="")
+    print(f", {CORES * updates / lap.processor:.1f} by processor time")
+
+
+def fit() -> None:
+    """Fit the cost model's three rates, from rows in memory to a volume's file; print them beside what is built in."""
+    rows, laps = [], []
+    for views, cells, size, slices in GRID:
+        project = projector(views, cells, size)
+        stack = np.random.default_rng(3).standard_normal((views, slices, cells), dtype=np.float32)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "volume.h5"
+
+            def run(project: Projector = project, stack: NDArray[np.float32] = stack, path: Path = path) -> None:
+                shape = (stack.shape[1], project.grid.size, project.grid.size)
+                step = cost.slices_a_block(*project.geometry.sinogram_shape, project.grid.size)
+                with new_reconstruction(path, shape, **UNTOLD) as volume:
+                    solve = partial(fbp_block, project)
+                    reconstruct_stack(shape[0], lambda a, b: stack[:, a:b], solve, volume.write, step=step)
+
+            laps.append(in_turns({"stack": run}, 3)["stack"].processor / CORES / slices)
+        rows.append((views * cells, views * size**2, size**2))
+    system = np.array(rows) / np.array(laps)[:, None]
+    scale = system.max(axis=0)
+    rates = nnls(system / scale, np.ones(len(laps)))[0] / scale
+    print(f"cost model, processor seconds over {CORES} cores a slice = a views cells + b views pixels + c pixels")
+    print(f"  a = {rates[0]:.2e} s, b = {rates[1]:.2e} s, c = {rates[2]:.2e} s")
+    for shape, measured, model in zip(GRID, laps, np.array(rows) @ rates, strict=True):
+        built_in = (cost.seconds(*shape) - cost.SECONDS_A_STACK) / shape[3]
+        print(
+            f"  {shape!s:24} measured {1e3 * measured:6.2f} ms, fit {1e3 * model:6.2f}, built in {1e3 * built_in:6.2f}"
+        )
+
+
+def limits() -> None:
+    """Print what the machine's memory and arithmetic allow."""
+    values = np.ones(2**26, np.float32)
+    copy = np.zeros_like(values)
+    seconds = in_turns({"copy": lambda: np.copyto(copy, values)}, 5)["copy"].processor
+    print(f"machine: {CORES} cores, one of them copies {2 * values.nbytes / seconds / 1e9:.1f} GB/s")
+
+
+def make_log(path: Path) -> None:
+    """Write a scan of SLICES rows of a turning L with noise, 2.8 GB."""
+    project = projector(VIEWS, CELLS, SIZE)
+    clean = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), project.geometry.frame, project.geometry.angles_rad)
+    rng = np.random.default_rng(4)
+    stack = np.empty((VIEWS, SLICES, CELLS), np.float32)
+    for view, row in enumerate(clean.astype(np.float32)):
+        stack[view] = row + rng.standard_normal((SLICES, CELLS), dtype=np.float32)
+    write_scan(
+        path,
+        line_integrals=stack,
+        angles_rad=project.geometry.angles_rad,
+        detector_pitch_mm=SCANNER.detector_pitch_mm,
+        row_pitch_mm=2.0,
+        air_level=None,
+        provenance={},
+    )
+
+
+def reconstruct_log(scan: Path, volume: Path) -> None:
+    """Reconstruct that scan as the job does; in a process of its own."""
+    used = time.process_time()
+    with open_scan(scan) as stored:
+        given = ReconstructionInput(
+            read=lambda start, stop: stored.rows(slice(start, stop)),
+            angles_rad=stored.angles_rad,
+            rows=(0, stored.shape[1]),
+            scanner=ScannerConstants(**vars(SCANNER), row_pitch_mm=stored.row_pitch_mm),
+            theta=from_theta(THETA),
+            rotation=Rotation.AS_GIVEN,
+            handedness=Handedness.AS_DRAWN,
+            input_sha256="0" * 64,
+            counts=True,
+        )
+        promised: list[float] = []
+        result = run_reconstruction(
+            given, ReconstructionOptions(size=SIZE), volume, lambda told: promised.append(told.seconds_left or 0.0)
+        )
+    each = Lap(result.time_s / SLICES, (time.process_time() - used) / CORES / SLICES)
+    print(f"  {result.time_s:.1f} s, {each} a slice from file to file, shared by {CORES} cores; ", end="")
+    print(f"{promised[0]:.1f} s promised at first, {promised[len(promised) // 2]:.1f} s half-way")
+
+
+def whole_log() -> None:
+    """Print the time and the largest memory of a log of SLICES slices, from file to file."""
+    print(f"a log of {VIEWS} x {SLICES} x {CELLS}, {4 * VIEWS * SLICES * CELLS / 1e9:.2f} GB")
+    bound = cost.block_bytes(VIEWS, CELLS, SIZE, cost.slices_a_block(VIEWS, CELLS, SIZE))
+    with tempfile.TemporaryDirectory() as folder:
+        scan, volume = Path(folder) / "scan.h5", Path(folder) / "volume.h5"
+        for task in ("--make", "--reconstruct"):
+            child = subprocess.Popen([sys.executable, __file__, task, str(scan), str(volume)])  # noqa: S603 - ourselves
+            largest = max(peaks(child), default=0)
+        if child.returncode:
+            raise SystemExit(child.returncode)
+        with h5py.File(volume) as file:
+            packed = file["entry/reconstruction/data"].id.get_storage_size()
+    print(f"  largest memory {largest / 1e9:.2f} GB, of which blocks at most {bound / 1e9:.2f} GB; ", end="")
+    print(f"volume of {cost.volume_bytes(SIZE, SLICES) / 1e9:.2f} GB packed to {packed / 1e9:.2f} GB")
+
+
+def peaks(child: subprocess.Popen[bytes]) -> Iterator[int]:
+    """The child's high-water mark in bytes, as the system tells it, until it ends."""
+    status = Path(f"/proc/{child.pid}/status")
+    while child.poll() is None:
+        lines = status.read_text(encoding="ascii").splitlines()
+        yield from (int(line.split()[1]) * 1024 for line in lines if line.startswith("VmHWM"))
+        time.sleep(0.1)
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--no-log", action="store_true", help="leave the whole log out (3 GB on the disk, a minute)")
+    parser.add_argument("--make", nargs=2, type=Path, help=argparse.SUPPRESS)
+    parser.add_argument("--reconstruct", nargs=2, type=Path, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.make:
+        make_log(options.make[0])
+    elif options.reconstruct:
+        reconstruct_log(*options.reconstruct)
+    else:
+        warnings.filterwarnings("ignore", message="The 'astra_cpu' backend may be too slow")
+        one_slice()
+        blocks()
+        fit()
+        limits()
+        if not options.no_log:
+            whole_log()
+
+
+if __name__ == "__main__":
+    main()
