@@ -1,0 +1,231 @@
+import numpy as np
+import pytest
+
+from worker.tomography.cauchy_map import cauchy_map
+from worker.tomography.fbp import fbp
+from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.noise import photon_noise
+from worker.tomography.penalised import Objective, Prior
+from worker.tomography.phantom import Disc, Phantom, Polygon
+from worker.tomography.posterior import posterior_deviation
+from worker.tomography.projector import Projector
+from worker.tomography.quality import relative_error
+from worker.tomography.simulate import simulate_sinogram
+from worker.tomography.total_variation import total_variation
+
+LOG = Phantom(
+    "log of two zones with a knot",
+    (
+        Disc((5.0, -8.0), 130.0, 0.018),
+        Disc((0.0, 0.0), 80.0, -0.006),
+        Polygon(((20.0, -10.0), (110.0, 20.0), (105.0, 50.0), (15.0, 10.0)), 0.008),
+    ),
+)
+SIZE, FIELD_MM = 64, 400.0
+
+
+@pytest.fixture
+def projector(irregular_turn):
+    def make(*, views=20, size=SIZE, theta=None):
+        theta = theta or Theta(0.7, 700.0, 150.0, 60.0, 0.15)
+        return Projector(
+            FanBeamGeometry(Scanner(860.0, 3 * size, 1000.0 / (3 * size)), theta, irregular_turn(views, 1101)),
+            ImageGrid(size, FIELD_MM),
+        )
+
+    return make
+
+
+@pytest.fixture
+def scan():
+    def make(projector, *, noise=0.02, seed=1102):
+        return simulate_sinogram(LOG, projector.geometry, noise=noise, seed=seed)
+
+    return make
+
+
+@pytest.mark.parametrize("kind", ["cauchy", "total-variation"])
+def test_the_gradient_is_that_of_finite_differences(projector, kind):
+    rng = np.random.default_rng(1103)
+    a = projector(views=5, size=19)
+    lines = rng.uniform(0.0, 5.0, (2, *a.geometry.sinogram_shape)).astype(np.float32)
+    weights = rng.uniform(0.1, 1.0, lines.shape).astype(np.float32)
+    prior = Prior(kind, np.array([0.3, 2.0]), np.array([1.5, 0.7]), np.array([0.2, 0.5]))
+    objective = Objective(a, lines, weights, prior)
+    images = rng.uniform(-1.0, 1.0, (2, 19, 19)).astype(np.float32)
+    which = np.arange(2)
+    _, gradient = objective(images, which)
+    for _ in range(5):
+        direction = rng.standard_normal(images.shape).astype(np.float32)
+        step = np.float32(2.0**-7)
+        ahead, _ = objective(images + step * direction, which)
+        behind, _ = objective(images - step * direction, which)
+        promised = np.einsum("sij,sij->s", gradient, direction, dtype=np.float64)
+        # The objective's third derivative at this step leaves 1e-4 of the largest slope there could be, rounding less.
+        largest = np.linalg.norm(gradient, axis=(1, 2)) * np.linalg.norm(direction, axis=(1, 2))
+        assert (np.abs((ahead - behind) / (2.0 * step) - promised) < 1e-3 * largest).all()
+
+
+def test_the_corner_pixel_alone_is_held_by_its_own_term():
+    prior = Prior("cauchy", np.array([0.1]), np.array([1.5]), np.array([0.1]))
+    images, gradient = np.zeros((1, 8, 8), np.float32), np.zeros((1, 8, 8), np.float32)
+    images[0, -1, -1] = 0.3
+    value = prior.add(images, np.array([0]), gradient)
+    # No difference reaches it: 3/2 log(1 + 0.3^2 / 0.1^2).
+    np.testing.assert_allclose(value, 1.5 * np.log(10.0), rtol=1e-6)
+    assert gradient[0, -1, -1] == pytest.approx(1.5 * 2.0 * 0.3 / 0.1, rel=1e-5)
+    assert np.count_nonzero(gradient) == 1
+
+
+def test_from_few_views_it_is_far_better_than_filtered_back_projection(projector, scan):
+    a = projector()
+    truth = LOG.rasterise(SIZE, FIELD_MM)
+    sinogram = scan(a)
+    found = cauchy_map(a, sinogram)
+    assert relative_error(found.image, truth) < 0.5 * relative_error(fbp(a, sinogram), truth)
+    assert found.image.min() >= 0.0
+    assert found.converged.all()
+    # 2 % of the RMS, estimated from the air; the misfit also holds what 64 pixels cannot show.
+    rms = np.sqrt(np.mean(simulate_sinogram(LOG, a.geometry, seed=0) ** 2))
+    assert found.noise == pytest.approx(0.02 * rms, rel=0.1)
+    assert 0.7 < found.misfit[0] < 2.0
+    assert found.remarks == ()
+
+
+def test_the_answer_scales_with_the_unit(projector, scan):
+    a = projector()
+    sinogram = scan(a)
+    one, thousand = cauchy_map(a, sinogram), cauchy_map(a, 1000.0 * sinogram)
+    assert thousand.beta[0] == pytest.approx(1000.0 * one.beta[0], rel=1e-4)
+    assert thousand.sigma == pytest.approx(1000.0 * one.sigma, rel=0.02)
+    assert relative_error(thousand.image / 1000.0, one.image) < 0.02
+
+
+def test_a_block_is_reconstructed_as_its_slices(projector, scan):
+    a = projector()
+    sinograms = np.stack([scan(a, seed=seed) for seed in (1, 2, 3)])
+    settings = {"sigma": 0.05, "beta": 0.002}
+    block = cauchy_map(a, sinograms, **settings)
+    assert block.image.shape == (3, SIZE, SIZE)
+    for image, sinogram, value in zip(block.image, sinograms, block.objective, strict=True):
+        alone = cauchy_map(a, sinogram, **settings)
+        # Rounding sends the two descents into bottoms that differ a little.
+        assert value == pytest.approx(float(alone.objective[0]), rel=2e-3)
+        assert relative_error(image, alone.image) < 0.03
+
+
+def test_a_tape_s_errors_of_the_geometry_show_as_misfit(projector, scan):
+    sinogram = scan(projector())
+    wrong = cauchy_map(projector(theta=Theta(0.7, 690.0, 158.0, 50.0, 0.15)), sinogram)
+    assert wrong.misfit[0] > 2.5
+    assert any("check the geometry" in remark for remark in wrong.remarks)
+
+
+def test_a_background_is_remarked(projector, scan):
+    a = projector()
+    found = cauchy_map(a, scan(a) + 0.5, sigma=0.05, iterations=20)
+    assert any("take the background out first" in remark for remark in found.remarks)
+
+
+def test_starved_rays_count_less_where_counts_are_known(projector):
+    """Photon noise grows with exp(p): weighing the rays by it beats one noise for all.
+
+    The log is made of this grid's own pixels, so that noise is all that the data and the image differ by.
+    """
+    a = projector()
+    truth = LOG.of_density(1.5).rasterise(SIZE, FIELD_MM)
+    clean = a.forward(truth)
+    counts = np.random.default_rng(1104).poisson(3000.0 * np.exp(-clean)).clip(1)
+    sinogram = -np.log(counts / 3000.0)
+    weighed = cauchy_map(a, sinogram, noise=photon_noise(sinogram, 3000.0))
+    alike = cauchy_map(a, sinogram, noise=float(photon_noise(clean, 3000.0).mean()))
+    assert relative_error(weighed.image, truth) < 0.9 * relative_error(alike.image, truth)
+
+
+def test_the_published_settings_are_taken_together(projector, scan):
+    a = projector()
+    found = cauchy_map(a, 25.0 * scan(a), preset="paper")
+    assert (found.sigma, found.beta[0]) == (0.3, 0.01)
+    assert found.iterations[0] <= 150
+    assert found.image.min() < 0.0
+
+
+def test_what_cannot_be_is_refused(projector, scan):
+    a = projector()
+    with pytest.raises(GeometryError, match="beta must be a positive attenuation, not -1"):
+        cauchy_map(a, scan(a), beta=-1.0)
+    with pytest.raises(GeometryError, match="the noise must be a positive standard deviation"):
+        cauchy_map(a, scan(a), sigma=0.0)
+    with pytest.raises(GeometryError, match=r"the noise has shape \(3,\); it must be one number or"):
+        cauchy_map(a, scan(a), noise=np.ones(3))
+    with pytest.raises(GeometryError, match="no attenuation anywhere"):
+        cauchy_map(a, np.zeros(a.geometry.sinogram_shape))
+    with pytest.raises(GeometryError, match="weight must be a positive number"):
+        total_variation(a, scan(a), weight=0.0)
+
+
+def test_total_variation_is_a_yardstick_of_the_same_kind(projector, scan):
+    a = projector()
+    truth = LOG.rasterise(SIZE, FIELD_MM)
+    sinogram = scan(a)
+    found = total_variation(a, sinogram)
+    assert relative_error(found.image, truth) < 0.5 * relative_error(fbp(a, sinogram), truth)
+    assert 0.7 < found.misfit[0] < 2.0
+
+
+@pytest.mark.parametrize("kind", ["cauchy", "total-variation"])
+def test_the_deviation_is_the_diagonal_of_the_inverse_precision(projector, kind):
+    """Against the dense inverse on 12 x 12 pixels, with its differences written out."""
+    n = 12
+    a = projector(views=7, size=n)
+    rng = np.random.default_rng(1105)
+    image = rng.uniform(0.0, 1.0, (n, n)).astype(np.float32)
+    image[3, 4:7] = 0.0
+    beta, strength, corner = 0.3, 1.5, 0.3
+    prior = Prior(kind, np.array([beta]), np.array([strength]), np.array([corner]))
+    weights = rng.uniform(0.5, 2.0, (1, *a.geometry.sinogram_shape)).astype(np.float32) * np.float32(1e-3)
+    found = posterior_deviation(a, weights, prior, image[None], non_negative=True, samples=256)[0]
+
+    units = np.eye(n * n, dtype=np.float32).reshape(-1, n, n)
+    rays = a.forward(units).reshape(n * n, -1).astype(np.float64)
+    precision = (rays * weights.reshape(-1)) @ rays.T
+    for i in range(n - 1):
+        for j in range(n - 1):
+            here, right, below = i * n + j, i * n + j + 1, (i + 1) * n + j
+            dx, dy = float(image[i + 1, j] - image[i, j]), float(image[i, j + 1] - image[i, j])
+            ratio = 1.0 + (dx * dx + dy * dy) / beta**2
+            curvature = 2.0 * strength / beta**2 / ratio if kind == "cauchy" else strength / beta / np.sqrt(ratio)
+            for other in (right, below):
+                d = np.zeros(n * n)
+                d[other], d[here] = 1.0, -1.0
+                precision += curvature * np.outer(d, d)
+    precision[-1, -1] += 2.0 * strength / (corner**2 + float(image[-1, -1]) ** 2)
+    free = image.ravel() > 0.0
+    expected = np.zeros(n * n)
+    expected[free] = np.sqrt(np.diag(np.linalg.inv(precision[np.ix_(free, free)])))
+    assert (found.ravel()[~free] == 0.0).all()
+    # 256 samples leave 4.4 % on each of 141 pixels: three and a half of that, and no bias of the mean.
+    relative = found.ravel()[free] / expected[free]
+    np.testing.assert_allclose(relative, 1.0, atol=0.16)
+    assert relative.mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_deviation_comes_on_request(projector, scan):
+    a = projector()
+    found = cauchy_map(a, scan(a), sigma=0.03, beta=0.002, uncertainty=True)
+    assert found.deviation.shape == (SIZE, SIZE)
+    inside = LOG.rasterise(SIZE, FIELD_MM) > 0.01
+    assert (found.deviation[inside] > 0.0).mean() > 0.99
+    assert cauchy_map(a, scan(a), sigma=0.03, beta=0.002).deviation is None
+
+
+@pytest.mark.parametrize(("views", "most"), [(20, 0.145), (45, 0.114)])
+def test_the_published_log_with_nothing_told(scanner, theta, full_turn, log_sinogram, log_truth, views, most):
+    step = 360 // views
+    a = Projector(FanBeamGeometry(scanner, theta, full_turn(360)[::step]), ImageGrid(256, 400.0))
+    found = cauchy_map(a, log_sinogram[::step])
+    assert relative_error(found.image, log_truth) < most
+    # The published noise is 1.58 in every column.
+    assert found.noise == pytest.approx(1.58, rel=0.08)
+    assert 0.8 < found.misfit[0] < 1.3

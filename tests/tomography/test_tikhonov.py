@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.phantom import Disc, Phantom
+from worker.tomography.projector import Projector
+from worker.tomography.quality import relative_error
+from worker.tomography.simulate import simulate_sinogram
+from worker.tomography.tikhonov import AlphaRule, tikhonov
+
+LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018), Disc((30.0, 40.0), 25.0, 0.01)))
+
+
+@pytest.fixture
+def projector(irregular_turn):
+    def make(size, views):
+        cells = 3 * size
+        geometry = FanBeamGeometry(
+            Scanner(860.0, cells, 1000.0 / cells), Theta(2.1, 650.0, -120.0, 30.0, -0.2), irregular_turn(views, 1201)
+        )
+        return Projector(geometry, ImageGrid(size, 400.0))
+
+    return make
+
+
+@pytest.fixture
+def dense():
+    """The matrix of A, (rays, pixels)."""
+
+    def make(projector):
+        n = projector.grid.size
+        units = np.eye(n * n, dtype=np.float32).reshape(-1, n, n)
+        return projector.forward(units).reshape(n * n, -1).T.astype(np.float64)
+
+    return make
+
+
+@pytest.mark.parametrize("alpha", [30.0, 3000.0])
+def test_it_solves_the_regularised_normal_equations(projector, dense, alpha):
+    a = projector(16, 9)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.02, seed=1202)
+    matrix = dense(a)
+    solution = np.linalg.solve(matrix.T @ matrix + alpha * np.eye(256), matrix.T @ sinogram.ravel())
+    found = tikhonov(a, sinogram, alpha=alpha, tolerance=1e-5)
+    assert found.converged.all()
+    slope = matrix.T @ (matrix @ found.image.ravel() - sinogram.ravel()) + alpha * found.image.ravel()
+    # The tolerance, and what the basis in single precision adds to it ...
+    assert np.linalg.norm(slope) < 3e-5 * np.linalg.norm(matrix.T @ sinogram.ravel())
+    # ... which the ratio of the largest eigenvalue to alpha magnifies.
+    assert relative_error(found.image.ravel(), solution) < 1e-2
+
+
+def test_the_discrepancy_principle_explains_the_data_to_their_noise(projector):
+    a = projector(64, 24)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.03, seed=1203)
+    found = tikhonov(a, sinogram)
+    # Rays beside the image count in neither; alphas are read between 181 tried.
+    assert found.misfit[0] == pytest.approx(1.0, abs=0.01)
+    curve = found.curves[0]
+    assert (np.diff(curve.residual_norms) > 0.0).all()
+    assert (np.diff(curve.solution_norms) < 0.0).all()
+    assert curve.alphas[0] < found.alpha[0] < curve.alphas[-1]
+
+
+def test_cross_validation_finds_what_the_dense_matrix_finds(projector, dense):
+    a = projector(16, 12)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.05, seed=1204)
+    matrix = dense(a)
+    crossing = matrix.any(axis=1)
+    left, singular, _ = np.linalg.svd(matrix[crossing], full_matrices=False)
+    seen, y = left.T @ sinogram.ravel()[crossing], sinogram.ravel()[crossing]
+    alphas = singular[0] ** 2 * np.geomspace(1e-8, 10.0, 181)
+    kept = singular**2 / (singular**2 + alphas[:, None])
+    residual = ((1.0 - kept) ** 2 * seen**2).sum(axis=1) + y @ y - seen @ seen
+    best = alphas[np.argmin(residual / (y.size - kept.sum(axis=1)) ** 2)]
+    found = tikhonov(a, sinogram, rule=AlphaRule.GCV)
+    # The trace comes from one random vector: right to some per cent, and the minimum is flat.
+    assert best / 3.0 < found.alpha[0] < best * 3.0
+    assert found.curves[0].gcv is not None
+
+
+def test_the_l_curve_bends_between_the_extremes(projector):
+    a = projector(32, 40)
+    truth = LOG.rasterise(32, 400.0)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.05, seed=1205)
+    found = tikhonov(a, sinogram, rule=AlphaRule.L_CURVE)
+    errors = [relative_error(tikhonov(a, sinogram, alpha=s * found.alpha[0]).image, truth) for s in (1e-4, 1e4)]
+    assert relative_error(found.image, truth) < min(errors)
+
+
+def test_a_block_has_an_alpha_for_each_slice(projector):
+    a = projector(32, 16)
+    sinograms = np.stack([simulate_sinogram(LOG, a.geometry, noise=noise, seed=1206) for noise in (0.01, 0.05)])
+    found = tikhonov(a, sinograms)
+    assert found.image.shape == (2, 32, 32)
+    assert found.alpha[1] > found.alpha[0]
+    assert len(found.curves) == 2
+
+
+def test_running_out_of_iterations_is_said(projector):
+    a = projector(32, 16)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.01, seed=1207)
+    found = tikhonov(a, sinogram, alpha=1e-3, iterations=5)
+    assert not found.converged[0]
+    assert "had not converged after 5 iterations" in found.remarks[0]
+
+
+def test_an_alpha_that_is_none_is_refused(projector):
+    with pytest.raises(GeometryError, match=r"alpha must be a positive number of mm\^2, not 0"):
+        tikhonov(projector(16, 9), np.zeros((9, 48)), alpha=0.0)
+
+
+def test_the_published_log(scanner, theta, full_turn, log_sinogram, log_truth):
+    a = Projector(FanBeamGeometry(scanner, theta, full_turn(360)[::18]), ImageGrid(256, 400.0))
+    found = tikhonov(a, log_sinogram[::18])
+    assert found.converged.all()
+    assert relative_error(found.image, log_truth) < 0.26

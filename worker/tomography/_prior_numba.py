@@ -1,0 +1,122 @@
+"""Kernels of the edge-preserving priors: value and gradient over the differences to the next pixel along x and y."""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+_FAST = {"contract", "nsz", "reassoc", "nnan", "ninf"}
+# Rows of an image that one thread takes at a time.
+BAND = 16
+# Factors that are multiplied before one logarithm is taken: each is below 1e35, so their product stays finite.
+TOGETHER = 8
+
+
+@njit(inline="always")
+def _ratios(x, row, n, inverse, out):
+    """1 + (d_x^2 + d_y^2) / scale^2 along one row, padded with ones to whole groups."""
+    for j in range(n - 1):
+        a, b = x[row + 1, j] - x[row, j], x[row, j + 1] - x[row, j]
+        out[j] = np.float32(1.0) + (a * a + b * b) * inverse
+    for j in range(n - 1, out.size):
+        out[j] = np.float32(1.0)
+
+
+@njit(inline="always")
+def _pull(x, i, n, weight, here, before, g):
+    """Add to row i what the differences that start in it and those that end in it pull, each over its divisor."""
+    if i < n - 1:
+        for j in range(n - 1):
+            g[i, j] -= weight * (x[i + 1, j] + x[i, j + 1] - np.float32(2.0) * x[i, j]) / here[j]
+        for j in range(n - 1):
+            g[i, j + 1] += weight * (x[i, j + 1] - x[i, j]) / here[j]
+    if i > 0:
+        for j in range(n - 1):
+            g[i, j] += weight * (x[i, j] - x[i - 1, j]) / before[j]
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def cauchy(images, scales, strengths, gradient, values):
+    """Add the gradient of strength * sum log(1 + (d_x^2 + d_y^2) / scale^2) to gradient; its values (images, bands).
+
+    images and gradient are (images, n, n); scales and strengths (images,).
+    """
+    count, n, _ = images.shape
+    bands = values.shape[1]
+    for task in prange(count * bands):
+        s, band = np.int64(task) // bands, np.int64(task) % bands
+        x, g = images[s], gradient[s]
+        inverse = np.float32(1.0 / scales[s] ** 2)
+        weight = np.float32(2.0 * strengths[s] / scales[s] ** 2)
+        before = np.ones((n - 1 + TOGETHER) // TOGETHER * TOGETHER, np.float32)
+        here = np.ones_like(before)
+        first, last = band * BAND, min((band + 1) * BAND, n)
+        if first > 0:
+            _ratios(x, first - 1, n, inverse, before)
+        total = 0.0
+        for i in range(first, last):
+            if i < n - 1:
+                _ratios(x, i, n, inverse, here)
+                for group in range(0, here.size, TOGETHER):
+                    product = 1.0
+                    for q in range(TOGETHER):
+                        product *= here[group + q]
+                    total += math.log(product)
+            _pull(x, i, n, weight, here, before, g)
+            before, here = here, before
+        values[s, band] = strengths[s] * total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def total_variation(images, scales, strengths, gradient, values):
+    """As `cauchy` for strength * scale * sum (sqrt(1 + (d_x^2 + d_y^2) / scale^2) - 1)."""
+    count, n, _ = images.shape
+    bands = values.shape[1]
+    for task in prange(count * bands):
+        s, band = np.int64(task) // bands, np.int64(task) % bands
+        x, g = images[s], gradient[s]
+        inverse = np.float32(1.0 / scales[s] ** 2)
+        weight = np.float32(strengths[s] / scales[s])
+        before, here = np.ones(n, np.float32), np.ones(n, np.float32)
+        first, last = band * BAND, min((band + 1) * BAND, n)
+        if first > 0:
+            _ratios(x, first - 1, n, inverse, before)
+            for j in range(n):
+                before[j] = math.sqrt(before[j])
+        total = 0.0
+        for i in range(first, last):
+            if i < n - 1:
+                _ratios(x, i, n, inverse, here)
+                for j in range(n):
+                    here[j] = math.sqrt(here[j])
+                    total += here[j] - 1.0
+            _pull(x, i, n, weight, here, before, g)
+            before, here = here, before
+        values[s, band] = strengths[s] * scales[s] * total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def shares(images, scales, stiffest, data, power, out):
+    """Fill out with sqrt((data + 4 stiffest) / (data + diagonal)), the diagonal of the prior's reweighted quadratic.
+
+    A difference d is as stiff as stiffest * (1 + |d|^2 / scale^2)^-power, power 1 or 1/2; scales, stiffest and data are
+    (images,).
+    """
+    count, n, _ = images.shape
+    for ss in prange(count):
+        s = np.int64(ss)
+        x, g = images[s], out[s]
+        inverse, stiff = np.float32(1.0 / scales[s] ** 2), np.float32(stiffest[s])
+        rest, flat = np.float32(data[s]), np.float32(data[s] + 4.0 * stiffest[s])
+        g[:] = rest
+        for i in range(n - 1):
+            for j in range(n - 1):
+                a, b = x[i + 1, j] - x[i, j], x[i, j + 1] - x[i, j]
+                ratio = np.float32(1.0) + (a * a + b * b) * inverse
+                here = stiff / (ratio if power == 1.0 else math.sqrt(ratio))
+                g[i, j] += np.float32(2.0) * here
+                g[i + 1, j] += here
+                g[i, j + 1] += here
+        for i in range(n):
+            for j in range(n):
+                g[i, j] = math.sqrt(flat / g[i, j])

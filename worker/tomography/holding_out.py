@@ -1,0 +1,70 @@
+"""Choosing how far to trust the data: some rays are kept back, and the image that foretells them best wins."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from worker.tomography.descent import Floats, Images
+from worker.tomography.penalised import Objective, descend
+
+HELD_SHARE = 0.15
+ITERATIONS = 60
+TOLERANCE = 5e-4
+# Which rays are kept back is part of the method: equal data give equal answers.
+SEED = 20
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What the candidates were worth.
+
+    Attributes
+    ----------
+    errors : (candidates,) float64
+        Mean square of (A x - y) / noise over the rays kept back.
+    images : (candidates, n, n) float32
+    """
+
+    errors: Floats
+    images: Images
+
+    @property
+    def nearest(self) -> int:
+        """The best of the candidates tried."""
+        return int(np.argmin(self.errors))
+
+    def best(self, candidates: Floats) -> float:
+        """The best candidate: the bottom of the parabola through the nearest and its neighbours, in the logarithm.
+
+        The candidates increase, equidistant in their logarithm.
+        """
+        at = self.nearest
+        if not 0 < at < candidates.size - 1:
+            return float(candidates[at])
+        low, mid, high = self.errors[at - 1 : at + 2]
+        step = 0.5 * (low - high) / (low - 2.0 * mid + high)
+        return float(candidates[at] * (candidates[at + 1] / candidates[at]) ** step)
+
+
+def hold_out(objective: Objective, noise: Floats, start: Images, *, non_negative: bool) -> HeldOut:
+    """Try candidates side by side on one slice, without the rays kept back.
+
+    Parameters
+    ----------
+    objective : Objective
+        With one sinogram, and the weights and the prior of each candidate.
+    noise : float64, broadcasts with (views, detector)
+    start : (n, n) float32
+    """
+    rng = np.random.default_rng(SEED)
+    crossing = objective.projector.forward(np.ones_like(start)) > 0.0
+    held = crossing & (rng.uniform(size=crossing.shape) < HELD_SHARE)
+    found = descend(
+        replace(objective, weights=np.where(held, np.float32(0.0), objective.weights)),
+        np.repeat(start[None], objective.prior.scale.size, axis=0),
+        non_negative=non_negative,
+        iterations=ITERATIONS,
+        tolerance=TOLERANCE,
+    )
+    relative = (objective.projector.forward(found.images) - objective.lines) / noise
+    return HeldOut(np.mean(relative[:, held] ** 2, axis=1, dtype=np.float64), found.images)

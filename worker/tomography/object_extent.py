@@ -1,0 +1,25 @@
+"""How far from the rotation centre a scan shows anything."""
+
+import math
+
+import numpy as np
+
+from worker.tomography.air import find_air
+from worker.tomography.geometry import FanBeamGeometry
+from worker.tomography.projector import Image
+
+
+def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
+    """Radius of the disc around the COR that holds what a sinogram (views, detector) shows.
+
+    The farthest ray through other cells than those that are air in every view: it passes the COR at R sin(gamma), gamma
+    of the design page, section 3. An object that reaches an end of the detector is held by what that end sees.
+    """
+    scanner, frame = geometry.scanner, geometry.frame
+    air = find_air(sinogram)
+    shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
+    centres = scanner.cell_centres_mm[shadowed]
+    half = 0.5 * scanner.detector_pitch_mm
+    ends = np.array([centres.min() - half, centres.max() + half]) - frame.cor_column_mm
+    gamma = np.arctan2(ends * math.cos(frame.tilt_rad), frame.source_to_detector_mm + ends * math.sin(frame.tilt_rad))
+    return float(frame.source_distance_mm * np.abs(np.sin(gamma)).max())
