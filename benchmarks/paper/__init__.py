@@ -1,0 +1,1 @@
+"""The experiments of arXiv 2206.14444, run again with the product."""

@@ -1,0 +1,105 @@
+"""What an experiment is: units of work whose results are kept, and a section of the page written from them."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+# Numbers, strings and lists of them; arrays are kept beside them.
+Result = dict[str, Any]
+Results = Mapping[str, Result]
+Values = dict[str, str]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much of everything: the defaults take about a quarter of an hour on two idle cores, `FULL` takes hours.
+
+    Attributes
+    ----------
+    in_odl : bool
+        Runs the published pipeline in ODL as well.
+    sparse_runs, dense_runs : int
+        Of the `paper` method for the pair plots, from few views and from many.
+    sparse_image_size, dense_image_size : int
+        Side in pixels of the image that the `paper` method correlates, from few views and from many.
+    study_image_size : int
+        As above, where objectives and optimisers are compared.
+    study_binned : int
+        Detector cells averaged there, where sinograms are compared.
+    dense_binned : int
+        Detector cells averaged before the `paper` method sees many views.
+    max_generations : int
+        Of a `paper` search; it stops by itself long before.
+    tight_generations : int
+        Of a search that waits until its population agrees.
+    compared_views : tuple of int
+        Numbers of views that calibrations and reconstruction methods are compared at.
+    log_image_size : int
+        Side in pixels of a log's image where methods are compared; a power of two up to 256.
+    """
+
+    in_odl: bool = False
+    sparse_runs: int = 20
+    dense_runs: int = 20
+    table_runs: int = 5
+    noise_seeds: int = 20
+    sparse_image_size: int = 128
+    dense_image_size: int = 96
+    study_image_size: int = 64
+    study_binned: int = 4
+    dense_binned: int = 2
+    max_generations: int = 1000
+    tight_generations: int = 100
+    objective_runs: int = 6
+    profile_points: int = 61
+    optimiser_seeds: int = 12
+    optimiser_budget: int = 3000
+    dense_views: int = 360
+    sparse_views: int = 20
+    compared_views: tuple[int, ...] = (360, 180, 90, 45, 20)
+    log_image_size: int = 256
+
+
+# The published pipeline as well, and images and cells as many as the paper's.
+FULL = Plan(in_odl=True, sparse_image_size=256, dense_image_size=256, dense_binned=1)
+
+
+@dataclass(frozen=True)
+class Unit:
+    """One run of something: it is done once, and its result is kept under its name.
+
+    Attributes
+    ----------
+    name : str
+        A file's name. Two experiments may name the same unit.
+    work : callable
+        A function of a module, called with the settings in a process of its own.
+    seconds : float
+        What it takes on an idle core, roughly; for the time left.
+    """
+
+    name: str
+    work: Callable[..., Result]
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 1.0
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One section of the page.
+
+    Attributes
+    ----------
+    name : str
+        Also that of its template, which has the section's words.
+    units : callable
+        Plan -> the units that it needs.
+    section : callable
+        (plan, results by unit name, folder for pictures) -> the template's values; it draws the section's pictures.
+    """
+
+    name: str
+    title: str
+    units: Callable[[Plan], list[Unit]]
+    section: Callable[[Plan, Results, Path], Values]

@@ -1,0 +1,261 @@
+"""Reconstruction methods x views: each method on a log from many views and from few, with the true geometry."""
+
+import itertools
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import FixedLocator, NullFormatter, NullLocator, StrMethodFormatter
+from scanners import SCANNER
+from scans import ANGLES, GRID, TRUE_THETA, Source, log_sinogram, log_truth, sources
+
+from paper import pictures
+from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
+from paper.searches import every_so_many
+from worker.tomography.cauchy_map import cauchy_map
+from worker.tomography.fbp import fbp
+from worker.tomography.geometry import FanBeamGeometry, FloatArray
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.log_model import SAPWOOD_PER_MM
+from worker.tomography.noise import data_misfit, noise_of_each_ray
+from worker.tomography.projector import Image, Projector
+from worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
+from worker.tomography.tikhonov import tikhonov
+from worker.tomography.total_variation import total_variation
+
+# The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
+PUBLISHED_WOOD = 0.4
+WARM_SIZE = 16
+# Edge errors that differ by less than this factor do not say which image is the better one.
+MARKED = 1.2
+
+
+@dataclass(frozen=True)
+class Method:
+    """What is called, how its curve looks, and about how many seconds a view costs on an idle core."""
+
+    reconstruct: Callable[[Projector, FloatArray], Image]
+    colour: str
+    line: str
+    seconds_a_view: float
+
+
+METHODS: Mapping[str, Method] = {
+    "fbp": Method(fbp, pictures.BLACK, "-", 0.0),
+    "tikhonov": Method(lambda projector, lines: tikhonov(projector, lines).image, pictures.SKY, "--", 0.02),
+    "cauchy_map": Method(lambda projector, lines: cauchy_map(projector, lines).image, pictures.ORANGE, "-", 0.06),
+    "cauchy_map paper": Method(
+        lambda projector, lines: cauchy_map(projector, lines, preset="paper").image, pictures.PURPLE, ":", 0.05
+    ),
+    "total_variation": Method(
+        lambda projector, lines: total_variation(projector, lines).image, pictures.BLUE, "-.", 0.07
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One way to say how good an image is: its key in a result, and its words."""
+
+    key: str
+    words: str
+    highest_is_best: bool = False
+
+
+RELATIVE = Measure("relative_error", "relative error")
+SSIM = Measure("ssim", "SSIM", highest_is_best=True)
+EDGES = Measure("edge_error_mm", "edge error, mm")
+
+
+def scale_of(source: Source) -> float:
+    """What brings a log to the unit of the published one."""
+    return 1.0 if source == "published" else PUBLISHED_WOOD / SAPWOOD_PER_MM
+
+
+def truth(source: Source, size: int) -> FloatArray:
+    """The log itself on (size, size) pixels [x, y], in the unit of the published one."""
+    by = GRID.size // size
+    image: FloatArray = log_truth(source).reshape(size, by, size, by).mean(axis=(1, 3)) * scale_of(source)
+    return image
+
+
+def run(source: Source, method: str, views: int, size: int) -> Result:
+    """One image with its figures; the seconds are those of a warm process."""
+    take = every_so_many(views)
+    lines = log_sinogram(source)[take] * scale_of(source)
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[take])
+    reconstruct = METHODS[method].reconstruct
+    reconstruct(Projector(geometry, ImageGrid(WARM_SIZE, GRID.field_mm)), lines)
+    projector = Projector(geometry, ImageGrid(size, GRID.field_mm))
+    started = time.perf_counter()
+    image = reconstruct(projector, lines)
+    seconds = time.perf_counter() - started
+    log, block = truth(source, size), projector.block(lines)
+    return {
+        "relative_error": relative_error(image, log),
+        "ssim": structural_similarity_index(image, log),
+        "edge_error_mm": edge_error_mm(image, log, projector.grid.pixel_mm),
+        "misfit": float(data_misfit(projector, image[None], block, noise_of_each_ray(None, block))[0]),
+        "seconds": seconds,
+        "image": image,
+    }
+
+
+def unit(plan: Plan, source: Source, method: str, views: int) -> Unit:
+    """One image."""
+    settings = {"source": source, "method": method, "views": views, "size": plan.log_image_size}
+    seconds = 0.5 + METHODS[method].seconds_a_view * views
+    return Unit(f"methods-{source}-{method.replace(' ', '-')}-{views}", run, settings, seconds)
+
+
+def units(plan: Plan) -> list[Unit]:
+    """Every log with every method at every number of views."""
+    return [
+        unit(plan, source, method, views) for source in sources() for method in METHODS for views in plan.compared_views
+    ]
+
+
+Images = Mapping[tuple[str, int], Result]
+
+
+def images_of(plan: Plan, results: Results, source: Source) -> Images:
+    """One log's results by method and views."""
+    return {
+        (method, views): results[unit(plan, source, method, views).name]
+        for method in METHODS
+        for views in plan.compared_views
+    }
+
+
+def own_edge_error_mm(source: Source, size: int) -> float:
+    """What the log itself has: outlines that are nearer to each other than the measure reaches can be mistaken."""
+    log = truth(source, size)
+    return edge_error_mm(log, log, GRID.field_mm / size)
+
+
+def _draw_images(plan: Plan, source: Source, made: Images, path: Path) -> None:
+    """Methods down, views across, in one grey window."""
+    drawn = pictures.figure(8.4, 8.7)
+    panels = drawn.subplots(len(METHODS), len(plan.compared_views), squeeze=False)
+    log = truth(source, plan.log_image_size)
+    wood = log[log > 0.0]
+    low, high = 0.0, float(np.percentile(wood, 99.0))
+    for row, method in zip(panels, METHODS, strict=True):
+        for axes, views in zip(row, plan.compared_views, strict=True):
+            axes.imshow(made[method, views]["image"], cmap="gray", vmin=low, vmax=high)
+            axes.set_xticks([])
+            axes.set_yticks([])
+        row[0].set_ylabel(method, fontsize=9)
+    for axes, views in zip(panels[0], plan.compared_views, strict=True):
+        axes.set_title(f"{views} views", fontsize=9)
+    pictures.save(drawn, path, colours=pictures.GREYS_KEPT)
+
+
+def _draw_curve(axes: Axes, plan: Plan, made: Images, measure: Measure) -> None:
+    for name, method in METHODS.items():
+        values = [made[name, views][measure.key] for views in plan.compared_views]
+        axes.plot(plan.compared_views, values, method.line, color=method.colour, marker="o", ms=3.5, lw=1.6, label=name)
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(FixedLocator(plan.compared_views))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:.0f}"))
+    if not measure.highest_is_best:
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(labelsize=7)
+    axes.grid(visible=True, which="both", alpha=0.25, lw=0.5)
+    axes.set_xlabel("views", fontsize=8)
+    axes.set_ylabel(measure.words, fontsize=8)
+
+
+def _draw_curves(plan: Plan, results: Results, path: Path) -> None:
+    """For each log the log itself, and each measure against the views."""
+    drawn = pictures.figure(10.4, 2.7 * len(sources()) + 0.4)
+    panels = drawn.subplots(len(sources()), 4, squeeze=False)
+    for row, source in zip(panels, sources(), strict=True):
+        log, made = truth(source, plan.log_image_size), images_of(plan, results, source)
+        limits = (0.0, float(np.percentile(log[log > 0.0], 99.0)))
+        pictures.show_image(row[0], log.astype(np.float32), GRID.field_mm, limits, f"the {source} log")
+        for axes, measure in zip(row[1:], (RELATIVE, SSIM, EDGES), strict=True):
+            _draw_curve(axes, plan, made, measure)
+        row[3].axhline(own_edge_error_mm(source, plan.log_image_size), color=pictures.BLACK, lw=0.7)
+    drawn.legend(*panels[0, 1].get_legend_handles_labels(), loc="outside lower center", ncols=len(METHODS), fontsize=8)
+    pictures.save(drawn, path)
+
+
+HEADER = ("method", "views", "relative error", "SSIM", "edge error, mm", "data misfit", "seconds")
+
+
+def _table(made: Images, own_error: float) -> str:
+    rows = [["the log itself", "", "0", "1", f"{own_error:.2f}", "", ""]]
+    for (method, views), found in made.items():
+        errors = [f"{found['relative_error']:.4f}", f"{found['ssim']:.3f}", f"{found['edge_error_mm']:.2f}"]
+        rows.append([f"`{method}`", str(views), *errors, f"{found['misfit']:.2f}", f"{found['seconds']:.2f}"])
+    return pictures.table(HEADER, rows)
+
+
+def best_methods(made: Images, views: tuple[int, ...], measure: Measure) -> str:
+    """Which method is best by a measure, and where."""
+    sign = -1.0 if measure.highest_is_best else 1.0
+    where: dict[str, list[str]] = {}
+    for count in views:
+        best = min(METHODS, key=lambda method, count=count: sign * made[method, count][measure.key])
+        where.setdefault(best, []).append(str(count))
+    return "; ".join(f"`{method}` from {' and '.join(counts)} views" for method, counts in where.items())
+
+
+def contradictions(made: Images, measure: Measure) -> tuple[list[tuple[Result, Result]], int]:
+    """Pairs of images whose outlines differ markedly: those of which a measure prefers the worse outlines, and all.
+
+    Each pair has the image with the worse outlines first; the pair whose outlines differ most comes first.
+    """
+    sign = -1.0 if measure.highest_is_best else 1.0
+    named = [found | {"name": f"`{method}` from {views} views"} for (method, views), found in made.items()]
+    ordered = [sorted(pair, key=lambda one: -one["edge_error_mm"]) for pair in itertools.combinations(named, 2)]
+    marked = [(worse, better) for worse, better in ordered if worse["edge_error_mm"] > MARKED * better["edge_error_mm"]]
+    wrong = [pair for pair in marked if sign * pair[0][measure.key] < sign * pair[1][measure.key]]
+    return sorted(wrong, key=lambda pair: pair[1]["edge_error_mm"] / pair[0]["edge_error_mm"]), len(marked)
+
+
+def _shows(plan: Plan, made: Images) -> str:
+    """What a log's table says, in words."""
+    by_ssim, marked = contradictions(made, SSIM)
+    by_error, _ = contradictions(made, RELATIVE)
+    text = (
+        f"The least relative error is that of {best_methods(made, plan.compared_views, RELATIVE)}. Of {marked} pairs "
+        f"of images whose edge errors differ by a factor of {MARKED:g} or more, SSIM prefers the one with the worse "
+        f"outlines in {len(by_ssim)}, the relative error in {len(by_error)}."
+    )
+    if not by_ssim:
+        return text
+    worse, better = by_ssim[0]
+    return (
+        f"{text} The widest case: SSIM rates {worse['name']} ({worse['ssim']:.3f}) above {better['name']} "
+        f"({better['ssim']:.3f}), and its outlines are off by {worse['edge_error_mm']:.2f} mm instead of "
+        f"{better['edge_error_mm']:.2f}."
+    )
+
+
+def section(plan: Plan, results: Results, folder: Path) -> Values:
+    """The images of the first log, the curves and tables of all."""
+    parts = []
+    for source in sources():
+        made = images_of(plan, results, source)
+        own = own_edge_error_mm(source, plan.log_image_size)
+        parts.append(f"### The {source} log\n\n{_shows(plan, made)}\n\n{_table(made, own)}")
+    first = sources()[0]
+    _draw_images(plan, first, images_of(plan, results, first), folder / "methods.png")
+    _draw_curves(plan, results, folder / "methods-curves.png")
+    return {
+        "source": first,
+        "size": str(plan.log_image_size),
+        "wood": f"{PUBLISHED_WOOD:g}",
+        "logs": "\n\n".join(parts),
+    }
+
+
+EXPERIMENT = Experiment("methods", "Methods and views", units, section)

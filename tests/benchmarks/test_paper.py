@@ -1,0 +1,104 @@
+"""The paper's experiments from the first run to the page, made small: every unit, every picture, every sentence."""
+
+import re
+import string
+from pathlib import Path
+
+import numpy as np
+import pytest
+from paper.conduct import TEMPLATES, Places, distinct, gather, work_through, write_page
+from paper.experiment import Plan, Unit
+from paper.objectives import half_width, optimum
+from paper.registry import EXPERIMENTS
+from paper.sparse import COUNTED, OWN, run
+from paper.store import load, save
+from PIL import Image
+
+MOST_BYTES = 150_000
+
+
+@pytest.fixture(autouse=True)
+def without_published_data(monkeypatch):
+    """The data are simulated wherever the tests run."""
+    monkeypatch.setenv("SAWMILL_PUBLISHED_DATA", "no-such-folder")
+
+
+@pytest.fixture
+def tiny():
+    return Plan(
+        sparse_runs=2,
+        dense_runs=1,
+        table_runs=1,
+        noise_seeds=2,
+        sparse_image_size=16,
+        dense_image_size=16,
+        dense_binned=8,
+        study_image_size=16,
+        max_generations=2,
+        tight_generations=2,
+        objective_runs=1,
+        profile_points=5,
+        optimiser_seeds=1,
+        optimiser_budget=100,
+        dense_views=60,
+        sparse_views=20,
+        compared_views=(60, 20),
+        log_image_size=64,
+    )
+
+
+def test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice(tiny, tmp_path):
+    places = Places(tmp_path / "work", tmp_path / "docs" / "paper.md")
+    units = distinct(EXPERIMENTS, tiny)
+    work_through(units, places.work, processes=2)
+    kept = {path: path.stat().st_mtime_ns for path in places.work.iterdir()}
+    assert len(gather(units, places.work)) == len(units)
+    work_through(units, places.work, processes=2)
+    assert kept == {path: path.stat().st_mtime_ns for path in places.work.iterdir()}
+    write_page(EXPERIMENTS, tiny, places)
+    page = places.page.read_text()
+    assert re.findall(r"^## (.+)$", page, re.MULTILINE) == [experiment.title for experiment in EXPERIMENTS]
+    assert not re.search(r"\$\w|\bnan\b|None", page)
+    pictures = re.findall(r"\]\(([^)]+\.png)\)", page)
+    assert {path.name for path in places.pictures.iterdir()} == {Path(name).name for name in pictures}
+    for name in pictures:
+        path = places.page.parent / name
+        assert path.stat().st_size < MOST_BYTES, name
+        with Image.open(path) as picture:
+            assert picture.width >= 600, name
+
+
+def test_a_missing_result_leaves_its_section_out_and_a_changed_setting_asks_for_the_run_again(tiny, tmp_path):
+    places = Places(tmp_path / "work", tmp_path / "paper.md")
+    write_page(EXPERIMENTS, tiny, places)
+    assert "## " not in places.page.read_text()
+    unit = Unit("one", dict, {"views": 20})
+    save(places.work, unit, {"image": np.eye(3), "error": 0.5})
+    found = load(places.work, unit)
+    assert found is not None
+    assert found["error"] == 0.5
+    assert np.array_equal(found["image"], np.eye(3))
+    assert load(places.work, Unit("one", dict, {"views": 45})) is None
+
+
+def test_counted_angles_turn_a_sparse_calibration_by_the_difference_of_the_first_views():
+    counted, own = run(20, COUNTED, "exact"), run(20, OWN, "exact")
+    # View 0 stands at 0.5 degrees and is counted at 9: nothing else is different. 0.001: psi is found that well.
+    assert counted["psi_error_deg"] - own["psi_error_deg"] == pytest.approx(-8.5, abs=0.001)
+    assert counted["ray_error_mm"] == pytest.approx(own["ray_error_mm"], abs=0.001)
+
+
+def test_the_optimum_and_the_width_of_a_parabola_are_found():
+    offsets = np.linspace(-10.0, 10.0, 41)
+    profile = -100.0 + 0.02 * (offsets - 1.3) ** 2
+    assert optimum(offsets, profile) == pytest.approx(1.3, abs=1e-9)
+    # 0.1 % of 100 is 0.1, which the parabola gains in sqrt(5); 0.05: it is interpolated between points 0.5 apart.
+    assert half_width(offsets, profile) == pytest.approx(np.sqrt(5.0), abs=0.05)
+    assert np.isnan(half_width(offsets, -100.0 + 1e-6 * offsets**2))
+
+
+def test_every_template_is_an_experiment_s():
+    names = {path.stem for path in TEMPLATES.glob("*.md")}
+    assert names == {"page", *(experiment.name for experiment in EXPERIMENTS)}
+    for path in TEMPLATES.glob("*.md"):
+        assert string.Template(path.read_text()).is_valid(), path.name
