@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-seeds bench-speed clean
+.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-seeds bench-drift bench-speed bench-http bench-fbp paper bench-preparing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -40,10 +40,16 @@ openapi: install
 	@$(BIN)/sawmill openapi
 
 # Studies, minutes each; every figure in the documents names the one it is from.
-bench: bench-speed bench-seeds bench-scanners bench-coverage
+bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift
 
 bench-speed: install-dev
 	@$(BIN)/python benchmarks/speed.py
+
+bench-fbp: install-dev
+	@$(BIN)/python benchmarks/reconstruction_speed.py
+
+bench-http: install-dev
+	@$(BIN)/python benchmarks/http_latency.py
 
 bench-seeds: install-dev
 	@$(BIN)/python benchmarks/seeds.py
@@ -53,6 +59,19 @@ bench-scanners: install-dev
 
 bench-coverage: install-dev
 	@$(BIN)/python benchmarks/coverage.py
+
+bench-misspecified: install-dev
+	@$(BIN)/python benchmarks/misspecified.py
+
+bench-drift: install-dev
+	@$(BIN)/python benchmarks/drift.py
+
+# The paper's own experiments into docs/paper.md; resumable. OPTIONS: --only EXPERIMENT, --full (hours).
+paper: install-dev
+	@$(BIN)/python benchmarks/paper_experiments.py $(OPTIONS)
+
+bench-preparing: install-dev
+	@$(BIN)/python benchmarks/preparing.py
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -1,10 +1,12 @@
 """The operator's page: is each scanner in tolerance, what moved and by how much, accept or roll back. Plain HTML."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
 from worker.contracts.calibrations import CalibrationSucceeded, Comparison
+from worker.contracts.drifts import Drift, DriftResult
 from worker.contracts.jobs import Failure
 from worker.contracts.scanners import Activation, Scanner
 
@@ -13,19 +15,30 @@ from worker.contracts.scanners import Activation, Scanner
 class ScannerCondition:
     """What the page shows of one scanner.
 
-    `newest` is the newest calibration that succeeded, `failure` why a newer one did not;
-    `history` has the newest activation first.
+    `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `drift` is the newest look at
+    drift that succeeded or failed; `history` has the newest activation first.
     """
 
     scanner: Scanner
     newest: CalibrationSucceeded | None
     failure: Failure | None
+    drift: Drift | None
     history: Sequence[Activation]
 
     @property
     def newest_is_active(self) -> bool:
         """Whether the newest calibration is what the scanner's reconstructions use."""
         return self.newest is not None and self.newest.id == self.scanner.active_calibration_id
+
+    @property
+    def drifted(self) -> DriftResult | None:
+        """What a log has shown of the active calibration since the newest one, if it is out of tolerance."""
+        look = self.drift
+        if look is None or look.result is None or look.result.within_tolerance is not False:
+            return None
+        against_active = look.calibration_id == self.scanner.active_calibration_id
+        since = self.newest is None or look.created_at >= self.newest.created_at
+        return look.result if against_active and since else None
 
 
 @dataclass(frozen=True)
@@ -38,21 +51,29 @@ class Standing:
 
 
 def standing(condition: ScannerCondition) -> Standing:
-    """Judge by the newest calibration: its own verdict first, then what moved since the active one."""
+    """Judge by the newest calibration (its verdict, then what moved since the active one) and a later log."""
     newest = condition.newest
     if newest is None:
         return Standing("Not calibrated", "idle", "No calibration of this scanner has succeeded yet.")
     reasons = " ".join(newest.reasons)
     if newest.verdict == "fail":
         return Standing("Calibration failed its check", "bad", reasons)
-    if newest.comparison is not None and not newest.comparison.within_tolerance and not condition.newest_is_active:
-        return Standing("Out of tolerance", "bad", newest.comparison.reason)
+    if moved := _moved_out_of_tolerance(condition):
+        return Standing("Out of tolerance", "bad", moved)
     if newest.verdict == "watch":
         return Standing("Watch", "watch", reasons)
     if condition.scanner.active_calibration_id is None:
         return Standing("No active calibration", "watch", "The newest calibration passed: accept it to use it.")
     unmoved = newest.comparison.reason if newest.comparison and not condition.newest_is_active else ""
     return Standing("In tolerance", "good", unmoved or "The newest calibration passed and is the active one.")
+
+
+def _moved_out_of_tolerance(condition: ScannerCondition) -> str:
+    """What moved since the active calibration, as the newest one or a log since shows it; empty where nothing did."""
+    comparison = condition.newest.comparison if condition.newest else None
+    if comparison is not None and not comparison.within_tolerance and not condition.newest_is_active:
+        return comparison.reason
+    return f"A log shows: {condition.drifted.reason}." if condition.drifted else ""
 
 
 def operator_page(conditions: Sequence[ScannerCondition]) -> str:
@@ -87,6 +108,7 @@ def _card(condition: ScannerCondition) -> str:
 <p>{escape(state.sentence)}</p>
 {_failed(condition.failure) if condition.failure else ""}
 {_newest(newest, active=condition.newest_is_active) if newest else ""}
+{_drift(condition.drift) if condition.drift else ""}
 {_history(condition)}
 </section>"""
 
@@ -110,6 +132,27 @@ def _newest(newest: CalibrationSucceeded, *, active: bool) -> str:
 <p><a href="{path}/report.png">Report picture</a> · <a href="{path}">All numbers</a></p>
 {"" if active else _activate(newest.id, "Accept this calibration")}</div>
 </div>"""
+
+
+def _drift(look: Drift) -> str:
+    tone, told = _seen(look)
+    return (
+        f'<p class="drift {tone}"><a href="/v1/drifts/{escape(look.id)}">Drift</a> '
+        f"<time>{look.created_at:%Y-%m-%d %H:%M} UTC</time> {escape(told)}</p>"
+    )
+
+
+def _seen(look: Drift) -> tuple[str, str]:
+    """A colour's name and what the log showed, or why it showed nothing."""
+    result = look.result
+    if result is None:
+        return "watch", f"Could not be seen: {look.failure.detail if look.failure else look.state}"
+    if result.within_tolerance is None:
+        return "watch", f"Could not be seen: {result.reason}"
+    word, tone = ("In tolerance", "good") if result.within_tolerance else ("Out of tolerance", "bad")
+    moved = f"rays moved {result.ray_change_mm:.3f} mm RMS of {result.tolerance_mm:g} mm allowed"
+    column, tilt = result.change.cor_column_mm, math.degrees(result.change.tilt_rad)
+    return tone, f"{word}: {moved}, COR {column:+.3f} mm, tilt {tilt:+.3f}°; {result.reason}"
 
 
 def _moved(comparison: Comparison) -> str:

@@ -10,6 +10,7 @@ import structlog
 import uvicorn
 
 from service.app import create_app
+from service.dependencies import Wake
 from service.settings import ServiceSettings
 from worker.execution.celery_app import Waker, make_celery
 from worker.execution.logs import configure_logs
@@ -52,11 +53,13 @@ def serve_until_stopped(
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
         store = stack.enter_context(closing(Store.open(storage)))
-        if workers and execution.broker_url is None:
-            stack.enter_context(WorkerSupervisor(storage, execution))
+        wake: Wake = no_wake
+        if execution.broker_url is not None:
+            wake = Waker(make_celery(execution, storage))
+        elif workers:
+            wake = stack.enter_context(WorkerSupervisor(storage, execution)).wake
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
-        wake = no_wake if execution.broker_url is None else Waker(make_celery(execution, storage))
         config = uvicorn.Config(
             create_app(settings, store, wake),
             host=settings.host,

@@ -33,7 +33,9 @@ class ServiceSettings(BaseSettings):
         MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."
     )
     event_poll_s: Annotated[float, Field(gt=0)] = Field(
-        0.25, description="Seconds between two looks at a job whose events are streamed: faster than an eye needs."
+        0.25,
+        description="Longest time between two looks at a job whose events are streamed; "
+        "the first looks come after a tenth of the time waited.",
     )
     retry_after_s: Annotated[int, Field(ge=1)] = Field(
         1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."

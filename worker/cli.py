@@ -20,10 +20,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from worker.commands import options as given
-from worker.commands.options import CalibrationSaid, PhantomSaid, ScanSaid, ThetaSaid, wrong_use_told
+from worker.commands.options import CalibrationSaid, PhantomSaid, PicturesSaid, ScanSaid, ThetaSaid, wrong_use_told
 from worker.commands.terminal import answering, print_json, say, showing_progress
 from worker.contracts.base import DataKind, Handedness, Rotation
 from worker.contracts.calibrations import (
+    Adjustment,
     CalibrationFile,
     CalibrationMethod,
     CalibrationOptions,
@@ -33,9 +34,16 @@ from worker.contracts.calibrations import (
 from worker.contracts.drifts import DriftOptions, DriftResult
 from worker.contracts.geometry import ScannerConstants
 from worker.contracts.plans import PlanOptions, PlanResult
-from worker.contracts.reconstructions import FilterName, ReconstructionMethod, ReconstructionOptions
+from worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
+from worker.contracts.reconstructions import (
+    AlphaRule,
+    FilterName,
+    MethodReport,
+    ReconstructionMethod,
+    ReconstructionOptions,
+)
 from worker.formats.angles import AngleSteps
-from worker.tasks.report_table import report_table
+from worker.pictures.calibration_table import calibration_table
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
 phantom_app = typer.Typer(no_args_is_help=True)
@@ -70,6 +78,10 @@ def calibrate(
     rows: given.RowsText = None,
     detector_pitch_mm: given.DetectorPitch = None,
     row_pitch_mm: given.RowPitch = None,
+    air: given.AirFlag = AirCorrection.AUTO,
+    faulty_cells: given.FaultyCellsFlag = FaultyCells.AUTO,
+    rings: given.RingsFlag = RingRemoval.OFF,
+    align_rows: given.AlignRows = RowAlignment.OFF,
     phantom_width_mm: given.PhantomWidth = None,
     handedness: Annotated[
         Handedness | None, typer.Option(help="From which end the phantom was seen; without it both are tried.")
@@ -83,6 +95,10 @@ def calibrate(
     seed: Annotated[int, typer.Option(min=0, max=2**32 - 1, help="Of the search.")] = 7,
     rays_per_cell: Annotated[
         int | None, typer.Option(min=1, max=64, help="Rays a cell in the model; the whole cell by default.")
+    ] = None,
+    without: Annotated[
+        list[Adjustment] | None,
+        typer.Option(help="What is not to be done by itself about a scan with faults; may be repeated."),
     ] = None,
     paper_objective: Annotated[
         Literal["image", "projection"] | None, typer.Option(help="Correlate images, or compare sinograms.")
@@ -117,6 +133,7 @@ def calibrate(
             method=method,
             seed=seed,
             rays_per_cell=rays_per_cell,
+            without=without or [],
             paper=PaperOptions.model_validate(chosen),
         )
     said = ScanSaid(
@@ -128,6 +145,7 @@ def calibrate(
         rows=options.rows,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        prepare=PrepareOptions(air=air, faulty_cells=faulty_cells, rings=rings, align_rows=align_rows),
     )
     wood = PhantomSaid(phantom, phantom_width_mm)
     with answering(as_json=as_json), showing_progress("calibrate") as progress:
@@ -144,7 +162,7 @@ def _print_calibration(result: CalibrationResult) -> None:
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
     title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
     table = Table(title=title, show_header=False)
-    for label, value in report_table(result):
+    for label, value in calibration_table(result.model_dump(mode="json")):
         table.add_row(label, value)
     console = Console()
     console.print(table)
@@ -170,6 +188,10 @@ def drift(
     rows: given.RowsText = None,
     detector_pitch_mm: given.DetectorPitch = None,
     row_pitch_mm: given.RowPitch = None,
+    air: given.AirFlag = AirCorrection.AUTO,
+    faulty_cells: given.FaultyCellsFlag = FaultyCells.AUTO,
+    rings: given.RingsFlag = RingRemoval.OFF,
+    align_rows: given.AlignRows = RowAlignment.OFF,
     tolerance_mm: Annotated[
         float, typer.Option(callback=given.length, help="RMS ray distance up to which nothing moved.")
     ] = 0.5,
@@ -187,6 +209,7 @@ def drift(
         rows=options.rows,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        prepare=PrepareOptions(air=air, faulty_cells=faulty_cells, rings=rings, align_rows=align_rows),
     )
     known = CalibrationSaid(calibration, source_to_cor_mm)
     with answering(as_json=as_json), showing_progress("drift") as progress:
@@ -229,6 +252,8 @@ def _print_drift(result: DriftResult) -> None:
     console = Console()
     console.print(table)
     console.print(f"- {result.reason}", highlight=False, markup=False)
+    for done in result.adjustments:
+        console.print(f"- {done}", highlight=False, markup=False)
     for blind in result.not_seen:
         console.print(f"- not seen: {blind}", highlight=False, markup=False)
 
@@ -245,9 +270,13 @@ def reconstruct(
     angles_deg: given.AnglesDeg = None,
     angles_file: given.AnglesFile = None,
     views: given.Views = None,
-    rows: given.RowsText = None,
+    rows: given.SteppedRowsText = None,
     detector_pitch_mm: given.DetectorPitch = None,
     row_pitch_mm: given.RowPitch = None,
+    air: given.AirFlag = AirCorrection.AUTO,
+    faulty_cells: given.FaultyCellsFlag = FaultyCells.AUTO,
+    rings: given.RingsFlag = RingRemoval.OFF,
+    align_rows: given.AlignRows = RowAlignment.OFF,
     theta: Annotated[str | None, typer.Option(metavar=given.THETA_FORM, help=given.THETA_HELP)] = None,
     rotation: Annotated[Rotation | None, typer.Option(help="With --theta: which way the angles count.")] = None,
     calibration: Annotated[
@@ -258,12 +287,49 @@ def reconstruct(
     filter_name: Annotated[FilterName, typer.Option("--filter", help="Window on the ramp.")] = FilterName.HANN,
     frequency_scaling: Annotated[float, typer.Option(help="Cut-off as a fraction of the Nyquist frequency.")] = 1.0,
     weighting: Annotated[Literal["exact", "none"], typer.Option(help="none is the published pipeline's.")] = "exact",
-    size: Annotated[int, typer.Option(min=16, max=4096, help="Pixels along each side.")] = 256,
+    size: given.ImageSize = 256,
     field_mm: given.FieldSide = 400.0,
+    field_centre_mm: given.FieldCentre = "0,0",
+    alpha: Annotated[float | None, typer.Option(help="Of tikhonov, in mm²; chosen by --alpha-rule without it.")] = None,
+    alpha_rule: Annotated[AlphaRule, typer.Option(help="How tikhonov chooses alpha.")] = AlphaRule.DISCREPANCY,
+    sigma: Annotated[
+        float | None, typer.Option(help="Of cauchy_map: noise of a line integral; found without it.")
+    ] = None,
+    beta: Annotated[
+        float | None, typer.Option(help="Of cauchy_map: scale of neighbouring pixels' differences; found without it.")
+    ] = None,
+    preset: Annotated[
+        Literal["paper"] | None, typer.Option(help="Of cauchy_map: the published sigma and beta.")
+    ] = None,
+    weight: Annotated[float | None, typer.Option(help="Of total_variation; found without it.")] = None,
+    non_negative: Annotated[
+        bool, typer.Option(help="Of cauchy_map and total_variation: no attenuation below zero.")
+    ] = True,
+    uncertainty: Annotated[
+        bool, typer.Option("--uncertainty", help="Of cauchy_map: each pixel's standard deviation as well.")
+    ] = False,
     png: Annotated[
         Path | None,
         typer.Option(
             metavar="OUT.png", dir_okay=False, callback=given.writable, help="Write a picture of the middle slice."
+        ),
+    ] = None,
+    mosaic: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.png", dir_okay=False, callback=given.writable, help="Write a picture of slices along the log."
+        ),
+    ] = None,
+    side: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.png", dir_okay=False, callback=given.writable, help="Write what is densest, from the side."
+        ),
+    ] = None,
+    alpha_curve: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.png", dir_okay=False, callback=given.writable, help="Write how tikhonov's alpha was chosen."
         ),
     ] = None,
     as_json: given.JsonFlag = False,
@@ -280,6 +346,15 @@ def reconstruct(
             weighting=weighting,
             size=size,
             field_mm=field_mm,
+            field_centre_mm=given.parse_position(field_centre_mm, "--field-centre-mm"),
+            alpha=alpha,
+            alpha_rule=alpha_rule,
+            sigma=sigma,
+            beta=beta,
+            preset=preset,
+            weight=weight,
+            non_negative=non_negative,
+            uncertainty=uncertainty,
         )
     said = ScanSaid(
         path=scan,
@@ -290,15 +365,34 @@ def reconstruct(
         rows=options.rows,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
+        prepare=PrepareOptions(air=air, faulty_cells=faulty_cells, rings=rings, align_rows=align_rows),
     )
     with answering(as_json=as_json), showing_progress("reconstruct") as progress:
         from worker.commands.reconstruct import reconstruct_scan
 
-        result = reconstruct_scan(said, geometry, options, output=output, picture=png, report=progress)
+        result = reconstruct_scan(
+            said,
+            geometry,
+            options,
+            output=output,
+            pictures=PicturesSaid(png, mosaic, side, alpha_curve),
+            report=progress,
+        )
     if as_json:
         print_json({"state": "succeeded", "output": str(output), **result.model_dump(mode="json")})
     slices, width, _ = result.shape
     say(f"{slices} slice(s) of {width} x {width} pixels in {result.time_s:.2f} s: {output}")
+    if result.method is not None:
+        _say_method(result.method)
+
+
+def _say_method(done: MethodReport) -> None:
+    if done.reason is not None:
+        say(f"{done.name.value} was chosen: {done.reason}")
+    if done.data_misfit is not None:
+        say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
+    for remark in done.remarks:
+        say(remark)
 
 
 def _geometry_said(

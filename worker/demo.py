@@ -22,7 +22,7 @@ from worker import demo_client, examples
 from worker.contracts.calibrations import CalibrationSucceeded
 from worker.demo_client import DemoError, Json, Report
 from worker.demo_page import Section, write_page
-from worker.pictures.calibration_report import log_comparison_png
+from worker.pictures.image_panels import log_comparison_png
 from worker.tasks.conversion import from_theta, to_frame
 from worker.tomography.geometry import Scanner, Theta, angle_difference
 from worker.tomography.quality import relative_error, structural_similarity_index

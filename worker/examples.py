@@ -12,7 +12,7 @@ from worker.contracts.drifts import DriftAsk
 from worker.contracts.geometry import ScannerConstants
 from worker.contracts.phantoms import PhantomDrawing, PolygonShape
 from worker.contracts.plans import PlanAsk
-from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
 from worker.contracts.scanners import ScannerSpec
 from worker.contracts.scans import ScanSpec
 from worker.contracts.schedules import ScheduleSpec
@@ -25,7 +25,7 @@ from worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from worker.tomography.phantom import Phantom
 from worker.tomography.simulate import SimulatedStack, simulate_stack
 
-EXAMPLE, SPARE = "example", "example-spare"
+EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206
 # The published scanner (arXiv 2206.14444) with a geometry of our own.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
@@ -93,10 +93,19 @@ def seed_examples(store: Store) -> None:
     if EXAMPLE not in {item.id for item in store.calibrations.page().items}:
         ask = CalibrationAsk(scan_id=EXAMPLE, activate=True)
         store.calibrations.accept(ask, calibration_id=EXAMPLE, job_id=EXAMPLE)
-    if EXAMPLE not in {item.id for item in store.reconstructions.page().items}:
-        rows = f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}"
-        asked = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=rows)
-        store.reconstructions.accept(asked, reconstruction_id=EXAMPLE)
+    reconstructed = {item.id for item in store.reconstructions.page().items}
+    log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
+    sparse = ReconstructionAsk(
+        scan_id=EXAMPLE,
+        calibration_id=EXAMPLE,
+        rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + 1}",
+        views=20,
+        method=ReconstructionMethod.TIKHONOV,
+        size=128,
+    )
+    for identifier, asked in {EXAMPLE: log, SPARSE: sparse}.items():
+        if identifier not in reconstructed:
+            store.reconstructions.accept(asked, reconstruction_id=identifier)
     if EXAMPLE not in {item.id for item in store.drifts.page().items}:
         store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE)
     if EXAMPLE not in {item.id for item in store.plans.page().items}:

@@ -6,6 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from service.answers import Hdf5, Paging, Png, accept, file
 from service.dependencies import TheSettings, TheStore, TheWake
+from service.drawing import CalibrationPicture, calibration_picture
 from service.openapi_document import trying
 from service.problems import Refused
 from worker.contracts.base import Contract, Identifier, Name, Page
@@ -76,20 +77,25 @@ def get_calibration(calibration_id: Identifier, store: TheStore) -> CalibrationU
 
 @router.get("/{calibration_id}/report.png", response_class=Png, summary="Get the report picture")
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """Overlay, residual sinogram, profiles and the numbers on one page."""
-    return _result_file(request, store, calibration_id, "report.png", "image/png")
+    """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
+
+    Drawn on the first request, which takes seconds, and kept.
+    """
+    return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
 
 @router.get("/{calibration_id}/overlay.png", response_class=Png, summary="Get the phantom with its outline")
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
-    """The phantom reconstructed with the theta found, and its drawing over it."""
-    return _result_file(request, store, calibration_id, "overlay.png", "image/png")
+    """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
+    return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
 @router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
-    return _result_file(request, store, calibration_id, "result.h5", Hdf5.media_type)
+    _check_succeeded(store, calibration_id, "result.h5")
+    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    return file(request, path, Hdf5.media_type, save_as=f"calibration-{calibration_id}.h5")
 
 
 @router.post(
@@ -113,10 +119,13 @@ def linked(
     return calibration.model_copy(update={"links": links})
 
 
-def _result_file(request: Request, store: Store, calibration_id: str, name: str, media_type: str) -> Response:
+def _picture(request: Request, store: Store, calibration_id: str, picture: CalibrationPicture) -> Response:
+    _check_succeeded(store, calibration_id, picture)
+    return file(request, calibration_picture(store, calibration_id, picture), Png.media_type)
+
+
+def _check_succeeded(store: Store, calibration_id: str, name: str) -> None:
     calibration = store.calibrations.get(calibration_id)
     if not isinstance(calibration, CalibrationSucceeded):
         detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
         raise Refused(409, "calibration-without-result", detail)
-    save_as = None if media_type == Png.media_type else f"calibration-{calibration_id}.h5"
-    return file(request, store.files.result(JobKind.CALIBRATE, calibration_id, name), media_type, save_as=save_as)

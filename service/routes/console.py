@@ -53,10 +53,16 @@ def _condition(store: Store, scanner: Scanner) -> ScannerCondition:
         for state in (JobState.SUCCEEDED, JobState.FAILED)
         for calibration in store.calibrations.page(scanner_id=scanner.id, state=state, limit=1).items
     ]
+    looks = [
+        look
+        for state in (JobState.SUCCEEDED, JobState.FAILED)
+        for look in store.drifts.page(scanner_id=scanner.id, state=state, limit=1).items
+    ]
     last = max(ended, key=lambda calibration: calibration.created_at, default=None)
     return ScannerCondition(
         scanner=scanner,
         newest=next((item for item in ended if isinstance(item, CalibrationSucceeded)), None),
         failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
+        drift=max(looks, key=lambda look: look.created_at, default=None),
         history=store.scanners.history(scanner.id, limit=20),
     )

@@ -1,6 +1,7 @@
 """/v1/jobs."""
 
 import asyncio
+import time
 from collections.abc import AsyncIterator
 from typing import Annotated
 
@@ -13,6 +14,8 @@ from service.dependencies import TheSettings, TheStore
 from worker.contracts.base import Identifier, Page
 from worker.contracts.jobs import Job, JobKind, JobState
 from worker.storage.errors import Conflict
+
+SHORTEST_PAUSE_S = 0.02
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
@@ -51,15 +54,20 @@ def get_job(job: TheJob) -> Job:
 )
 async def stream_job(job: TheJob, store: TheStore, settings: TheSettings) -> AsyncIterator[ServerSentEvent]:
     """The job now and at each change; after the event `end` the client closes the stream."""
-    number = 0
+    started, number = time.monotonic(), 0
     yield ServerSentEvent(data=job, event="job", id=str(number))
     while not job.state.ended:
-        await asyncio.sleep(settings.event_poll_s)
+        await asyncio.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
         now = await run_in_threadpool(store.jobs.get, job.id)
         if now != job:
             job, number = now, number + 1
             yield ServerSentEvent(data=job, event="job", id=str(number))
     yield ServerSentEvent(data=job.state, event="end", id=str(number + 1))
+
+
+def _pause_s(waited_s: float, longest_s: float) -> float:
+    """Until the next look at a job: a tenth of the wait so far, so that what took little is not told late."""
+    return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 
 @router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job")

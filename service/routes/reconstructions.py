@@ -1,16 +1,18 @@
 """/v1/reconstructions."""
 
-from enum import IntEnum
-from typing import Annotated
+from collections.abc import Sequence
+from enum import IntEnum, StrEnum
+from typing import Annotated, Self
 
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
 from service.answers import Hdf5, Paging, Png, accept, etag, file, picture
 from service.dependencies import TheSettings, TheStore, TheWake
+from service.drawing import drawn_alpha_curve
 from service.openapi_document import trying
 from service.problems import Refused
-from worker.contracts.base import Contract, Identifier, Page
+from worker.contracts.base import Contract, Identifier, Page, parse_span
 from worker.contracts.jobs import JobState
 from worker.contracts.reconstructions import (
     Reconstruction,
@@ -18,9 +20,15 @@ from worker.contracts.reconstructions import (
     ReconstructionLinks,
     ReconstructionResult,
 )
+from worker.pictures.color_maps import ColorMap
 from worker.pictures.images import image_png, image_png16
+from worker.pictures.log_pictures import mosaic_png, side_view_png, spread
+from worker.pictures.windows import Window, window_of
 from worker.storage import arrays
 from worker.storage.store import Store
+
+MOST_TILES = 64
+USUAL_TILES = 16
 
 router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
 
@@ -39,14 +47,73 @@ class Bits(IntEnum):
     SIXTEEN = 16
 
 
-class SliceQuery(Contract):
+class WindowQuery(Contract):
+    """Which values to draw, and how."""
+
+    window_low: float | None = Field(
+        None, description="Value at the dark end, in the volume's unit; null: its low end."
+    )
+    window_high: float | None = Field(
+        None, description="Value at the bright end, in the volume's unit; null: its high end."
+    )
+    color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")
+
+
+class Shown(StrEnum):
+    """What of a slice is drawn."""
+
+    ATTENUATION = "attenuation"
+    DEVIATION = "deviation"
+
+
+class SliceQuery(WindowQuery):
     """How to draw a slice."""
 
+    show: Shown = Field(
+        Shown.ATTENUATION,
+        description="`deviation`: each pixel's standard deviation, of a reconstruction that was asked for uncertainty.",
+    )
     bits: Bits = Field(
         Bits.EIGHT, description="8: for people, with scale bar and colour bar. 16: for machines, the values alone."
     )
-    window_low: float | None = Field(None, description="Value drawn black, in the volume's unit; null: its low end.")
-    window_high: float | None = Field(None, description="Value drawn white, in the volume's unit; null: its high end.")
+    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+
+    @model_validator(mode="after")
+    def _values_alone_are_grey(self) -> Self:
+        if self.bits is Bits.SIXTEEN and self.color_map is not ColorMap.GREY:
+            msg = f"bits=16 holds values, in grey; for color_map={self.color_map} ask for bits=8"
+            raise ValueError(msg)
+        return self
+
+
+def _check_slices(text: str) -> str:
+    parse_span("slices", text)
+    return text
+
+
+class MosaicQuery(WindowQuery):
+    """Which slices to draw beside one another."""
+
+    count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
+        None, description=f"So many slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer."
+    )
+    slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
+        None, description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.", examples=["0:2500:100"]
+    )
+    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+
+    @model_validator(mode="after")
+    def _one_choice(self) -> Self:
+        if self.count is not None and self.slices is not None:
+            msg = "give count or slices, not both"
+            raise ValueError(msg)
+        return self
+
+
+class SideQuery(WindowQuery):
+    """From where to look at the log."""
+
+    along: arrays.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
 
 
 @router.post("", status_code=202, summary="Ask for a reconstruction", openapi_extra=trying(body={"scan_id": "example"}))
@@ -95,15 +162,92 @@ def get_slice(
     result = _result(store, reconstruction_id)
     if index >= result.shape[0]:
         raise Refused(404, "slice-not-found", f"index must be below {result.shape[0]}, the slices, not {index}")
-    window = _window(query, result)
+    path = store.files.volume(reconstruction_id)
+    read, usual = arrays.volume_slice, result.value_range
+    if query.show is Shown.DEVIATION:
+        read, usual = arrays.deviation_slice, window_of(arrays.deviation_slice(path, index).data)
+    window = _window(query, usual)
 
     def draw() -> bytes:
-        image = arrays.volume_slice(store.files.volume(reconstruction_id), index)
+        image = read(path, index)
         if query.bits is Bits.SIXTEEN:
             return image_png16(image.data, window)
-        return image_png(image.data, pixel_mm=image.pixel_mm, unit=image.unit, window=window, title=None)
+        return image_png(
+            image.data,
+            pixel_mm=image.pixel_mm if query.scale_bar else None,
+            unit=image.unit,
+            window=window,
+            color_map=query.color_map,
+        )
 
-    return picture(request, etag(reconstruction_id, index, query.bits, window), draw)
+    return picture(request, etag(reconstruction_id, index, query, window), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/mosaic.png",
+    response_class=Png,
+    summary="Draw slices along the log",
+    openapi_extra=trying(count=16),
+)
+def get_mosaic(
+    reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
+    result = _result(store, reconstruction_id)
+    window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
+
+    def draw() -> bytes:
+        slices = arrays.volume_slices(store.files.volume(reconstruction_id), indices)
+        return mosaic_png(
+            ((image.data, image.label) for image in slices),
+            pixel_mm=result.pixel_mm if query.scale_bar else None,
+            unit=result.unit,
+            window=window,
+            color_map=query.color_map,
+        )
+
+    return picture(request, etag(reconstruction_id, "mosaic", query, window), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/side.png",
+    response_class=Png,
+    summary="Draw the log from the side",
+    openapi_extra=trying(along="x"),
+)
+def get_side_view(
+    reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """The densest value behind each point of the log's side; the log runs to the right."""
+    _result(store, reconstruction_id)
+    view = arrays.side_view(store.files.volume(reconstruction_id), query.along)
+    window = _window(query, window_of(view.data))
+
+    def draw() -> bytes:
+        return side_view_png(
+            view.data,
+            across_mm=view.across_mm,
+            across=view.across,
+            along_mm=view.along_mm,
+            unit=view.unit,
+            window=window,
+            color_map=query.color_map,
+        )
+
+    return picture(request, etag(reconstruction_id, "side", query, window), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/alpha-curve.png",
+    response_class=Png,
+    summary="Draw how alpha was chosen",
+    openapi_extra=trying(reconstruction_id="example-sparse"),
+)
+def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+    """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
+    _result(store, reconstruction_id)
+    columns = arrays.alpha_curve(store.files.volume(reconstruction_id))
+    return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
 
 
 @router.head("/{reconstruction_id}/volume.h5", include_in_schema=False)
@@ -127,6 +271,8 @@ def _linked(reconstruction: Reconstruction) -> Reconstruction:
         job=f"/v1/jobs/{reconstruction.job_id}",
         volume=f"{path}/volume.h5",
         first_slice=f"{path}/slices/0.png",
+        mosaic=f"{path}/mosaic.png",
+        side=f"{path}/side.png",
     )
     return reconstruction.model_copy(update={"links": links})
 
@@ -139,9 +285,24 @@ def _result(store: Store, reconstruction_id: str) -> ReconstructionResult:
     return reconstruction.result
 
 
-def _window(query: SliceQuery, result: ReconstructionResult) -> tuple[float, float]:
-    low = result.value_range[0] if query.window_low is None else query.window_low
-    high = result.value_range[1] if query.window_high is None else query.window_high
+def _window(query: WindowQuery, usual: Window) -> Window:
+    low = usual[0] if query.window_low is None else query.window_low
+    high = usual[1] if query.window_high is None else query.window_high
     if not low < high:
         raise Refused(422, "empty-window", f"window_low must be below window_high, not {low} and {high}")
     return low, high
+
+
+def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
+    """The slices of a mosaic."""
+    if query.slices is None:
+        return spread(query.count or USUAL_TILES, available)
+    wanted = parse_span("slices", query.slices)
+    if wanted.stop > available:
+        raise Refused(404, "slice-not-found", f"slices must be within 0:{available}, not {query.slices}")
+    tiles = range(available)[wanted]
+    if len(tiles) > MOST_TILES:
+        raise Refused(
+            422, "too-many-slices", f"slices must name at most {MOST_TILES}, not {len(tiles)}: take a larger STEP"
+        )
+    return tiles

@@ -83,6 +83,24 @@ def test_handedness_and_rotation_limit_what_is_tried(run, phantom_scan):
     assert len(document["hypotheses"]) == 1
 
 
+def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
+    scan = tmp_path / "stack.h5"
+    scanner = ("--source-to-cor-mm", "859.46", "--detector-pitch-mm", "4.508593749")
+    body = ("log-with-phantom", "--theta", "2.55,714.7,319.9,43.7,0.281", *scanner, "--detector-pixels", 256)
+    run("simulate", *body, "--views", 40, "--rows", 6, "--phantom-rows", 4, "-o", scan)
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, *L)
+    found = calibrated(run, scan, *flags)
+    assert found["rows"] == [0, 4]
+    assert found["status"] == "calibrated"
+    assert any("averaging of intensities" in told for told in found["adjustments"])
+    named = calibrated(run, scan, *flags, "--rows", "0:4", "--without", "intensity-averaging", "--without", "blur")
+    assert not any("averaging of intensities" in told for told in named["adjustments"])
+    whole = calibrated(run, scan, *flags, "--without", "phantom-rows")
+    assert whole["rows"] == [0, 6]
+    # A third of the average is a log's.
+    assert error_mm(whole) > 4.0 * error_mm(found)
+
+
 def test_a_seed_is_recorded_and_repeats_the_answer(run, phantom_scan):
     first, second = (calibrated(run, phantom_scan, *KNOWN, *L, "--seed", 3, "--views", 20) for _ in range(2))
     assert first["search"] == second["search"]
@@ -218,6 +236,7 @@ def test_refusals_are_one_sentence_for_people(run, bare_scan):
         ((*KNOWN, *L, "--seed", -1), "--seed"),
         ((*KNOWN, *L, "--handedness", "left"), "'left' is not one of"),
         ((*KNOWN, *L, "--method", "guess"), "'guess' is not one of"),
+        ((*KNOWN, *L, "--without", "noise"), "'noise' is not one of"),
         ((*KNOWN, *L, "--paper-stop", "tight"), "--paper-stop comes with --method paper"),
         ((*KNOWN, *L, "--phantom-width-mm", 400), "a built-in phantom has its size"),
         ((*KNOWN, "--phantom", "cross"), "--phantom must be l-shape, rectangle-with-hole or an existing file"),

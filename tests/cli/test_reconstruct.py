@@ -1,12 +1,14 @@
 """`sawmill reconstruct`, to the letter of DESIGN section 8."""
 
 import json
+import shutil
 
 import h5py
 import numpy as np
 import pytest
 from PIL import Image
 
+from worker.commands import scan_rows
 from worker.tomography.built_in import L_SHAPE
 from worker.tomography.log_model import LogModel
 
@@ -38,6 +40,25 @@ def test_the_calibration_alone_is_enough(run, stack, result_file, log_truth, tmp
     assert relative_error(slices[0], log_truth) < 0.25
     with Image.open(tmp_path / "out.png") as picture:
         assert picture.format == "PNG"
+
+
+def test_the_product_s_own_scan_is_read_row_by_row(run, phantom_scan, bare_scan, tmp_path, monkeypatch):
+    flags = ("--data", "line-integrals", "--rows", "1:2", *THETA)
+    more = ("--angles-deg", "3:6", "--detector-pitch-mm", 4.508593749)
+    run("reconstruct", bare_scan, *flags, *more, "-o", tmp_path / "whole.h5")
+    monkeypatch.delattr(scan_rows, "load")
+    run("reconstruct", phantom_scan, *flags, "-o", tmp_path / "rows.h5")
+    # The pitch that is given has ten digits, the file's all of them.
+    assert relative_error(volume(tmp_path / "rows.h5"), volume(tmp_path / "whole.h5")) < 1e-4
+
+
+def test_a_value_that_is_no_number_is_told_when_its_row_is_read(failure, phantom_scan, tmp_path):
+    shutil.copy(phantom_scan, tmp_path / "scan.h5")
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        file["entry/instrument/detector/data"][3, 1, 7] = np.nan
+    told = failure("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
+    assert (told["code"], told["detail"][:6]) == ("not-finite", "row 1 ")
+    assert not (tmp_path / "out.h5").exists()
 
 
 def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
@@ -88,6 +109,31 @@ def test_filters_and_weighting_matter(run, stack, tmp_path):
     assert np.array_equal(default, made("--method", "fbp", "--filter", "hann", "--weighting", "exact"))
     for flags in (("--filter", "ram-lak"), ("--frequency-scaling", 0.5), ("--weighting", "none")):
         assert relative_error(made(*flags), default) > 0.01
+
+
+def test_a_region_of_interest_of_every_other_row_is_cut_out_of_the_whole(run, stack, tmp_path):
+    flags = ("--data", "counts", *THETA, "-o", tmp_path / "out.h5")
+    run("reconstruct", stack, *flags, "--size", 64, "--field-mm", 320)
+    whole = volume(tmp_path / "out.h5")
+    region = ("--size", 16, "--field-mm", 80, "--field-centre-mm", "50,-40", "--rows", "1:4:2")
+    said = json.loads(run("reconstruct", stack, *flags, *region, "--json").stdout)
+    assert (said["rows"], said["row_step"], said["shape"]) == ([1, 4], 2, [2, 16, 16])
+    # Positions on the detector are single precision.
+    np.testing.assert_allclose(volume(tmp_path / "out.h5"), whole[1:4:2, 34:50, 16:32], atol=1e-4 * whole.max())
+    with h5py.File(tmp_path / "out.h5") as file:
+        written = file["entry/reconstruction"]
+        assert (written["x"][()].mean(), written["y"][()].mean()) == pytest.approx((50.0, -40.0))
+        assert written["z"][()].tolist() == [2.0, 6.0]
+
+
+def test_pictures_of_the_whole_log_are_written(run, stack, tmp_path):
+    pictures = {name: tmp_path / f"{name}.png" for name in ("mosaic", "side")}
+    flags = [part for name, path in pictures.items() for part in (f"--{name}", path)]
+    run("reconstruct", stack, "--data", "counts", *THETA, "--size", 64, "-o", tmp_path / "out.h5", *flags)
+    for path in pictures.values():
+        with Image.open(path) as picture:
+            assert picture.format == "PNG"
+            assert min(picture.size) > 256
 
 
 def test_what_contradicts_the_calibration_is_refused(failure, stack, result_file, tmp_path):
@@ -148,6 +194,12 @@ def test_an_output_that_cannot_be_written_is_told(failure, stack, tmp_path):
         ((*THETA, "--field-mm", -1), "not a length in mm"),
         ((*THETA, "--rows", "x"), "--rows: rows must be A:B"),
         ((*THETA, "--png", "no/such/folder/out.png"), "there is no folder"),
+        ((*THETA, "--mosaic", "no/such/folder/out.png"), "there is no folder"),
+        ((*THETA, "--size", "256,128"), "'256,128' is not one number: pixels are square"),
+        ((*THETA, "--field-mm", "400x300"), "'400x300' is not one number: pixels are square"),
+        ((*THETA, "--field-centre-mm", "50"), "--field-centre-mm needs X,Y, not '50'"),
+        ((*THETA, "--field-centre-mm", "50,1e9"), "--field-centre-mm"),
+        ((*THETA, "--rows", "0:4:0"), "as in 0:2500:10"),
     ],
 )
 def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, said):

@@ -5,13 +5,13 @@ import sys
 import threading
 from pathlib import Path
 
-from worker.execution.poller import run_worker
+from worker.execution.poller import _listen_to_parent, run_worker
 from worker.execution.settings import ExecutionSettings
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 
-stop = threading.Event()
-signal.signal(signal.SIGTERM, lambda *_: stop.set())
-threading.Thread(target=lambda: (sys.stdin.buffer.raw.read(), stop.set()), daemon=True).start()
+stop, wake = threading.Event(), threading.Event()
+signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
+threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
-run_worker(Store(StorageSettings()), ExecutionSettings(), stop, command=command)
+run_worker(Store(StorageSettings()), ExecutionSettings(), stop, command=command, wake=wake)

@@ -20,6 +20,25 @@ def supervisor(storage, settings):
         yield running
 
 
+def test_a_worker_that_is_told_of_a_job_does_not_wait_for_its_next_look(store, storage, settings, queue, wait_for):
+    seldom = settings.model_copy(update={"poll_s": 600.0})
+    with WorkerSupervisor(storage, seldom, command=WORKER) as supervisor:
+        first = queue("succeed")
+        # Until the worker listens it looks by itself, so it may have found the first job already.
+        supervisor.wake(first.id)
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+        second = queue("succeed")
+        supervisor.wake(second.id)
+        wait_for(lambda: store.jobs.get(second.id).state is JobState.SUCCEEDED)
+
+
+def test_waking_workers_that_have_ended_does_no_harm(storage, settings):
+    with WorkerSupervisor(storage, settings, command=[sys.executable, "-c", ""]) as supervisor:
+        for _ in range(200):
+            supervisor.wake("nothing")
+    supervisor.wake("nothing")
+
+
 def processes_of(folder: Path) -> list[int]:
     """Every live process whose environment names this data folder."""
     found = []

@@ -276,3 +276,38 @@ def test_published_files(published_data, file, shape, kind):
 def test_published_phantom_has_its_background(published_data):
     scan = read_scan(published_data / "l-phantom/sinogram.mat", counts=False, angles_deg=AngleSteps(0.5, 1))
     assert np.median(scan.projections) == pytest.approx(3.3477, abs=1e-3)
+
+
+def test_rows_of_zero_counts_are_missing_where_rows_may_be(tmp_path, stack, angles_deg):
+    stack[2, 0] = 0.0
+    flats = np.full((1, *stack.shape[1:]), 60_000.0, np.float32)
+    np.savez(tmp_path / "scan.npz", projections=stack, flats=flats, angles_deg=angles_deg)
+    kept = read_scan(tmp_path / "scan.npz", counts=True)
+    np.testing.assert_array_equal(kept.projections, stack)
+    missing = read_scan(tmp_path / "scan.npz", counts=True, rows_missing=True).projections
+    assert np.isnan(missing[2, 0]).all()
+    assert np.isnan(missing).sum() == stack.shape[2]
+
+
+def test_tiffs_that_lost_rows_are_read_as_lacking_them_at_the_bottom(tmp_path, rng):
+    frames = rng.integers(1, 60_000, (4, 6, 8))
+    path = tmp_path / "scan.zip"
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for view, rows in enumerate((6, 5, 4, 6)):
+            archive.writestr(f"view-{view}.tif", _tiff_bytes(frames[view, :rows]))
+        archive.writestr("flat.tif", _tiff_bytes(np.full((6, 8), 50_000)))
+    scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 90), rows_missing=True)
+    assert np.isnan(scan.projections).any(axis=2).sum(axis=1).tolist() == [0, 1, 2, 0]
+    assert np.isnan(scan.projections[2, 4:]).all()
+    np.testing.assert_array_equal(scan.projections[2, :4], frames[2, :4])
+    assert "Views of fewer than 6 rows were read as lacking rows at the bottom." in scan.remarks
+    with pytest.raises(UnreadableScan, match=r"view 1, row 5 is NaN in every cell; .* ask for align_rows"):
+        read_scan(path, counts=True, angles_deg=AngleSteps(0, 90))
+
+
+def test_tiffs_of_half_the_height_are_no_views_of_one_log(tmp_path):
+    with ZipFile(tmp_path / "scan.zip", "w") as archive:
+        for view, rows in enumerate((6, 2, 6)):
+            archive.writestr(f"view-{view}.tif", _tiff_bytes(np.ones((rows, 8))))
+    with pytest.raises(UnreadableScan, match="all must be of one size"):
+        read_scan(tmp_path / "scan.zip", counts=True, angles_deg=AngleSteps(0, 120), rows_missing=True)

@@ -13,7 +13,7 @@ import pytest
 from worker.formats.atomic import whole_hdf5
 from worker.formats.nexus import unit_of
 from worker.formats.reading import read_scan
-from worker.formats.result_files import write_calibration, write_reconstruction
+from worker.formats.result_files import NamedArray, new_reconstruction, write_calibration
 from worker.formats.scan_file import read_stored_scan, write_raw_scan, write_scan
 
 
@@ -101,9 +101,9 @@ def reconstruction(tmp_path, rng):
     path = tmp_path / "volume.h5"
 
     def write(row_pitch_mm=2.0):
-        write_reconstruction(
+        with new_reconstruction(
             path,
-            volume,
+            volume.shape,
             pixel_mm=1.5,
             row_pitch_mm=row_pitch_mm,
             unit="1/mm",
@@ -111,7 +111,9 @@ def reconstruction(tmp_path, rng):
             parameters={"filter": "hann", "size": 6, "field_mm": 9.0, "rows": None},
             software_version="0.1.0",
             input_sha256="f00",
-        )
+        ) as volume_file:
+            volume_file.write(0, volume[:2])
+            volume_file.write(2, volume[2:])
         return path, volume
 
     return write
@@ -129,8 +131,9 @@ def test_volume_carries_axes_units_and_origin(reconstruction):
         np.testing.assert_array_equal(data["data"], volume)
         assert data["data"].dtype == np.float32
         assert data["data"].attrs["units"] == "1/mm"
+        assert (data["data"].compression, data["data"].fletcher32, data["data"].chunks) == ("gzip", True, (1, 6, 4))
         np.testing.assert_allclose(data["x"], [-3.75, -2.25, -0.75, 0.75, 2.25, 3.75])
-        np.testing.assert_allclose(data["z"], [-2, 0, 2])
+        np.testing.assert_allclose(data["z"], [0, 2, 4])
         assert data["y"].attrs["units"] == "mm"
         assert entry["data/data"] == data["data"]
         assert entry["process/version"][()] == b"0.1.0"
@@ -164,7 +167,10 @@ def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
     }
     residual = rng.random((5, 4)).astype(np.float32)
     path = tmp_path / "calibration.h5"
-    arrays = {"residual": (residual, "1", "view, detector")}
+    arrays = {
+        "residual": NamedArray(residual, "1", "view, detector"),
+        "field_mm": NamedArray(np.array(330.0), "mm", "side"),
+    }
     write_calibration(path, result, arrays, software_version="0.1.0", input_sha256="f00")
     with h5py.File(path) as file:
         assert json.loads(file["entry/calibration_json"][()]) == result
@@ -178,6 +184,7 @@ def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
         assert bool(group["converged"][()])
         np.testing.assert_array_equal(file["entry/arrays/residual"], residual)
         assert file["entry/arrays/residual"].attrs["axes_description"] == "view, detector"
+        assert (file["entry/arrays/field_mm"][()], file["entry/arrays/field_mm"].attrs["units"]) == (330.0, "mm")
 
 
 @pytest.mark.parametrize(

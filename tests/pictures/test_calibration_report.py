@@ -4,25 +4,70 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.pictures.calibration_report import calibration_report_png, log_comparison_png, overlay_png
+from worker.pictures.calibration_report import overlay_png, report_png
+from worker.pictures.calibration_table import calibration_table
+from worker.pictures.image_panels import log_comparison_png
 
 FIELD_MM = 400.0
+THETA = {
+    "initial_angle_rad": 2.55,
+    "detector_to_cor_mm": 714.7,
+    "source_shift_mm": 319.9,
+    "detector_shift_mm": 43.7,
+    "detector_tilt": 0.281,
+}
+FRAME = {
+    "psi_rad": 2.907,
+    "source_distance_mm": 917.1,
+    "source_to_detector_mm": 1619.3,
+    "cor_column_mm": -209.1,
+    "tilt_rad": -0.083,
+    "magnification": 1.766,
+}
+VARIANCES = np.array([1e-8, 0.2, 0.8, 1e-4, 1e-6])
 
 
 @pytest.fixture
-def report():
+def answer():
+    deviations = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
+    hypothesis = {"handedness": "as-drawn", "rotation": "as-given", "relative_residual": 0.001}
+    return {
+        "phantom": "L-shape",
+        "theta": THETA,
+        "theta_twin": THETA | {"source_shift_mm": -319.9, "initial_angle_rad": 3.26},
+        "source_frame": FRAME,
+        "standard_deviation": deviations,
+        "covariance": np.diag(VARIANCES).tolist(),
+        "scale_uncertainty_mm": 0.9,
+        "scale_ray_error_mm": 0.05,
+        "predicted_ray_error_mm": {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0},
+        "handedness": "as-drawn",
+        "rotation": "as-given",
+        "hypotheses": [hypothesis, hypothesis | {"handedness": "from-behind", "relative_residual": 0.15}],
+        "phantom_position_mm": [0.03, 0.02],
+        "residual": {"rms": 0.1, "relative": 0.001},
+        "verdict": "pass",
+        "reasons": [],
+        "adjustments": ["2 detector cells without a usable signal were left out"],
+        "comparison": None,
+        "scanner": {"detector_pitch_mm": 1.5},
+        "views": 20,
+        "rows": [0, 3],
+        "search": {"method": "multi-start", "evaluations": 12},
+        "timing_s": {"total": 0.2},
+    }
+
+
+@pytest.fixture
+def arrays():
     rng = np.random.default_rng(20261120)
     return {
-        "image": rng.random((64, 64)),
-        "field_mm": FIELD_MM,
-        "outlines": [np.array([(-100.0, 51.5), (100.0, 150.0), (100.0, -150.0)])],
-        "sinogram": rng.random((20, 48)) + 5,
         "residual": rng.normal(size=(20, 48)) / 10,
-        "angles_deg": np.arange(20) * 18 + 0.5,
-        "pitch_mm": 1.5,
-        "table": [("source shift, mm", "319.94 ± 0.30")],
-        "verdict": "pass",
-        "title": "Line 2",
+        "angles_rad": np.deg2rad(np.arange(20) * 18 + 0.5),
+        "phantom_image": rng.random((64, 64)),
+        "phantom_field_mm": np.array(FIELD_MM),
+        "phantom_outlines_mm": np.array([(-100.0, 51.5), (100.0, 150.0), (100.0, -150.0), (-100.0, 51.5)]),
+        "search_history": np.array([(1.0, 0.4), (5.0, 0.1), (12.0, 0.002)]),
     }
 
 
@@ -34,54 +79,115 @@ def near(page, color):
     return (np.abs(page - np.array(color)).max(axis=2) < 40).sum()
 
 
-GREEN, RED, ORANGE = (0x2E, 0x7D, 0x32), (0xB7, 0x1C, 0x1C), (0xFF, 0x7F, 0x0E)
+GREEN, AMBER, RED, ORANGE = (0x2E, 0x7D, 0x32), (0xB2, 0x6A, 0x00), (0xB7, 0x1C, 0x1C), (0xFF, 0x7F, 0x0E)
+BLUE = (0x1F, 0x77, 0xB4)
 
 
-def test_report_is_a_page(report):
-    page = pixels(calibration_report_png(**report))
-    assert page.shape == (1120, 1400, 3)
-
-
-@pytest.mark.parametrize(("verdict", "color", "other"), [("pass", GREEN, RED), ("fail", RED, GREEN)])
-def test_badge_has_the_verdicts_color(report, verdict, color, other):
-    corner = pixels(calibration_report_png(**(report | {"verdict": verdict})))[:60, -200:]
-    assert near(corner, color) > 500
-    assert near(corner, other) == 0
-
-
-def test_same_input_same_bytes(report):
-    assert calibration_report_png(**report) == calibration_report_png(**report)
+HELD = {"covariance": np.diag(VARIANCES * [1, 0, 1, 1, 1]).tolist(), "theta_twin": None}
+NO_ERROR_BARS = {"covariance": None, "standard_deviation": None, "predicted_ray_error_mm": None, "hypotheses": []}
+UNRESOLVED = {"standard_deviation": {"theta": dict.fromkeys(THETA), "source_frame": dict.fromkeys(FRAME)}}
+THREE_VIEWS = {
+    "residual": np.ones((3, 48)),
+    "angles_rad": np.array([4.0, 0.1, 2.0]),
+    "phantom_image": np.zeros((64, 64)),
+}
+CORRELATION = {"search_history": np.array([(64.0, -15_900.0), (128.0, -16_300.0)])}
+NOTHING_LEFT = {"search_history": np.zeros((0, 2)), "residual": np.zeros((20, 48))}
 
 
 @pytest.mark.parametrize(
-    "change", [{"residual": np.zeros((20, 48))}, {"angles_deg": np.array([0, 7, 3.0] * 6 + [1, 2])}]
+    ("verdict", "color", "other_answer", "other_arrays", "pairs"),
+    [
+        ("pass", GREEN, {}, {}, 10),
+        ("watch", AMBER, HELD | UNRESOLVED, THREE_VIEWS, 6),
+        ("fail", RED, NO_ERROR_BARS, CORRELATION | NOTHING_LEFT, 0),
+    ],
+    ids=["whole", "R held, no twin, three views unsorted, no image", "no error bars, no history, perfect fit"],
 )
-def test_perfect_fit_and_unsorted_angles_have_a_report(report, change):
-    assert pixels(calibration_report_png(**(report | change))).size
+def test_the_report_has_its_verdicts_color_and_what_there_is(
+    answer, arrays, verdict, color, other_answer, other_arrays, pairs
+):
+    page = pixels(report_png(answer | other_answer | {"verdict": verdict}, arrays | other_arrays))
+    assert page.shape[1] == 1400
+    badge = page[:70, -250:]
+    # A badge's face has some 2 000 pixels.
+    assert near(badge, color) > 1000
+    assert all(near(badge, other) == 0 for other in {GREEN, AMBER, RED} - {color})
+    filled = (np.abs(page - np.array((0xC7, 0xDD, 0xEC))).max(axis=2) < 4).sum()  # a quarter of blue on white
+    # Ten pairs share a square of 4 x 4 panels, six one of 3 x 3: about 9 000 and 17 000 pixels each.
+    assert 6_000 * pairs < filled + 1 < 20_000 * pairs + 100
 
 
-def test_parts_that_disagree(report):
-    with pytest.raises(ValueError, match=r"residual \(20, 48\), the sinogram \(20, 48\) and 19 angles do not agree"):
-        calibration_report_png(**(report | {"angles_deg": np.arange(19)}))
+def test_what_is_said_makes_the_page_longer_and_what_moved_too_far_is_red(answer, arrays):
+    moved = {"reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed", "within_tolerance": False}
+    log = {
+        "log_row": np.array(5),
+        "log_field_mm": np.array(330.0),
+        "log_before": np.zeros((32, 32)),
+        "log_after": np.eye(32),
+    }
+    page = pixels(
+        report_png(
+            answer | {"reasons": [moved["reason"], "the residual is not white"], "comparison": moved}, arrays | log
+        )
+    )
+    # Head with four lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
+    assert abs(page.shape[0] - 100 * (1.0 + 4 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
+    assert near(page[80:200, :700], RED) > 200
 
 
-def test_outline_lies_where_x_is_down_and_y_is_right():
-    black = np.zeros((64, 64))
-    outline = np.array([(-190.0, 100.0), (-190.0, 190.0), (-150.0, 190.0), (-150.0, 100.0)])
-    page = pixels(overlay_png(image=black, field_mm=FIELD_MM, outlines=[outline], title=""))
+def test_one_picture_of_a_log_stands_alone(answer, arrays):
+    log = {"log_row": np.array(5), "log_field_mm": np.array(330.0), "log_after": np.eye(32)}
+    page = pixels(report_png(answer | {"verdict": "watch"}, arrays | log))
+    middle = page[900:1300, 200:500]
+    assert near(middle, (0, 0, 0)) > 0.5 * middle.shape[0] * middle.shape[1]
+
+
+def test_same_input_same_bytes(answer, arrays):
+    assert overlay_png(answer, arrays) == overlay_png(answer, arrays)
+
+
+def test_views_and_angles_that_disagree(answer, arrays):
+    with pytest.raises(ValueError, match=r"residual \(20, 48\) and 19 angles do not agree"):
+        report_png(answer, arrays | {"angles_rad": np.arange(19.0)})
+
+
+def test_outline_lies_where_x_is_down_and_y_is_right(answer, arrays):
+    outline = np.array([(-190.0, 100.0), (-190.0, 190.0), (-150.0, 190.0), (-150.0, 100.0), (-190.0, 100.0)])
+    black = {"phantom_image": np.zeros((64, 64)), "phantom_outlines_mm": outline}
+    page = pixels(overlay_png(answer, arrays | black))
     panel = np.argwhere(page.max(axis=2) < 60)
     top, left = panel.min(axis=0)
     bottom, right = panel.max(axis=0)
     row, column = np.argwhere(np.abs(page - np.array(ORANGE)).max(axis=2) < 40).mean(axis=0)
-    assert (row - top) / (bottom - top) < 0.35
-    assert (column - left) / (right - left) > 0.5
+    assert row < top + (bottom - top) / 3
+    assert column > left + (right - left) / 2
 
 
-def test_overlay_without_outlines():
-    assert near(pixels(overlay_png(image=np.eye(16), field_mm=FIELD_MM, outlines=[], title="x")), ORANGE) == 0
+def test_a_gap_between_outlines_is_not_drawn(answer, arrays):
+    square = np.array([(-50.0, -50.0), (-50.0, 50.0), (50.0, 50.0), (50.0, -50.0), (-50.0, -50.0)]) / 2.0
+    two = np.concatenate([square - 120.0, np.full((1, 2), np.nan), square + 120.0])
+    black = arrays | {"phantom_image": np.zeros((64, 64))}
+    drawn, line = (
+        near(pixels(overlay_png(answer, black | {"phantom_outlines_mm": these})), ORANGE)
+        for these in (two, np.delete(two, 5, axis=0))
+    )
+    # The line from one square to the other is about as long as both of them.
+    assert line > 1.3 * drawn
 
 
-def test_comparison_uses_one_window():
-    before, after = np.full((32, 32), 0.5), np.linspace(0, 1, 1024).reshape(32, 32)
-    page = pixels(log_comparison_png(before=before, after=after, field_mm=FIELD_MM, titles=("nominal", "calibrated")))
-    assert abs(page[page.shape[0] // 2, page.shape[1] // 4, 0] - 128) < 10
+def test_comparison_shows_both_images_in_one_window():
+    low, high = np.zeros((32, 32)), np.tile(np.linspace(0, 1, 32), (32, 1))
+    page = pixels(log_comparison_png(before=low, after=high, field_mm=FIELD_MM, titles=("tape", "found"), unit="1/mm"))
+    left, right = page[:, : page.shape[1] // 2], page[:, page.shape[1] // 2 :]
+    assert near(left, (0, 0, 0)) > 2 * near(right, (0, 0, 0))
+
+
+def test_the_table_has_each_value_with_its_deviation(answer):
+    table = dict(calibration_table(answer))
+    assert table["source distance R"] == "917.100 ± 0.02 mm"
+    assert table["first angle alpha0"] == "146.1042 ± 0.57 °"
+    assert table["  next best"] == "from-behind / as-given, 15.00% unexplained"
+    bare = dict(calibration_table(answer | {"standard_deviation": None, "predicted_ray_error_mm": None}))
+    assert bare["source distance R"] == "917.100 mm"
+    assert "predicted ray error" not in bare

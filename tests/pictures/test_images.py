@@ -4,8 +4,10 @@ from io import BytesIO
 
 import numpy as np
 import pytest
+from matplotlib import colormaps
 from PIL import Image
 
+from worker.pictures.color_maps import ColorMap, painted
 from worker.pictures.images import image_png, image_png16, sinogram_png
 from worker.pictures.windows import round_length, ticks, window_of
 
@@ -48,6 +50,26 @@ def test_scale_bar_has_the_length_it_says(rng):
     page = np.asarray(decoded(image_png(rng.random((256, 256)), pixel_mm=400 / 256, unit="1/mm", window=(-1, 0))))
     bar = max(int(np.argmax(row != 20)) for row in page[530:, 15:])
     assert bar == 128  # 100 mm at 400 mm over 512 pixels
+
+
+def test_colours_are_those_of_the_map():
+    image = np.array([[0.0, 1.0], [2.0, 3.0]])
+    page = decoded(image_png(image, pixel_mm=None, unit="1", window=(0, 3), color_map=ColorMap.INFERNO))
+    assert page.mode == "RGB"
+    seen = {color for _, color in page.getcolors(maxcolors=10_000)}
+    assert {painted_color(fraction, "inferno") for fraction in (0.0, 1 / 3, 2 / 3, 1.0)} <= seen
+
+
+def painted_color(fraction, name):
+    return tuple(painted(np.array(fraction), ColorMap(name)).tolist())
+
+
+@pytest.mark.parametrize("name", [name for name in ColorMap if name is not ColorMap.GREY])
+def test_colour_maps_are_the_published_ones(name):
+    ours = painted(np.linspace(0, 1, 256), name)
+    published = colormaps[name](np.arange(256))[:, :3] * 255
+    # 33 colours with straight lines between them.
+    assert np.abs(ours - published).max() < 2.5
 
 
 def test_window_clips():
@@ -118,10 +140,18 @@ def test_window_leaves_outliers_out(rng):
 
 def test_images_need_neither_matplotlib_nor_anything_of_ours():
     program = (
-        "import sys, worker.pictures.images as _; "
+        "import sys, worker.pictures.images, worker.pictures.log_pictures; "
         "print(sorted(m for m in sys.modules if m.split('.')[0] in ('matplotlib', 'worker', 'service')))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == str(
-        ["worker", "worker.pictures", "worker.pictures.images", "worker.pictures.windows"]
+        [
+            "worker",
+            "worker.pictures",
+            "worker.pictures.color_maps",
+            "worker.pictures.images",
+            "worker.pictures.log_pictures",
+            "worker.pictures.pages",
+            "worker.pictures.windows",
+        ]
     )

@@ -3,6 +3,7 @@
 import asyncio
 import shutil
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import h5py
 import httpx
 import numpy as np
 import pytest
-from PIL import Image
 
 from service.app import create_app
 from service.openapi_document import Application
@@ -22,10 +22,12 @@ from worker.contracts.geometry import ScannerConstants
 from worker.contracts.jobs import JobKind, JobState
 from worker.contracts.phantoms import DiscShape, PhantomDrawing
 from worker.contracts.plans import PlanAsk
-from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
 from worker.contracts.scanners import ScannerSpec
 from worker.contracts.scans import DataKind, ScanSpec
 from worker.contracts.schedules import ScheduleSpec
+from worker.formats.result_files import NamedArray, NewVolume, new_reconstruction
+from worker.formats.result_files import write_calibration as write_calibration_file
 from worker.storage.jobs import Claim
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
@@ -140,8 +142,11 @@ class FakeWorker:
     def finish_reconstruction(self) -> None:
         self._finish(write_reconstruction, reconstruction_result())
 
-    def finish_drift(self) -> None:
-        self._finish(lambda _: None, drift_result())
+    def finish_sparse_reconstruction(self) -> None:
+        self._finish(write_sparse_reconstruction, reconstruction_result() | {"has_deviation": True})
+
+    def finish_drift(self, **changes: Any) -> None:
+        self._finish(lambda _: None, drift_result() | changes)
 
     def finish_plan(self) -> None:
         self._finish(lambda _: None, plan_result())
@@ -170,6 +175,9 @@ def seed(store: Store, worker: FakeWorker) -> None:
     worker.finish_calibration()
     store.reconstructions.accept(ReconstructionAsk(scan_id="example"), reconstruction_id="example")
     worker.finish_reconstruction()
+    sparse = ReconstructionAsk(scan_id="example", method=ReconstructionMethod.TIKHONOV)
+    store.reconstructions.accept(sparse, reconstruction_id="example-sparse")
+    worker.finish_sparse_reconstruction()
     store.plans.accept("l-shape", PlanAsk(scanner_id="example", views=20), plan_id="example")
     worker.finish_plan()
     store.drifts.accept(DriftAsk(scan_id="example"), drift_id="example")
@@ -226,17 +234,55 @@ def write_scan(folder: Path) -> None:
 
 
 def write_calibration(folder: Path) -> None:
-    for name in ("report.png", "overlay.png"):
-        Image.new("L", (8, 8), 128).save(folder / name)
-    with h5py.File(folder / "result.h5", "w") as file:
-        file["gain"] = 1.0
+    arrays = {
+        "residual": np.ones((VIEWS, CELLS), np.float32),
+        "angles_rad": np.linspace(0.0, 5.8, VIEWS),
+        "phantom_image": np.eye(SIDE, dtype=np.float32),
+        "phantom_field_mm": np.array(200.0),
+        "phantom_outlines_mm": np.array([(-50.0, -50.0), (50.0, 0.0), (0.0, 50.0), (-50.0, -50.0)]),
+        "search_history": np.array([(1.0, 0.5), (2.0, 0.001)]),
+    }
+    write_calibration_file(
+        folder / "result.h5",
+        calibration_result() | {"adjustments": [], "comparison": None},
+        {name: NamedArray(values, "1", "") for name, values in arrays.items()},
+        software_version="0",
+        input_sha256="0" * 64,
+    )
 
 
 def write_reconstruction(folder: Path) -> None:
-    with h5py.File(folder / "volume.h5", "w") as file:
-        data = file.create_dataset("/entry/reconstruction/data", data=make_volume())
-        data.attrs["units"] = "1/mm"
-        file["/entry/reconstruction/x"] = np.arange(SIDE) * 1.25
+    with new_volume(folder) as volume_file:
+        volume_file.write(0, make_volume())
+
+
+def write_sparse_reconstruction(folder: Path) -> None:
+    """With all that only some methods leave."""
+    alphas = np.geomspace(1e-3, 1e3, 31)
+    with new_volume(folder) as volume_file:
+        volume_file.write(0, make_volume())
+        volume_file.write_deviation(0, 0.1 * make_volume())
+        columns = {
+            "alphas": alphas,
+            "residual_norms": 1.0 + alphas,
+            "solution_norms": 1.0 / alphas,
+            "gcv": 1.0 + alphas,
+        }
+        volume_file.note_alpha_curve({**columns, "alpha": np.array(1.0)})
+
+
+def new_volume(folder: Path) -> AbstractContextManager[NewVolume]:
+    return new_reconstruction(
+        folder / "volume.h5",
+        (SLICES, SIDE, SIDE),
+        pixel_mm=1.25,
+        row_pitch_mm=20.0,
+        unit="1/mm",
+        geometry={},
+        parameters={},
+        software_version="0",
+        input_sha256="0" * 64,
+    )
 
 
 THETA = {
@@ -276,6 +322,7 @@ def calibration_result() -> dict[str, Any]:
         "gain": 1.0,
         "offset": 0.0,
         "residual": {"rms": 0.1, "relative": 0.001},
+        "status": "calibrated",
         "verdict": "pass",
         "reasons": [],
         "scanner": {"source_to_cor_mm": 859.46, "num_detector_pixels": CELLS, "detector_pitch_mm": 1.5},
@@ -318,6 +365,7 @@ def drift_result() -> dict[str, Any]:
         "rotation_ratio": 60.0,
         "rotation_decided": True,
         "relative_residual": 0.01,
+        "adjustments": [],
         "scanner": calibration_result()["scanner"],
         "views": 120,
         "rows": (0, 1),

@@ -1,5 +1,14 @@
+import io
+from concurrent.futures import ThreadPoolExecutor
+
 import h5py
 import pytest
+from PIL import Image
+
+from service.drawing import CalibrationPicture, calibration_picture
+from worker.contracts.jobs import JobKind
+from worker.pictures import calibration_report
+from worker.storage.errors import NotFound
 
 
 def test_a_calibration_is_accepted_waited_for_and_answered(seeded, worker, woken):
@@ -25,10 +34,63 @@ def test_the_files_are_what_the_job_wrote(seeded, tmp_path):
     answer = seeded.get("/v1/calibrations/example/result.h5")
     (tmp_path / "copy.h5").write_bytes(answer.content)
     with h5py.File(tmp_path / "copy.h5") as file:
-        assert file["gain"][()] == 1.0
+        assert file["entry/calibration/gain"][()] == 1.0
     assert 'filename="calibration-example.h5"' in answer.headers["Content-Disposition"]
     held = {"If-None-Match": answer.headers["ETag"]}
     assert seeded.get("/v1/calibrations/example/result.h5", headers=held).status_code == 304
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """How often the small picture was drawn."""
+    times = []
+    overlay_png = calibration_report.overlay_png
+
+    def counted(answer, arrays):
+        times.append(answer["phantom"])
+        return overlay_png(answer, arrays)
+
+    monkeypatch.setattr(calibration_report, "overlay_png", counted)
+    return times
+
+
+def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, drawn):
+    folder = store.files.results(JobKind.CALIBRATE, "example")
+    assert [path.name for path in folder.iterdir()] == ["result.h5"]
+    first, second = (seeded.get("/v1/calibrations/example/overlay.png") for _ in range(2))
+    assert drawn == ["L-shape"]
+    assert first.content == second.content == (folder / "overlay.png").read_bytes()
+    assert Image.open(io.BytesIO(first.content)).size == (900, 820)
+    assert {path.name for path in folder.iterdir()} == {"result.h5", "overlay.png"}
+    held = {"If-None-Match": first.headers["ETag"]}
+    assert seeded.get("/v1/calibrations/example/overlay.png", headers=held).status_code == 304
+
+
+def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
+    with ThreadPoolExecutor(4) as clients:
+        answers = list(clients.map(lambda _: seeded.get("/v1/calibrations/example/overlay.png"), range(4)))
+    assert {answer.status_code for answer in answers} == {200}
+    assert len({answer.content for answer in answers}) == 1
+    assert len(drawn) == 1
+
+
+def test_a_picture_of_an_older_version_stays(seeded, store):
+    (store.files.results(JobKind.CALIBRATE, "example") / "report.png").write_bytes(b"drawn by the job")
+    assert seeded.get("/v1/calibrations/example/report.png").content == b"drawn by the job"
+
+
+def test_a_picture_cannot_outlive_its_calibration(store, seeded, monkeypatch):  # noqa: ARG001 - fills the store
+    folder = store.files.results(JobKind.CALIBRATE, "example")
+
+    def removed_meanwhile(answer, arrays):  # noqa: ARG001
+        store.files.remove(folder)
+        return b"late"
+
+    monkeypatch.setattr(calibration_report, "overlay_png", removed_meanwhile)
+    with pytest.raises(NotFound):
+        calibration_picture(store, "example", CalibrationPicture.OVERLAY)
+    assert not folder.exists()
+    assert list((store.files.folder / "incoming").iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,59 @@ def test_a_calibration_that_failed_since_is_told(seeded, store, worker):
     assert "no phantom in rows 0:4" not in cards(seeded)[1]
 
 
+@pytest.fixture
+def looked(seeded, worker):
+    """Adds a newer look at drift with this outcome, or none, and returns its id."""
+
+    def add(**changes):
+        identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
+        worker.finish_drift(**changes)
+        return identifier
+
+    return add
+
+
+def drift_line(card: str) -> str:
+    return re.search(r'<p class="drift.*?</p>', card)[0]
+
+
+OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved <0.81 mm>: look at the turntable"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "tone", "told", "word"),
+    [
+        ({}, "good", "In tolerance: rays moved 0.010 mm RMS of 0.5 mm allowed, COR +0.100 mm", "In tolerance"),
+        (OUT, "bad", "Out of tolerance: rays moved 0.800 mm RMS of 0.5 mm allowed", "Out of tolerance"),
+        ({"within_tolerance": None, "reason": "too round"}, "watch", "Could not be seen: too round", "In tolerance"),
+    ],
+)
+def test_one_line_says_what_the_newest_log_showed(seeded, looked, changes, tone, told, word):
+    identifier = looked(**changes)
+    spare, example = cards(seeded)
+    assert 'class="drift' not in spare
+    line = drift_line(example)
+    assert f'class="drift {tone}"' in line
+    assert f'href="/v1/drifts/{identifier}"' in line
+    assert re.search(r"<time>20\d\d-\d\d-\d\d \d\d:\d\d UTC</time>", line)
+    assert told in line
+    assert badge(example) == word
+
+
+def test_a_log_that_shows_a_scanner_out_of_tolerance_gives_the_reason(seeded, looked, newest):
+    looked(**OUT)
+    assert "A log shows: the COR moved &lt;0.81 mm&gt;: look at the turntable." in cards(seeded)[1]
+    newest(comparison=comparison(within=True))
+    assert badge(cards(seeded)[1]) == "In tolerance"
+
+
+def test_a_look_at_drift_that_failed_says_why(seeded, store, worker):
+    seeded.post("/v1/drifts", json={"scan_id": "example"})
+    detail = "the 60 views stand 6 degrees apart"
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="sparse-views", detail=detail))
+    assert f"Could not be seen: {detail}" in drift_line(cards(seeded)[1])
+
+
 def test_names_and_reasons_are_escaped(seeded, newest):
     newest(comparison=comparison(within=False))
     page = seeded.get("/").text

@@ -1,5 +1,6 @@
 import io
 
+import h5py
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,7 +15,7 @@ def test_a_reconstruction_takes_the_active_calibration(seeded, worker, woken):
     queued = seeded.get(path).json()
     assert (queued["state"], queued["calibration_id"]) == ("queued", "example")
     assert woken == [queued["job_id"]]
-    for link in ("volume", "first_slice"):
+    for link in ("volume", "first_slice", "mosaic", "side"):
         assert seeded.get(queued["links"][link]).json()["code"] == "reconstruction-without-result"
     worker.finish_reconstruction()
     answer = seeded.get(path).json()
@@ -86,6 +87,124 @@ def test_a_slice_that_cannot_be_drawn_is_a_problem(seeded, url, status):
     assert answer.headers["Content-Type"] == "application/problem+json"
 
 
+def drawn(answer) -> Image.Image:
+    assert answer.status_code == 200, answer.text
+    return Image.open(io.BytesIO(answer.content))
+
+
+def test_a_slice_has_the_colours_and_the_scale_bar_that_were_asked_for(seeded):
+    path = "/v1/reconstructions/example/slices/0.png"
+    plain, bare, colored = (
+        drawn(seeded.get(f"{path}?{query}")) for query in ("", "scale_bar=false", "color_map=viridis")
+    )
+    assert (plain.mode, colored.mode) == ("L", "RGB")
+    assert np.count_nonzero(np.asarray(plain) != np.asarray(bare)) > 100
+    assert (68, 1, 84) in colored.get_flattened_data()  # where viridis begins
+
+
+def test_values_alone_are_grey(seeded):
+    answer = seeded.get("/v1/reconstructions/example/slices/0.png?bits=16&color_map=viridis")
+    assert "bits=16 holds values, in grey; for color_map=viridis ask for bits=8" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("query", "columns"), [("", 2), ("count=1", 1), ("slices=0:2", 2), ("slices=0:3:3", 1), ("count=64", 2)]
+)
+def test_a_mosaic_shows_the_slices_asked_for(seeded, query, columns):
+    width, height = drawn(seeded.get(f"/v1/reconstructions/example/mosaic.png?{query}")).size
+    # Tiles of 256 pixels, the colour bar and margins beside them.
+    assert 256 * columns < width < 256 * columns + 256
+    assert height > 256
+
+
+@pytest.mark.parametrize(
+    ("query", "status", "code"),
+    [
+        ("count=65", 422, "invalid-request"),
+        ("count=4&slices=0:2", 422, "invalid-request"),
+        ("slices=2", 422, "invalid-request"),
+        ("slices=2:2", 422, "invalid-request"),
+        ("slices=0:3:0", 422, "invalid-request"),
+        ("slices=0:4", 404, "slice-not-found"),
+        ("window_low=9", 422, "empty-window"),
+        ("color_map=rainbow", 422, "invalid-request"),
+    ],
+)
+def test_a_mosaic_that_cannot_be_drawn_is_a_problem(seeded, query, status, code):
+    answer = seeded.get(f"/v1/reconstructions/example/mosaic.png?{query}")
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_the_side_views_are_what_the_axes_show(seeded):
+    along_x, along_y = (
+        np.asarray(drawn(seeded.get(f"/v1/reconstructions/example/side.png?along={axis}&window_low=0&window_high=3")))
+        for axis in "xy"
+    )
+    # Along x each slice is as dense as it ever is, slices 1, 2, 3; along y it is a ramp down to the densest line.
+    middle = along_x[along_x.shape[0] // 2]
+    assert {85, 170, 255} <= set(middle.tolist())
+    first, last = (along_y[row, 150] for row in (60, 250))
+    assert first < last
+
+
+def test_each_pixel_s_deviation_is_drawn_in_its_own_window(seeded):
+    url = "/v1/reconstructions/example-sparse/slices/1.png"
+    shown = seeded.get(url, params={"show": "deviation", "bits": 16})
+    with Image.open(io.BytesIO(shown.content)) as image:
+        # A tenth of the slice, whose values rise from 0 to 2.
+        assert float(image.text["window_high"]) == pytest.approx(0.2, rel=0.05)
+    refused = seeded.get("/v1/reconstructions/example/slices/1.png", params={"show": "deviation"})
+    assert (refused.status_code, refused.json()["code"]) == (409, "no-deviation")
+
+
+def test_how_alpha_was_chosen_is_drawn_where_it_was(seeded):
+    assert drawn(seeded.get("/v1/reconstructions/example-sparse/alpha-curve.png")).width > 800
+    refused = seeded.get("/v1/reconstructions/example/alpha-curve.png")
+    assert (refused.status_code, refused.json()["code"]) == (409, "no-alpha-curve")
+
+
+def test_an_option_of_another_method_is_a_problem(seeded):
+    answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", "alpha": 1.0})
+    assert answer.status_code == 422
+    assert "alpha belongs to method tikhonov, not fbp" in answer.json()["detail"]
+
+
+def test_pictures_that_the_client_holds_are_not_drawn(seeded):
+    for name in ("mosaic.png?count=2", "side.png?along=y"):
+        path = f"/v1/reconstructions/example/{name}"
+        tag = seeded.get(path).headers["ETag"]
+        assert seeded.get(path, headers={"If-None-Match": tag}).status_code == 304
+        assert seeded.get(f"{path}&window_high=2", headers={"If-None-Match": tag}).status_code == 200
+
+
+def test_a_volume_without_side_views_says_what_to_do(seeded, store):
+    with h5py.File(store.files.volume("example"), "r+") as file:
+        del file["entry/side_view"]
+    answer = seeded.get("/v1/reconstructions/example/side.png")
+    assert (answer.status_code, answer.json()["code"]) == (409, "no-side-view")
+    assert "reconstruct the scan again" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"size": [256, 128]}, "size must be one number, since pixels are square, not [256, 128]"),
+        ({"field_mm": [400, 300.5]}, "field_mm must be one number, since pixels are square, not [400, 300.5]"),
+        ({"field_centre_mm": [1e6, 0]}, "field_centre_mm"),
+        ({"rows": "0:9:0"}, "rows must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP"),
+    ],
+)
+def test_a_field_or_rows_that_cannot_be_are_told(seeded, options, told):
+    answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", **options})
+    assert answer.status_code == 422
+    assert told in answer.text.replace("\\u003c", "<")
+
+
+def test_rows_that_are_averaged_have_no_step(seeded):
+    answer = seeded.post("/v1/calibrations", json={"scan_id": "example", "rows": "0:9:2"})
+    assert "rows that are averaged must be A:B, without a step, not '0:9:2'" in answer.json()["detail"]
+
+
 def test_the_volume_can_be_fetched_in_ranges(seeded):
     whole = seeded.get(VOLUME)
     assert whole.headers["Accept-Ranges"] == "bytes"
@@ -123,6 +242,21 @@ def test_ends_and_single_bytes_are_ranges(seeded, span, length):
     assert (answer.status_code, len(answer.content)) == (206, length)
 
 
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+def test_a_volume_that_the_client_holds_is_not_sent(seeded, method):
+    tag = seeded.get(VOLUME).headers["ETag"]
+    answer = seeded.request(method, VOLUME, headers={"If-None-Match": tag, "Range": "bytes=0-9"})
+    assert (answer.status_code, answer.content, answer.headers["ETag"]) == (304, b"", tag)
+
+
+def test_a_range_of_the_file_that_the_client_began_with_goes_on(seeded):
+    whole = seeded.get(VOLUME)
+    answer = seeded.get(VOLUME, headers={"Range": "bytes=10-19", "If-Range": whole.headers["ETag"]})
+    assert (answer.status_code, answer.content) == (206, whole.content[10:20])
+    beyond = seeded.get(VOLUME, headers={"Range": "bytes=999999999-", "If-Range": whole.headers["ETag"]})
+    assert (beyond.status_code, beyond.headers["Content-Type"]) == (416, "application/problem+json")
+
+
 def test_a_range_of_an_older_file_is_answered_with_the_whole(seeded):
     answer = seeded.get(VOLUME, headers={"Range": "bytes=0-9", "If-Range": '"older"'})
     assert (answer.status_code, len(answer.content) > 10) == (200, True)
@@ -130,5 +264,6 @@ def test_a_range_of_an_older_file_is_answered_with_the_whole(seeded):
 
 def test_a_volume_that_was_removed_by_hand_is_a_problem(seeded, store):
     store.files.volume("example").unlink()
-    answer = seeded.get(VOLUME)
-    assert (answer.status_code, answer.headers["Content-Type"]) == (404, "application/problem+json")
+    for name in ("volume.h5", "slices/0.png", "mosaic.png", "side.png"):
+        answer = seeded.get(f"/v1/reconstructions/example/{name}")
+        assert (answer.status_code, answer.headers["Content-Type"]) == (404, "application/problem+json")

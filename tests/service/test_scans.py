@@ -27,6 +27,17 @@ def test_an_upload_is_kept_as_it_came_and_read_by_a_job(seeded, store, woken):
     assert (store.files.folder / "uploads/scans" / scan["id"] / "original").read_bytes() == content
 
 
+def test_how_a_scan_is_prepared_is_said_at_the_upload(seeded):
+    answer = seeded.post(UPLOAD + "&air=background&rings=sorting&align_rows=profile", content=b"x")
+    scan = seeded.get(answer.headers["Location"]).json()
+    assert [scan[name] for name in ("air", "faulty_cells", "rings", "align_rows")] == [
+        "background",
+        "auto",
+        "sorting",
+        "profile",
+    ]
+
+
 def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
     seen = []
     seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
@@ -44,6 +55,7 @@ def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
         ("scanner_id=../etc&data=counts", 422, "invalid-request"),
         ("scanner_id=example&data=counts&phantom_rows=5:2", 422, "invalid-request"),
         ("scanner_id=example&data=counts&angle=3", 422, "invalid-request"),
+        ("scanner_id=example&data=counts&align_rows=guess", 422, "invalid-request"),
     ],
 )
 def test_a_refused_upload_leaves_nothing(seeded, store, woken, query, status, code):

@@ -26,6 +26,24 @@ def test_an_upload_is_counted_and_hashed(files):
     assert (received.size_bytes, received.sha256) == (3, hashlib.sha256(b"abc").hexdigest())
 
 
+def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
+    folder = files.results(JobKind.CALIBRATE, "found")
+    folder.mkdir()
+    with pytest.raises(ZeroDivisionError):
+        files.kept(JobKind.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0))
+    assert list(folder.iterdir()) == []
+    for content in (b"drawn", b"drawn again"):
+        path = files.kept(JobKind.CALIBRATE, "found", "report.png", lambda content=content: content)
+        assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
+    assert incoming(files) == []
+
+
+def test_what_is_made_for_a_removed_subject_is_not_kept(files):
+    with pytest.raises(NotFound):
+        files.kept(JobKind.CALIBRATE, "gone", "report.png", lambda: b"drawn")
+    assert incoming(files) == []
+
+
 def test_a_streamed_upload_is_the_same(files):
     async def chunks():
         yield b"ab"

@@ -80,6 +80,7 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
             "gain": 1.0,
             "offset": 0.0,
             "residual": zeros,
+            "status": "calibrated",
             "verdict": "pass",
             "reasons": [],
             "scanner": CONSTANTS,

@@ -3,10 +3,11 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from worker.contracts.scanners import Scanner
-from worker.tasks.comparing import compare
+from worker.tasks.comparing import compare, compared
 
 
 @pytest.fixture
@@ -38,7 +39,20 @@ def test_a_knocked_detector_is_told_in_millimetres(calibration, watched, theta):
     assert told.cor_column_change_mm == pytest.approx(expected)
     assert told.ray_change_mm > 0.5
     assert not told.within_tolerance
-    assert f"the centre of rotation moved {expected:+.2f} mm" in told.reason
+    assert f"the COR moved {expected:+.2f} mm on the detector" in told.reason
+
+
+def test_out_of_tolerance_is_a_reason_of_the_answer(calibration, watched, theta):
+    moved = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0), reasons=["and another"])
+    told = compared(calibration(), moved, watched())
+    assert told.reasons == [told.comparison.reason, "and another"]
+    assert compared(calibration(), calibration(reasons=["only"]), watched()).reasons == ["only"]
+
+
+def test_the_error_bars_of_both_calibrations_count(calibration, watched, theta):
+    moved = replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0)
+    vague = {"covariance": np.diag([1e-6, 400.0, 400.0, 1e-4, 1e-6]).tolist()}
+    assert "and the tilt did not" in compare(calibration(**vague), calibration(moved), watched()).reason
 
 
 def test_the_scanners_tolerance_decides(calibration, watched, theta):

@@ -2,6 +2,7 @@
 
 import pytest
 
+from worker.contracts import calibrations as contracts
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
 from worker.contracts.geometry import ThetaBounds
 from worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
@@ -16,7 +17,14 @@ from worker.tasks.conversion import (
     to_theta,
 )
 from worker.tomography import built_in
+from worker.tomography.calibration.adjust import Adjustment
+from worker.tomography.calibration.calibration import Status
 from worker.tomography.geometry import ThetaBounds as Bounds
+
+
+def test_both_sides_know_the_same_adjustments_and_statuses():
+    assert [one.value for one in contracts.Adjustment] == [one.value for one in Adjustment]
+    assert [one.value for one in contracts.CalibrationStatus] == [one.value for one in Status]
 
 
 def test_the_constants_arrive(constants, scanner):

@@ -71,6 +71,18 @@ def test_a_scanner_that_has_not_moved_is_within_tolerance(look, log_scan):
     assert any("psi" in blind for blind in told.not_seen)
 
 
+def test_what_was_done_to_the_scan_is_told(look, log_scan):
+    sound = log_scan()
+    assert look(sound).adjustments == []
+    faulty = sound.copy()
+    faulty[:, 150], faulty[40] = 0.0, 30.0
+    done = look(faulty).adjustments
+    assert [words in told for words, told in zip(("1 detector cells", "1 corrupt views"), done, strict=True)] == [
+        True,
+        True,
+    ]
+
+
 def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_scan):
     told = look(log_scan(TURNTABLE))
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm

@@ -1,6 +1,7 @@
 """Each kind of job on a real store, in this process."""
 
 import io
+import json
 from dataclasses import replace
 
 import h5py
@@ -14,10 +15,14 @@ from worker.contracts.jobs import FailureKind, JobKind
 from worker.contracts.phantoms import PhantomDrawing, PhantomPicture
 from worker.contracts.reconstructions import ReconstructionAsk
 from worker.contracts.scans import ScanSpec
+from worker.pictures.calibration_report import overlay_png
+from worker.storage import arrays
 from worker.tasks.conversion import from_theta, to_frame, to_phantom
 from worker.tasks.failures import JobFailure
 from worker.tasks.running import run
+from worker.tomography.analytic import DetectorCells, project
 from worker.tomography.built_in import RECTANGLE_WITH_HOLE
+from worker.tomography.phantom import Disc, Phantom
 from worker.tomography.ray_error import ray_error
 
 
@@ -72,7 +77,7 @@ def test_another_detectors_upload_is_refused(upload, attempt):
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "wrong-shape")
 
 
-def test_a_calibration_writes_its_pictures_and_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):
+def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
     told = []
@@ -81,7 +86,7 @@ def test_a_calibration_writes_its_pictures_and_numbers(store, ingested, attempt,
     error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
     assert error.rms_mm < 0.02
     assert result.comparison is None
-    assert {path.name for path in calibrating.output.iterdir()} == {"report.png", "overlay.png", "result.h5"}
+    assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
     fractions = [progress.fraction for progress in told]
     assert fractions == sorted(fractions)
 
@@ -109,9 +114,57 @@ def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
     assert error.rms_mm < 0.05
-    for name in ("report.png", "overlay.png"):
-        with Image.open(calibrating.output / name) as picture:
-            assert min(picture.size) > 300
+    record = arrays.calibration(calibrating.output / "result.h5")
+    assert not record.arrays["phantom_image"].any()
+    assert "log_after" not in record.arrays
+    with Image.open(io.BytesIO(overlay_png(record.answer, record.arrays))) as picture:
+        assert min(picture.size) > 300
+
+
+def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, ask, sinogram, turn):
+    scan = ingested(sinogram(turn(60))[:, None], "3:6")
+    store.calibrations.accept(ask(scan_id=scan.id))
+    calibrating = attempt(JobKind.CALIBRATE)
+    result = run(calibrating)
+    with h5py.File(calibrating.output / "result.h5") as file:
+        units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
+    assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
+    record = arrays.calibration(calibrating.output / "result.h5")
+    assert record.answer == json.loads(json.dumps(result))
+    made = record.arrays
+    assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
+    assert np.array_equal(made["phantom_outlines_mm"][0], made["phantom_outlines_mm"][-1])
+    evaluations, best = made["search_history"].T
+    assert (np.diff(best) < 0.0).all()
+    assert evaluations[-1] <= result["search"]["evaluations"]
+    half = 0.5 * made["phantom_field_mm"] / 256
+    middle, outside = (round(128 + mm / (2 * half)) for mm in (60.0, -60.0))
+    # x > 0 holds the L's long leg, x < 0 and y < 0 nothing.
+    assert made["phantom_image"][middle, outside] == pytest.approx(1.0, abs=0.15)
+    assert made["phantom_image"][outside, outside] == pytest.approx(0.0, abs=0.15)
+
+
+def test_a_log_beside_the_phantom_is_kept_before_and_after(
+    store, ingested, attempt, finish, ask, sinogram, turn, scanner, theta
+):
+    log = Phantom("log", (Disc((20.0, 10.0), 110.0), Disc((40.0, -30.0), 15.0)))
+    shadow = project(log, DetectorCells.of(scanner), theta.source_frame(859.46), turn(60), rays_per_cell=8)
+    air = np.zeros_like(shadow)
+    stack = np.stack([sinogram(turn(60))] * 2 + [shadow] * 4 + [air], axis=1)
+    scan = ingested(stack, "3:6")
+    kept = []
+    for _ in range(2):
+        store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
+        calibrating = attempt(JobKind.CALIBRATE)
+        result = run(calibrating)
+        kept.append(arrays.calibration(calibrating.output / "result.h5").arrays)
+        finish(calibrating, result)
+    first, second = kept
+    assert "log_before" not in first
+    assert first["log_row"] == 4
+    assert np.array_equal(first["log_after"], second["log_before"])
+    inside = first["log_after"][128 + round(20 / 345 * 256), 128]
+    assert inside == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, sinogram, turn, theta):
@@ -126,6 +179,33 @@ def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, s
     inside, outside = image[45, 20], image[20, 20]  # x > 0 holds the L's long leg, x < 0 and y < 0 nothing
     assert inside == pytest.approx(1.0, abs=0.2)
     assert outside == pytest.approx(0.0, abs=0.2)
+
+
+def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
+    store, ingested, attempt, finish, sinogram, turn, theta
+):
+    stack = sinogram(turn(60))[:, None] * np.arange(1.0, 8.0)[:, None]
+    scan = ingested(stack, "3:6")
+    asked = {"scan_id": scan.id, "theta": from_theta(theta), "size": 32}
+    results, images, middles = [], [], []
+    for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
+        store.reconstructions.accept(ReconstructionAsk(**asked, **options))
+        reconstructing = attempt(JobKind.RECONSTRUCT)
+        results.append(run(reconstructing))
+        with h5py.File(reconstructing.output / "volume.h5") as file:
+            volume = file["entry/reconstruction"]
+            images.append(volume["data"][()])
+            middles.append((volume["x"][()].mean(), volume["y"][()].mean()))
+            np.testing.assert_array_equal(file["entry/side_view/along_x/data"], images[-1].max(axis=1))
+        finish(reconstructing, results[-1])
+    (region, whole), part = images, results[0]
+    assert (part["rows"], part["row_step"], part["shape"]) == ([1, 7], 2, [3, 32, 32])
+    assert middles == [pytest.approx((60.0, -60.0)), pytest.approx((0.0, 0.0))]
+    # Rows 1, 3 and 5 hold 2, 4 and 6 times the phantom; single precision.
+    means = region.mean(axis=(1, 2))
+    assert means / means[0] == pytest.approx([1.0, 2.0, 3.0], rel=1e-4)
+    # The same field in pixels of 12.5 mm, four times as wide: what its edges blur is a few per cent.
+    assert means[0] == pytest.approx(whole[1, 17:25, 7:15].mean(), rel=0.05)
 
 
 def test_a_picture_is_traced_to_its_drawing(store, attempt):

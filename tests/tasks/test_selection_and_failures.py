@@ -17,6 +17,7 @@ def test_rows_are_those_named_or_all():
     assert chosen_rows(None, 5) == slice(0, 5)
     assert chosen_rows("1:3", 5) == slice(1, 3)
     assert chosen_rows("4:5", 5) == slice(4, 5)
+    assert chosen_rows("0:5:2", 5) == slice(0, 5, 2)
 
 
 def test_rows_that_are_not_there_are_refused():

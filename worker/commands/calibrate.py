@@ -6,11 +6,12 @@ import numpy as np
 
 from worker.commands.options import PhantomSaid, ScanSaid
 from worker.commands.phantoms import drawing_of
-from worker.commands.scan_input import load
+from worker.commands.scan_input import ScanInput, load
 from worker.commands.terminal import Report
-from worker.contracts.calibrations import CalibrationOptions, CalibrationResult
+from worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationResult
 from worker.contracts.jobs import Progress
 from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
+from worker.tomography.calibration.calibration import Calibration
 
 
 def calibrate_scan(
@@ -36,12 +37,21 @@ def calibrate_scan(
         input_sha256=used.sha256,
         from_counts=used.counts,
     )
-    if said.rows is None:
+    if said.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
         given = with_phantom_rows(given, used.stack)
     calibration, result = run_calibration(given, options, report)
     if picture is not None:
-        # Drawing takes longer to import than a calibration takes.
-        from worker.tasks.calibration_files import write_report_png  # noqa: PLC0415
-
-        write_report_png(picture, calibration, result, given)
+        _draw(picture, used, given, calibration, result)
     return result
+
+
+def _draw(
+    picture: Path, used: ScanInput, given: CalibrationInput, calibration: Calibration, result: CalibrationResult
+) -> None:
+    # Imported here because it brings the reconstruction along, for which an answer need not wait.
+    from worker.tasks.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
+    from worker.tasks.log_comparison import log_images, log_row_beside  # noqa: PLC0415
+
+    log = log_row_beside(given, used.rows, lambda row: used.stack[:, row - used.rows[0]].astype(np.float64))
+    images = None if log is None else log_images(log, given, result, None)
+    write_report_png(picture, result, calibration_arrays(calibration, given, images))

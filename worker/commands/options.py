@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from worker.contracts.base import DataKind, Rotation, Rows
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
 from worker.contracts.geometry import Theta
+from worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
 from worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
 from worker.formats.errors import UnreadableScan
 
@@ -26,6 +27,24 @@ def length(value: float | None) -> float | None:
     if value is not None and not 0.0 < value <= LARGEST_MM:
         raise typer.BadParameter(f"{value} is not a length in mm above 0 and up to {LARGEST_MM:g}.")
     return value
+
+
+def whole_number(text: str) -> int:
+    """Read a number of pixels (a parser of Typer's)."""
+    return int(_square(text, int))
+
+
+def number(text: str) -> float:
+    """Read a side of a square (a parser of Typer's)."""
+    return _square(text, float)
+
+
+def _square(text: str, kind: type[int] | type[float]) -> float:
+    try:
+        return kind(text)
+    except ValueError as error:
+        msg = f"{text!r} is not one number: pixels are square, and one number says both sides."
+        raise typer.BadParameter(msg) from error
 
 
 def writable(path: Path | None) -> Path | None:
@@ -58,6 +77,12 @@ Views = Annotated[int | None, typer.Option(min=3, help="Use every (total / VIEWS
 RowsText = Annotated[
     str | None, typer.Option("--rows", metavar="A:B", help="Detector rows, the first included, the last not.")
 ]
+SteppedRowsText = Annotated[
+    str | None,
+    typer.Option(
+        "--rows", metavar="A:B[:STEP]", help="Detector rows, the first included, the last not, or every STEP-th."
+    ),
+]
 SourceToCor = Annotated[
     float, typer.Option("--source-to-cor-mm", callback=length, help="r_S, source to centre of rotation.")
 ]
@@ -72,6 +97,17 @@ DetectorPitch = Annotated[
 RowPitch = Annotated[
     float | None, typer.Option("--row-pitch-mm", callback=length, help="Distance between detector rows.")
 ]
+AirFlag = Annotated[
+    AirCorrection,
+    typer.Option("--air", help="Level of the air at the detector's ends, taken out; auto: of counts, where it drifts."),
+]
+FaultyCellsFlag = Annotated[
+    FaultyCells, typer.Option("--faulty-cells", help="Dead and hot cells; auto: bridged in counts.")
+]
+RingsFlag = Annotated[RingRemoval, typer.Option("--rings", help="Remove rings that unequal cells leave.")]
+AlignRows = Annotated[
+    RowAlignment, typer.Option("--align-rows", help="Lay views that lost rows (NaN, or zero counts) over one another.")
+]
 PhantomText = Annotated[
     str,
     typer.Option(
@@ -83,7 +119,21 @@ PhantomText = Annotated[
 PhantomWidth = Annotated[
     float | None, typer.Option(callback=length, help="Width of a phantom's PNG, the whole picture.")
 ]
-FieldSide = Annotated[float, typer.Option("--field-mm", callback=length, help="Side of the square field.")]
+ImageSize = Annotated[
+    int, typer.Option("--size", parser=whole_number, metavar="INTEGER", help="Pixels along each side, 16 to 4096.")
+]
+FieldSide = Annotated[
+    float,
+    typer.Option("--field-mm", parser=number, metavar="FLOAT", callback=length, help="Side of the square field."),
+]
+FieldCentre = Annotated[
+    str,
+    typer.Option(
+        "--field-centre-mm",
+        metavar="X,Y",
+        help="Middle of the field from the centre of rotation: a region of interest.",
+    ),
+]
 Result = Annotated[
     Path,
     typer.Option("--output", "-o", metavar="OUT", dir_okay=False, callback=writable, help="The file that is written."),
@@ -112,6 +162,17 @@ class ScanSaid:
     rows: Rows | None
     detector_pitch_mm: float | None
     row_pitch_mm: float | None
+    prepare: PrepareOptions = field(default_factory=PrepareOptions)
+
+
+@dataclass(frozen=True)
+class PicturesSaid:
+    """Which pictures of a volume are to be written, and where: its middle slice, slices along it, its side, alpha."""
+
+    middle: Path | None
+    mosaic: Path | None
+    side: Path | None
+    alpha_curve: Path | None
 
 
 @dataclass(frozen=True)
@@ -202,10 +263,10 @@ def parse_theta(text: str) -> Theta:
         raise typer.BadParameter(f"--theta needs five numbers a,r,h,h,t, not {text!r}.") from error
 
 
-def parse_position(text: str) -> tuple[float, float]:
+def parse_position(text: str, flag: str = "--position-mm") -> tuple[float, float]:
     """X and Y in mm."""
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError as error:
-        raise typer.BadParameter(f"--position-mm needs X,Y, not {text!r}.") from error
+        raise typer.BadParameter(f"{flag} needs X,Y, not {text!r}.") from error
     return x, y

@@ -1,22 +1,28 @@
 """`sawmill reconstruct`: a scan's file and a geometry to a volume."""
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from worker.commands.options import CalibrationSaid, ScanSaid, ThetaSaid
+from worker.commands.options import CalibrationSaid, PicturesSaid, ScanSaid, ThetaSaid
 from worker.commands.result_file import read_calibration
 from worker.commands.scan_input import ScanInput, load
+from worker.commands.scan_rows import ScanRows, open_rows
 from worker.commands.terminal import Report
 from worker.contracts.base import Handedness, Rotation
 from worker.contracts.calibrations import CalibrationResult
-from worker.contracts.geometry import Theta
+from worker.contracts.geometry import ScannerConstants, Theta
 from worker.contracts.jobs import Progress
 from worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from worker.pictures.images import image_png
+from worker.pictures.log_pictures import mosaic_png, side_view_png, spread
+from worker.storage.arrays import alpha_curve, side_view, volume_slice, volume_slices
 from worker.tasks.failures import refused
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction, volume_unit
-from worker.tasks.writing_volumes import write_volume
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+
+MOSAIC_SLICES = 16
 
 
 def reconstruct_scan(
@@ -25,45 +31,81 @@ def reconstruct_scan(
     options: ReconstructionOptions,
     *,
     output: Path,
-    picture: Path | None,
+    pictures: PicturesSaid,
     report: Report,
 ) -> ReconstructionResult:
-    """Read, reconstruct each row, write the volume, and a picture of its middle slice where one is asked for."""
+    """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
     report(Progress(fraction=0.0, stage="read"))
-    given = _with_theta(said, geometry) if isinstance(geometry, ThetaSaid) else _with_calibration(said, geometry)
-    volume, result = run_reconstruction(given, options, report)
-    write_volume(output, volume, result, options, given.scanner)
-    if picture is not None:
-        middle = len(volume) // 2
-        title = f"{said.path.name}, slice {middle}"
-        picture.write_bytes(image_png(volume[middle], pixel_mm=result.pixel_mm, unit=result.unit, title=title))
+    with _given(said, geometry) as given:
+        result = run_reconstruction(given, options, output, report)
+    drawings = (
+        (pictures.middle, _middle),
+        (pictures.mosaic, _mosaic),
+        (pictures.side, _side),
+        (pictures.alpha_curve, _curve),
+    )
+    for path, draw in drawings:
+        if path is not None:
+            path.write_bytes(draw(output, result, said.path.name))
     return result
 
 
-def _with_theta(said: ScanSaid, geometry: ThetaSaid) -> ReconstructionInput:
-    used = load(said, source_to_cor_mm=geometry.source_to_cor_mm)
-    return _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
+def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    middle = volume_slice(volume, result.shape[0] // 2)
+    return image_png(middle.data, pixel_mm=middle.pixel_mm, unit=middle.unit, title=f"{name}, {middle.label}")
 
 
-def _with_calibration(said: ScanSaid, geometry: CalibrationSaid) -> ReconstructionInput:
-    known, used = load_with_calibration(said, geometry)
-    return _input(used, known.theta, known.rotation, known.handedness)
+def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    slices = volume_slices(volume, spread(MOSAIC_SLICES, result.shape[0]))
+    tiles = ((image.data, image.label) for image in slices)
+    return mosaic_png(tiles, pixel_mm=result.pixel_mm, unit=result.unit, window=result.value_range, title=name)
+
+
+def _side(volume: Path, _: ReconstructionResult, name: str) -> bytes:
+    view = side_view(volume, "x")
+    return side_view_png(
+        view.data, across_mm=view.across_mm, across=view.across, along_mm=view.along_mm, unit=view.unit, title=name
+    )
+
+
+def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
+    from worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415 - no other picture needs matplotlib
+
+    return alpha_curve_png(alpha_curve(volume))
+
+
+@contextmanager
+def _given(said: ScanSaid, geometry: ThetaSaid | CalibrationSaid) -> Iterator[ReconstructionInput]:
+    if isinstance(geometry, ThetaSaid):
+        with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm) as used:
+            yield _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
+        return
+    known, said = _calibrated(said, geometry)
+    with open_rows(said, source_to_cor_mm=known.scanner.source_to_cor_mm) as used:
+        _check_same_detector(known, used.scanner)
+        yield _input(used, known.theta, known.rotation, known.handedness)
 
 
 def load_with_calibration(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanInput]:
     """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
+    known, said = _calibrated(said, geometry)
+    used = load(said, source_to_cor_mm=known.scanner.source_to_cor_mm)
+    _check_same_detector(known, used.scanner)
+    return known, used
+
+
+def _calibrated(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanSaid]:
+    """The calibration, and what is said of the scan with what the calibration knows of its scanner."""
     known = read_calibration(geometry.path)
     r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
     _check_agreement("detector_pitch_mm", pitch, said.detector_pitch_mm)
-    used = load(replace(said, detector_pitch_mm=pitch), source_to_cor_mm=r_s)
-    _check_same_detector(known, used)
-    return known, used
+    return known, replace(said, detector_pitch_mm=pitch)
 
 
-def _input(used: ScanInput, theta: Theta, rotation: Rotation, handedness: Handedness) -> ReconstructionInput:
+def _input(used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness) -> ReconstructionInput:
     return ReconstructionInput(
-        line_integrals=used.stack,
+        read=used.read,
         angles_rad=used.angles_rad,
         rows=used.rows,
         scanner=used.scanner,
@@ -71,7 +113,9 @@ def _input(used: ScanInput, theta: Theta, rotation: Rotation, handedness: Handed
         rotation=rotation,
         handedness=handedness,
         input_sha256=used.sha256,
-        unit=volume_unit(counts=used.counts),
+        counts=used.counts,
+        preparation=used.remarks,
+        row_step=used.row_step,
     )
 
 
@@ -82,8 +126,8 @@ def _check_agreement(name: str, carried: float, flag: float | None) -> None:
         )
 
 
-def _check_same_detector(known: CalibrationResult, used: ScanInput) -> None:
-    calibrated, cells = known.scanner.num_detector_pixels, used.scanner.num_detector_pixels
+def _check_same_detector(known: CalibrationResult, scanner: ScannerConstants) -> None:
+    calibrated, cells = known.scanner.num_detector_pixels, scanner.num_detector_pixels
     if calibrated != cells:
         raise refused(
             "contradiction",

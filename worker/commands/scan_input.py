@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from worker.commands.options import ScanSaid, complaint
 from worker.contracts.base import DataKind
 from worker.contracts.geometry import ScannerConstants
+from worker.contracts.preparing import RowAlignment
 from worker.formats.reading import read_scan
 from worker.tasks.failures import refused
 from worker.tasks.line_integrals import Stack, as_line_integrals
@@ -24,9 +25,11 @@ class ScanInput:
     stack: Stack
     angles_rad: FloatArray
     rows: tuple[int, int]
+    row_step: int
     scanner: ScannerConstants
     counts: bool
     sha256: str
+    remarks: tuple[str, ...]
 
 
 def load(said: ScanSaid, *, source_to_cor_mm: float) -> ScanInput:
@@ -44,24 +47,28 @@ def load(said: ScanSaid, *, source_to_cor_mm: float) -> ScanInput:
         angles_deg=said.angles,
         detector_pitch_mm=said.detector_pitch_mm,
         row_pitch_mm=said.row_pitch_mm,
+        rows_missing=said.prepare.align_rows is not RowAlignment.OFF,
     )
     if read.detector_pitch_mm is None:
         raise refused("detector-pitch-missing", "the file carries no detector pitch; give it as --detector-pitch-mm")
-    all_views, all_rows, cells = read.projections.shape
+    prepared = as_line_integrals(read, said.prepare)
+    all_views, all_rows, cells = prepared.stack.shape
     rows, views = chosen_rows(said.rows, all_rows), chosen_views(said.views, all_views)
-    scanner = _scanner(source_to_cor_mm, cells, read.detector_pitch_mm, read.row_pitch_mm)
-    stack, _, _ = as_line_integrals(read)
+    scanner = scanner_of(source_to_cor_mm, cells, read.detector_pitch_mm, read.row_pitch_mm)
     return ScanInput(
-        stack=np.ascontiguousarray(stack[views, rows]),
+        stack=np.ascontiguousarray(prepared.stack[views, rows]),
         angles_rad=read.angles_rad[views],
         rows=(rows.start, rows.stop),
+        row_step=rows.step or 1,
         scanner=scanner,
         counts=read.counts,
-        sha256=_sha256(said.path),
+        sha256=sha256_of(said.path),
+        remarks=prepared.remarks,
     )
 
 
-def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
+def scanner_of(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
+    """The scanner's constants, as far as the file and the flags tell them; refused where no scanner has such."""
     try:
         return ScannerConstants(
             source_to_cor_mm=r_s, num_detector_pixels=cells, detector_pitch_mm=pitch, row_pitch_mm=row_pitch
@@ -71,6 +78,7 @@ def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> S
         raise refused("wrong-shape", f"the file's {first['loc'][0]} is {first['input']}: {complaint(error)}") from error
 
 
-def _sha256(path: Path) -> str:
+def sha256_of(path: Path) -> str:
+    """Of a file."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

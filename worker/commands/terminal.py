@@ -4,10 +4,11 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import timedelta
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
 from worker.contracts import jobs
@@ -58,6 +59,16 @@ def _tell(failure: jobs.Failure, *, as_json: bool) -> None:
     say(failure.detail, trouble=failure.code)
 
 
+class _TimeLeft(TimeRemainingColumn):
+    """What the work itself says of the time left; where it says nothing, the bar's pace."""
+
+    def render(self, task: Task) -> Text:
+        left = task.fields["seconds_left"]
+        if left is None:
+            return super().render(task)
+        return Text(str(timedelta(seconds=round(left))), style="progress.remaining")
+
+
 @contextmanager
 def showing_progress(what: str) -> Iterator[Report]:
     """A progress bar on standard error, where a person looks at it."""
@@ -66,15 +77,16 @@ def showing_progress(what: str) -> Iterator[Report]:
         BarColumn(),
         TextColumn("{task.percentage:3.0f} %"),
         TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        _TimeLeft(),
     )
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(what, total=1.0)
+        task = bar.add_task(what, total=1.0, seconds_left=None)
 
         def report(progress: jobs.Progress) -> None:
             best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
             generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
-            bar.update(task, completed=progress.fraction, description=f"{what}: {progress.stage}{generation}")
+            description = f"{what}: {progress.stage}{generation}"
+            bar.update(task, completed=progress.fraction, description=description, seconds_left=progress.seconds_left)
 
         yield report

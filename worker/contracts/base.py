@@ -1,5 +1,6 @@
 """The base of every contract, and the few types that many of them share."""
 
+import re
 from datetime import datetime
 from enum import StrEnum
 from typing import Annotated, Generic, TypeVar
@@ -44,10 +45,38 @@ PositiveMm = Annotated[float, Field(gt=0, le=1e5)]
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.")]
 
 
+_SPAN = re.compile(r"([0-9]{1,9}):([0-9]{1,9})(?::([0-9]{1,9}))?")
+
+
+def parse_span(what: str, text: str) -> slice:
+    """A:B or A:B:STEP as a slice.
+
+    Raises
+    ------
+    ValueError
+        The text is neither, or names nothing.
+    """
+    found = _SPAN.fullmatch(text)
+    first, last, step = (None if part is None else int(part) for part in found.groups()) if found else (0, 0, None)
+    if first is None or last is None or first >= last or step == 0:
+        msg = f"{what} must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP, as in 0:2500:10, not {text!r}"
+        raise ValueError(msg)
+    return slice(first, last, step)
+
+
+def parse_rows(rows: str) -> slice:
+    """The rows of A:B or A:B:STEP."""
+    return parse_span("rows", rows)
+
+
+def _check_stepped_rows(text: str) -> str:
+    parse_rows(text)
+    return text
+
+
 def _check_rows(text: str) -> str:
-    first, _, last = text.partition(":")
-    if not (first.isdigit() and last.isdigit() and int(first) < int(last)):
-        msg = f"rows must be A:B with 0 <= A < B, as in 0:16, not {text!r}"
+    if parse_rows(text).step is not None:
+        msg = f"rows that are averaged must be A:B, without a step, not {text!r}"
         raise ValueError(msg)
     return text
 
@@ -57,12 +86,14 @@ Rows = Annotated[
     AfterValidator(_check_rows),
     Field(description="Detector rows A:B, the first included, the last not.", examples=["0:16"]),
 ]
-
-
-def parse_rows(rows: str) -> tuple[int, int]:
-    """Split A:B into its two numbers."""
-    first, last = _check_rows(rows).split(":")
-    return int(first), int(last)
+SteppedRows = Annotated[
+    str,
+    AfterValidator(_check_stepped_rows),
+    Field(
+        description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B:STEP.",
+        examples=["0:16", "0:2500:10"],
+    ),
+]
 
 
 def _check_range(value: tuple[float, float]) -> tuple[float, float]:

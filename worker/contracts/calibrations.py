@@ -24,6 +24,31 @@ class CalibrationMethod(StrEnum):
     PAPER = "paper"
 
 
+class Adjustment(StrEnum):
+    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
+
+    FAULTY_CELLS = "faulty-cells"
+    CORRUPT_VIEWS = "corrupt-views"
+    INTENSITY_AVERAGING = "intensity-averaging"
+    BLUR = "blur"
+    OUTLIERS = "outliers"
+    VIEW_GAIN = "view-gain"
+    BEAM_HARDENING = "beam-hardening"
+    DENSITY_GRADIENT = "density-gradient"
+    PHANTOM_ROWS = "phantom-rows"
+
+
+class CalibrationStatus(StrEnum):
+    """How far an answer may be relied on; `reasons` hold the cure."""
+
+    CALIBRATED = "calibrated"
+    IMPRECISE = "imprecise"
+    AMBIGUOUS_TURN = "ambiguous-turn"
+    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    NOT_CONVERGED = "not-converged"
+    WITHOUT_ERROR_BARS = "without-error-bars"
+
+
 class PaperOptions(Contract):
     """Switches of the published search (arXiv 2206.14444)."""
 
@@ -50,6 +75,9 @@ class CalibrationOptions(Contract):
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 7
     rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
         None, description="Rays a cell in the model; null averages over the whole cell, as a real detector does."
+    )
+    without: list[Adjustment] = Field(
+        [], max_length=len(Adjustment), description="What is not to be done by itself about a scan with faults."
     )
     paper: PaperOptions = PaperOptions()
 
@@ -160,6 +188,11 @@ class CalibrationResult(Contract):
     offset: float
     residual: Residual
     adjustments: list[str] = Field([], description="What was found in the scan beyond the plain model, and done.")
+    status: CalibrationStatus | None = Field(
+        None,
+        description="How far the answer may be relied on; the verdict is pass only where it is calibrated. "
+        "Null: an answer of an earlier version, which did not tell.",
+    )
     verdict: Literal["pass", "watch", "fail"]
     reasons: list[str]
     scanner: ScannerConstants

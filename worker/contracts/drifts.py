@@ -69,6 +69,9 @@ class DriftResult(Contract):
     rotation_ratio: float = Field(description="How many times worse they agree in the other sense.")
     rotation_decided: bool = Field(description="False: a log too round and centred to tell; the calibration's is kept.")
     relative_residual: float = Field(description="What opposite rays differ by, against what changes with the view.")
+    adjustments: list[str] = Field(
+        default_factory=list, description="What was done to the scan before it was used, a sentence each."
+    )
     scanner: ScannerConstants
     views: int
     rows: tuple[int, int] = Field(description="First row and the one after the last.")

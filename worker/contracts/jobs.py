@@ -57,6 +57,7 @@ class Progress(Contract):
     stage: str = Field(examples=["search"])
     generation: int | None = Field(None, description="Of the search.")
     best_value: float | None = Field(None, description="Best objective of the search so far.")
+    seconds_left: float | None = Field(None, ge=0, description="Of a reconstruction, by its pace so far.")
 
 
 class Job(Stamped):

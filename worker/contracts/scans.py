@@ -5,6 +5,7 @@ from enum import StrEnum
 from pydantic import Field
 
 from worker.contracts.base import Contract, DataKind, Identifier, Name, Rows, Stamped
+from worker.contracts.preparing import PrepareOptions
 
 
 class ScanState(StrEnum):
@@ -15,7 +16,7 @@ class ScanState(StrEnum):
     REFUSED = "refused"
 
 
-class ScanSpec(Contract):
+class ScanSpec(PrepareOptions):
     """What the uploader says of a file; what the file itself says needs no repeating, and may not be contradicted."""
 
     scanner_id: Identifier

@@ -135,6 +135,7 @@ class _Engine:
 
     def run_job(self, job_id: str) -> None:
         state = self._runner.run_next(job_id)
+        self._runner.warm_up()
         if state is JobState.QUEUED and not self._stop.is_set():
             self._wake(job_id)
         if state is not None and state.ended:

@@ -22,26 +22,35 @@ def run_worker(
     stop: threading.Event,
     *,
     command: Sequence[str] = ATTEMPT_COMMAND,
+    wake: threading.Event | None = None,
 ) -> None:
     """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
+
+    Parameters
+    ----------
+    wake
+        Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
 
     Raises
     ------
     worker.execution.process.AttemptNotStarted
         No job can be run on this installation.
     """
+    wake = wake or threading.Event()
     runner = Runner(store, settings, stop, command=command)
     housekeeping = Housekeeping(store, settings, stop)
     housekeeping.start()
     try:
         while not stop.is_set():
+            wake.clear()
             try:
                 idle = runner.run_next() is None
             except StorageUnavailable:
                 structlog.get_logger().exception("claim-put-off")
                 idle = True
             if idle:
-                stop.wait(settings.poll_s)
+                runner.warm_up()
+                wake.wait(settings.poll_s)
     finally:
         stop.set()
         runner.close()
@@ -51,24 +60,33 @@ def run_worker(
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one embedded worker, set up by the environment."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--watch-parent", action="store_true", help="stop when standard input ends")
+    parser.add_argument(
+        "--watch-parent", action="store_true", help="look for a job at each byte on standard input, stop at its end"
+    )
     options = parser.parse_args(arguments)
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
-    stop = threading.Event()
+    stop, wake = threading.Event(), threading.Event()
+
+    def end(*_: object) -> None:
+        stop.set()
+        wake.set()
+
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: stop.set())
+        signal.signal(number, end)
     if options.watch_parent:
-        threading.Thread(target=_stop_with_parent, args=(stop,), daemon=True).start()
+        threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     store = Store.open(StorageSettings())
-    run_worker(store, settings, stop)
+    run_worker(store, settings, stop, wake=wake)
     store.close()
 
 
-def _stop_with_parent(stop: threading.Event) -> None:
+def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
     with open(0, "rb", buffering=0, closefd=False) as parent:
-        parent.read()
+        while parent.read(1024):
+            wake.set()
     stop.set()
+    wake.set()
 
 
 if __name__ == "__main__":

@@ -88,11 +88,15 @@ class Runner:
         if claim is None:
             self._keep(process)
             return None
-        self.warm_up()
+        if not self._spares:
+            self.warm_up()
         return self._run(claim, process)
 
     def warm_up(self) -> None:
-        """Start the spare processes that are missing, so that no job need wait for one."""
+        """Start the spare processes that are missing, so that no job need wait for one.
+
+        For times without a job: a process that starts keeps a core busy for about a second.
+        """
         with self._lock:
             while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
                 self._spares.append(self._start())

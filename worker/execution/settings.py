@@ -20,7 +20,9 @@ class ExecutionSettings(BaseSettings):
     progress_s: Seconds = Field(
         0.5, description="Progress is stored at most that often: each time costs a commit of about 4 ms."
     )
-    poll_s: Seconds = Field(0.2, description="How often an idle embedded worker looks for a job.")
+    poll_s: Seconds = Field(
+        0.2, description="How often an idle embedded worker looks for a job that nobody told it of."
+    )
     max_attempts: Annotated[int, Field(ge=1, le=10)] = Field(
         3, description="Attempts at a job before a passing failure becomes final."
     )

@@ -1,10 +1,12 @@
 """Embedded worker processes for a service on one machine: started, watched, started again."""
 
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -24,7 +26,7 @@ _HEALTHY_S = 60.0
 class WorkerSupervisor:
     """Keeps `settings.workers` worker processes running, as a context manager.
 
-    Each is told through its standard input when this process is gone, however it went.
+    Each is told through its standard input when there is a job, and when this process is gone, however it went.
 
     Parameters
     ----------
@@ -63,6 +65,11 @@ class WorkerSupervisor:
         for worker in self._workers:
             worker.end(max(0.0, deadline - time.monotonic()))
 
+    def wake(self, _job_id: str) -> None:
+        """Tell the workers that there is a job; one that does not hear finds it at its next look."""
+        for worker in self._workers:
+            worker.wake()
+
     @property
     def process_ids(self) -> list[int]:
         """Of the workers that run at the moment."""
@@ -83,6 +90,7 @@ class _WatchedWorker:
         self._started_at = 0.0
         self._restart_at: float | None = None
         self._back_off_s = 0.0
+        self._speaking = threading.Lock()
         self.process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
@@ -90,8 +98,17 @@ class _WatchedWorker:
         self._restart_at = None
         # In a session of its own, so that Ctrl-C reaches the service alone, which then stops its workers in order.
         self.process = subprocess.Popen(  # noqa: S603 - our own command
-            self._command, stdin=subprocess.PIPE, stdout=2, start_new_session=True, env=self._environment
+            self._command, stdin=subprocess.PIPE, bufsize=0, stdout=2, start_new_session=True, env=self._environment
         )
+
+    def wake(self) -> None:
+        with self._speaking:
+            if self.process is None or self.process.stdin is None or self.process.stdin.closed:
+                return
+            # A worker that hangs and reads nothing must not make a request wait.
+            os.set_blocking(self.process.stdin.fileno(), False)
+            with suppress(BrokenPipeError):
+                self.process.stdin.write(b"\n")
 
     def restart_if_due(self) -> None:
         if self.process is None or self.process.poll() is None:
@@ -125,5 +142,6 @@ class _WatchedWorker:
         self._hang_up()
 
     def _hang_up(self) -> None:
-        if self.process is not None and self.process.stdin is not None:
-            self.process.stdin.close()
+        with self._speaking:
+            if self.process is not None and self.process.stdin is not None:
+                self.process.stdin.close()

@@ -31,6 +31,8 @@ class CanonicalScan:
         What the file turned out to be.
     remarks : tuple of str
         What was done to the data on reading, one sentence each.
+    rows_missing : bool
+        Whether views may lack rows at the top or the bottom: NaN in every cell.
 
     Raises
     ------
@@ -47,6 +49,7 @@ class CanonicalScan:
     row_pitch_mm: float | None
     format: str
     remarks: tuple[str, ...]
+    rows_missing: bool = False
 
     def __post_init__(self) -> None:
         check_scan(self)
@@ -57,7 +60,7 @@ def check_scan(scan: CanonicalScan) -> None:
     _check_shapes(scan)
     _check_angles(scan.angles_rad)
     _check_kind(scan)
-    _check_finite("view", scan.projections)
+    _check_views(scan)
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
             _check_finite(name, fields)
@@ -114,13 +117,44 @@ def _check_kind(scan: CanonicalScan) -> None:
         )
 
 
+def _check_views(scan: CanonicalScan) -> None:
+    for view, frame in enumerate(scan.projections):
+        missing = np.isnan(frame).all(axis=1)
+        if missing.any():
+            _check_missing(view, missing, allowed=scan.rows_missing)
+        _check_frame("view", view, np.where(missing[:, np.newaxis], np.float32(0.0), frame) if missing.any() else frame)
+
+
+def _check_missing(view: int, missing: NDArray[np.bool_], *, allowed: bool) -> None:
+    there = np.flatnonzero(~missing)
+    if not there.size:
+        raise UnreadableScan("not-finite", f"view {view} is NaN throughout; leave it out, with its angle")
+    if not allowed:
+        raise UnreadableScan(
+            "not-finite",
+            f"view {view}, row {int(missing.argmax())} is NaN in every cell; where views lost rows, ask for align_rows "
+            "(--align-rows), which lays them over one another",
+        )
+    between = missing[there[0] : there[-1]]
+    if between.any():
+        raise UnreadableScan(
+            "rows-missing",
+            f"view {view} lacks row {int(there[0] + between.argmax())} between others; only rows at the top or the "
+            "bottom can be missing",
+        )
+
+
 def _check_finite(name: str, stack: NDArray[np.float32]) -> None:
     for index, frame in enumerate(stack):
-        finite = np.isfinite(frame)
-        if not finite.all():
-            row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), frame.shape))
-            raise UnreadableScan(
-                "not-finite",
-                f"{name} {index}, row {row}, cell {cell} is {frame[row, cell]}; every value must be a finite number "
-                "that fits into 32-bit floating point",
-            )
+        _check_frame(name, index, frame)
+
+
+def _check_frame(name: str, index: int, frame: NDArray[np.float32]) -> None:
+    finite = np.isfinite(frame)
+    if not finite.all():
+        row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), frame.shape))
+        raise UnreadableScan(
+            "not-finite",
+            f"{name} {index}, row {row}, cell {cell} is {frame[row, cell]}; every value must be a finite number "
+            "that fits into 32-bit floating point",
+        )

@@ -3,14 +3,17 @@
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from types import MappingProxyType
 from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 CHUNK_BYTES = 16 * 2**20
 PROGRAM = "sawmill-calibration"
+# Lossless, and of the filters that every HDF5 library has.
+PACKED = MappingProxyType({"compression": "gzip", "compression_opts": 1, "shuffle": True})
 
 UNIT_SUFFIXES = frozenset({"mm", "rad", "deg", "s"})
 
@@ -36,17 +39,6 @@ def write_scalar(group: h5py.Group, name: str, value: ArrayLike, units: str) -> 
     """A number or a short list of numbers with its unit."""
     group[name] = value
     group[name].attrs["units"] = units
-
-
-def write_compressed(
-    group: h5py.Group, name: str, values: NDArray[Any], units: str, chunks: tuple[int, ...]
-) -> h5py.Dataset:
-    """An array, chunked and packed losslessly."""
-    dataset = group.create_dataset(
-        name, data=values, chunks=chunks, compression="gzip", compression_opts=1, shuffle=True
-    )
-    dataset.attrs["units"] = units
-    return dataset
 
 
 def unit_of(name: str) -> str | None:

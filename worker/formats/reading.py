@@ -53,6 +53,7 @@ def read_scan(
     angles_deg: AnglesGiven | None = None,
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
+    rows_missing: bool = False,
     max_bytes: int = MAX_BYTES,
 ) -> CanonicalScan:
     """Read a scan from a file of any supported format, recognised by its content and never by its name.
@@ -69,6 +70,8 @@ def read_scan(
         The views' angles, where the file carries none.
     detector_pitch_mm, row_pitch_mm : float, optional
         Known distances between cells and between rows; a file that says otherwise is refused.
+    rows_missing : bool
+        Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     max_bytes : int
         Largest size in memory of one array.
 
@@ -82,6 +85,8 @@ def read_scan(
         contents = recognised.read(path, dataset, max_bytes)
     dimensions = contents.projections.ndim
     projections = as_stack(contents.projections)
+    if rows_missing and counts:
+        projections = np.where((projections == 0.0).all(axis=2, keepdims=True), np.float32(np.nan), projections)
     angles, remarks = _agree_on_angles(contents, angles_deg, len(projections))
     if counts and contents.darks is None:
         remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
@@ -95,6 +100,7 @@ def read_scan(
         row_pitch_mm=_agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
         format=contents.format,
         remarks=(*contents.remarks, *remarks),
+        rows_missing=rows_missing,
     )
 
 

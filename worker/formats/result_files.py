@@ -1,21 +1,71 @@
 """Results to hand out: reconstructed volumes and calibrations as HDF5."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.atomic import whole_hdf5
-from worker.formats.nexus import PROGRAM, new_entry, new_group, write_compressed, write_mapping, write_scalar
+from worker.formats.nexus import PACKED, PROGRAM, new_entry, new_group, write_mapping, write_scalar
+from worker.formats.packing import write_packed
+
+# Slices a chunk of the side views: about as many as are written at a time.
+SIDE_VIEW_ROWS = 64
 
 
-def write_reconstruction(
+class NamedArray(NamedTuple):
+    """An array or a single number with its unit, and its axes in words, as in `view, detector`."""
+
+    values: NDArray[Any]
+    unit: str
+    axes: str
+
+
+class NewVolume:
+    """A volume that is being written, from any thread."""
+
+    def __init__(self, entry: h5py.Group, volume: h5py.Dataset) -> None:
+        self._entry, self._volume = entry, volume
+        self._along_x, self._along_y = _new_side_views(entry)
+
+    def write(self, first: int, slices: NDArray[np.float32]) -> None:
+        """Write slices (slices, x, y), and what is densest in them from the side."""
+        _write_slices(self._volume, first, slices)
+        written = np.s_[first : first + len(slices)]
+        self._along_x[written], self._along_y[written] = slices.max(axis=1), slices.max(axis=2)
+
+    def write_deviation(self, first: int, slices: NDArray[np.float32]) -> None:
+        """Write the standard deviation of each pixel of slices (slices, x, y)."""
+        group = self._entry["reconstruction"]
+        if "data_errors" not in group:
+            _new_pixels(group, "data_errors", self._volume.shape, self._volume.attrs["units"])
+        _write_slices(group["data_errors"], first, slices)
+
+    def note_method(self, report: Mapping[str, Any]) -> None:
+        """Write down what the method did; JSON-able, the units in the names."""
+        write_mapping(self._entry["process"], "method", report)
+
+    def note_alpha_curve(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
+        """Write down what a rule for Tikhonov's alpha saw, a column each."""
+        group = new_group(self._entry["process"], "alpha_curve", "NXcollection")
+        for name, values in columns.items():
+            group[name] = values
+
+
+def _write_slices(dataset: h5py.Dataset, first: int, slices: NDArray[np.float32]) -> None:
+    for n, values in enumerate(slices, first):
+        write_packed(dataset, n, values)
+
+
+@contextmanager
+def new_reconstruction(
     path: Path,
-    volume: NDArray[np.float32],
+    shape: tuple[int, int, int],
     *,
     pixel_mm: float,
     row_pitch_mm: float | None,
@@ -24,13 +74,17 @@ def write_reconstruction(
     parameters: Mapping[str, Any],
     software_version: str,
     input_sha256: str,
-) -> None:
-    """Write a volume as /entry/reconstruction/data, laid out as NXtomoproc.
+    centre_mm: tuple[float, float] = (0.0, 0.0),
+    first_slice_mm: float = 0.0,
+) -> Iterator[NewVolume]:
+    """Yield what writes slices of a volume into /entry/reconstruction/data, laid out as NXtomoproc.
+
+    The file is there when the block has ended well, and not before.
 
     Parameters
     ----------
-    volume : (slice, x, y) float32
-        The rotation centre in the middle.
+    shape : (slice, x, y)
+        Of the whole volume.
     pixel_mm : float
         Side of a pixel.
     row_pitch_mm : float or None
@@ -41,31 +95,35 @@ def write_reconstruction(
         JSON-able, the units in the names.
     software_version, input_sha256 : str
         What made the volume, and from which scan.
+    centre_mm : (x, y)
+        Middle of the slices, the rotation centre at (0, 0).
+    first_slice_mm : float
+        Where the first slice lies along the log.
 
     Raises
     ------
-    ValueError
-        When the volume has not three axes.
     OSError
         When the file cannot be written.
     """
-    if volume.ndim != 3:
-        raise ValueError(f"a volume must be (slice, x, y), not of shape {volume.shape}")
     with whole_hdf5(path) as file:
         entry = new_entry(file, "NXtomoproc")
         entry.attrs["default"] = "reconstruction"
-        _write_volume(entry, volume.astype(np.float32, copy=False), unit, pixel_mm, row_pitch_mm)
+        axes_mm = [_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True)]
+        z_mm = None if row_pitch_mm is None else first_slice_mm + np.arange(shape[0], dtype=np.float64) * row_pitch_mm
+        dataset = _new_volume(entry, shape, unit, axes_mm, z_mm)
+        writing = NewVolume(entry, dataset)
         # NXtomoproc has its volume in /entry/data: the same group by another name.
         entry["data"] = entry["reconstruction"]
         _write_process(entry, software_version, input_sha256)
         write_mapping(entry["process"], "parameters", parameters)
         write_mapping(entry, "geometry", geometry)
+        yield writing
 
 
 def write_calibration(
     path: Path,
     result: Mapping[str, Any],
-    arrays: Mapping[str, tuple[NDArray[Any], str, str]],
+    arrays: Mapping[str, NamedArray],
     *,
     software_version: str,
     input_sha256: str,
@@ -76,8 +134,8 @@ def write_calibration(
     ----------
     result : mapping
         JSON-able and nested, the units in the names.
-    arrays : mapping of name to (array, unit, axes)
-        The axes as one description, as in `view, detector`.
+    arrays : mapping of name to NamedArray
+        Written as they are: a third smaller when packed, and packing them takes longer than writing them.
     software_version, input_sha256 : str
         What made the calibration, and from which scan.
 
@@ -94,24 +152,56 @@ def write_calibration(
         write_mapping(entry, "calibration", result)
         group = new_group(entry, "arrays", "NXcollection")
         for name, (values, unit, axes) in arrays.items():
-            dataset = write_compressed(group, name, values, unit, values.shape)
-            dataset.attrs["axes_description"] = axes
+            write_scalar(group, name, values, unit)
+            group[name].attrs["axes_description"] = axes
 
 
-def _write_volume(
-    entry: h5py.Group, volume: NDArray[np.float32], unit: str, pixel_mm: float, row_pitch_mm: float | None
-) -> None:
-    slices, size_x, size_y = volume.shape
+def _new_volume(
+    entry: h5py.Group,
+    shape: tuple[int, int, int],
+    unit: str,
+    axes_mm: list[NDArray[np.float64]],
+    z_mm: NDArray[np.float64] | None,
+) -> h5py.Dataset:
     data = new_group(entry, "reconstruction", "NXdata")
     data.attrs["signal"] = "data"
-    data.attrs["axes"] = ["z" if row_pitch_mm is not None else "slice", "x", "y"]
-    write_compressed(data, "data", volume, unit, (1, size_x, size_y))
-    write_scalar(data, "x", _centres_mm(size_x, pixel_mm), "mm")
-    write_scalar(data, "y", _centres_mm(size_y, pixel_mm), "mm")
-    if row_pitch_mm is not None:
-        write_scalar(data, "z", _centres_mm(slices, row_pitch_mm), "mm")
+    data.attrs["axes"] = ["z" if z_mm is not None else "slice", "x", "y"]
+    volume = _new_pixels(data, "data", shape, unit)
+    for name, centres_mm in zip("xy", axes_mm, strict=True):
+        write_scalar(data, name, centres_mm, "mm")
+    if z_mm is not None:
+        write_scalar(data, "z", z_mm, "mm")
     else:
-        write_scalar(data, "slice", np.arange(slices), "1")
+        write_scalar(data, "slice", np.arange(shape[0]), "1")
+    return volume
+
+
+def _new_pixels(group: h5py.Group, name: str, shape: tuple[int, int, int], unit: str) -> h5py.Dataset:
+    volume: h5py.Dataset = group.create_dataset(
+        name, shape, np.float32, chunks=(1, *shape[1:]), **PACKED, fletcher32=True
+    )
+    volume.attrs["units"] = unit
+    return volume
+
+
+def _new_side_views(entry: h5py.Group) -> list[h5py.Dataset]:
+    """The maximum of each slice along x, (slice, y), and along y, (slice, x), still to be written."""
+    volume = entry["reconstruction"]
+    slice_axis, x, y = volume.attrs["axes"]
+    views = new_group(entry, "side_view", "NXcollection")
+    datasets = []
+    for along, across in ((x, y), (y, x)):
+        view = new_group(views, f"along_{along}", "NXdata")
+        view.attrs["signal"] = "data"
+        view.attrs["axes"] = [slice_axis, across]
+        for axis in (slice_axis, across):
+            view[axis] = volume[axis]
+        shape = len(volume[slice_axis]), len(volume[across])
+        chunks = min(shape[0], SIDE_VIEW_ROWS), shape[1]
+        data = view.create_dataset("data", shape, np.float32, chunks=chunks, **PACKED, fletcher32=True)
+        data.attrs["units"] = volume["data"].attrs["units"]
+        datasets.append(data)
+    return datasets
 
 
 def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:

@@ -1,64 +1,49 @@
-"""What a calibration looks like: the phantom found, what is left of its sinogram, and the numbers.
+"""What a calibration looks like, on one page: first what a technician needs, then how it is known.
 
-Drawn with matplotlib's figure objects, never through pyplot: no state, no display.
-A picture's row is +x and its column is +y (DESIGN section 3).
+Drawn with matplotlib's figure objects, never through pyplot: no state, no display. Everything shown is in the
+calibration's HDF5 file: its answer, and the arrays that `docs/formats.md` lists.
 """
 
-from collections.abc import Sequence
-from io import BytesIO
+import textwrap
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.figure import Figure, FigureBase, SubFigure
 from numpy.typing import NDArray
 
-from worker.pictures.windows import Window, round_length, window_of
+from worker.pictures.calibration_table import calibration_table
+from worker.pictures.fit_panels import draw_residual, draw_search
+from worker.pictures.image_panels import draw_logs, draw_phantom, encoded
+from worker.pictures.parameter_panels import draw_frame_pairs, draw_theta_and_twin
 
-Floats = NDArray[np.floating[Any]]
+Answer = Mapping[str, Any]
+Arrays = Mapping[str, NDArray[Any]]
 
-OUTLINE = "#ff7f0e"
-MEAN, RMS = "#1f77b4", "#444444"
-VERDICTS = {"pass": "#2e7d32"}
-OTHER_VERDICT = "#b71c1c"
+WIDTH_IN = 14.0
+LINE_IN = 0.27
+COLUMNS = 150
+NO_IMAGE = "no image: the views\ndo not go all round"
+ALARM = "#b71c1c"
+VERDICTS = {
+    "pass": ("#2e7d32", "The geometry is known well enough to be used."),
+    "watch": ("#b26a00", "There is a geometry, but look at it before it is used."),
+    "fail": (ALARM, "This geometry must not be used."),
+}
 
 
-def calibration_report_png(
-    *,
-    image: Floats,
-    field_mm: float,
-    outlines: Sequence[Floats],
-    sinogram: Floats,
-    residual: Floats,
-    angles_deg: Floats,
-    pitch_mm: float,
-    table: Sequence[tuple[str, str]],
-    verdict: str,
-    title: str,
-) -> bytes:
-    """The report of one calibration on one page.
+def report_png(answer: Answer, arrays: Arrays) -> bytes:
+    """The report of one calibration.
 
     Parameters
     ----------
-    image : (x, y) float
-        The phantom's reconstruction with the geometry found.
-    field_mm : float
-        Side of the image.
-    outlines : sequence of (n, 2) float, mm
-        The phantom's outlines as (x, y), where the calibration put them.
-    sinogram, residual : (views, detector) float
-        Measured, and measured less model, in the same unit.
-    angles_deg : (views,) float
-        Each view's angle.
-    pitch_mm : float
-        Distance between detector cells.
-    table : sequence of (label, value)
-        The result, ready to be read.
-    verdict : str
-        `pass` is green, everything else is red.
-    title : str
-        One line above.
+    answer : mapping
+        As JSON has it.
+    arrays : mapping of name to array
+        Of result.h5: residual (view, detector) with angles_rad (view,), phantom_image (x, y) with phantom_field_mm,
+        phantom_outlines_mm (point, 2), search_history (step, 2); log_before and log_after (x, y) with log_field_mm
+        and log_row where the scan shows a log.
 
     Returns
     -------
@@ -68,138 +53,139 @@ def calibration_report_png(
     Raises
     ------
     ValueError
-        When residual and sinogram, or views and angles, do not agree.
+        When views and angles do not agree.
     """
-    if residual.shape != sinogram.shape or len(angles_deg) != len(sinogram):
-        raise ValueError(
-            f"the residual {residual.shape}, the sinogram {sinogram.shape} and {len(angles_deg)} angles do not agree"
-        )
-    spacing = ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.12, hspace=0.03, wspace=0.03)
-    figure = Figure(figsize=(14.0, 11.2), layout=spacing)
-    figure.suptitle(title, fontsize=17, fontweight="bold", x=0.012, ha="left")
-    color = VERDICTS.get(verdict, OTHER_VERDICT)
-    badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
-    figure.text(
-        0.985, 0.985, verdict.upper(), fontsize=15, fontweight="bold", color="white", ha="right", va="top", bbox=badge
-    )
-    grid = figure.add_gridspec(2, 2, width_ratios=(1, 1.12), height_ratios=(1.12, 1))
-    _draw_overlay(figure, figure.add_subplot(grid[0, 0]), image, field_mm, outlines)
-    _draw_residual(
-        figure,
-        figure.add_subplot(grid[0, 1]),
-        sinogram=sinogram,
-        residual=residual,
-        angles_deg=angles_deg,
-        pitch_mm=pitch_mm,
-    )
-    _draw_table(figure.add_subplot(grid[1, 0]), table)
-    profiles = grid[1, 1].subgridspec(2, 1)
-    views_axes, cells_axes = figure.add_subplot(profiles[0]), figure.add_subplot(profiles[1])
-    order = np.argsort(angles_deg, kind="stable")
-    _draw_profile(views_axes, angles_deg[order], residual[order], axis=1, label="angle of the view, degrees")
-    _draw_profile(
-        cells_axes, _cells_mm(residual.shape[1], pitch_mm), residual, axis=0, label="position on the detector, mm"
-    )
-    views_axes.set_title("residual by view and by cell", loc="left")
-    views_axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False)
-    return _encoded(figure)
+    residual, angles_deg = arrays["residual"], np.rad2deg(arrays["angles_rad"])
+    if len(angles_deg) != len(residual):
+        raise ValueError(f"the residual {residual.shape} and {len(angles_deg)} angles do not agree")
+    words = list(_words(answer))
+    heights = {"head": 1.0 + LINE_IN * len(words), "found": 6.1, "fit": 5.4, "pairs": 6.4}
+    if "log_after" in arrays:
+        heights = {"head": heights["head"], "found": heights["found"], "log": 6.6, **heights}
+    figure = Figure(figsize=(WIDTH_IN, sum(heights.values())), layout="constrained")
+    grid = figure.add_gridspec(len(heights), 1, height_ratios=list(heights.values()))
+    parts = {name: figure.add_subfigure(grid[row]) for row, name in enumerate(heights)}
+    _draw_head(parts["head"], answer, words, heights["head"])
+    _draw_found(parts["found"], answer, arrays)
+    if "log" in parts:
+        _draw_log(parts["log"], arrays)
+    _draw_fit(parts["fit"], answer, arrays)
+    _draw_pairs(parts["pairs"], answer)
+    return encoded(figure)
 
 
-def overlay_png(*, image: Floats, field_mm: float, outlines: Sequence[Floats], title: str) -> bytes:
-    """The reconstruction with the phantom's outlines over it, alone; arguments as for the report."""
+def overlay_png(answer: Answer, arrays: Arrays) -> bytes:
+    """The phantom's reconstruction with its outlines over it, alone; arguments as for the report."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    figure.suptitle(title, fontsize=15, fontweight="bold")
-    _draw_overlay(figure, figure.add_subplot(), image, field_mm, outlines)
-    return _encoded(figure)
+    figure.suptitle(f"{answer['phantom']} with the geometry found", fontsize=15, fontweight="bold")
+    _draw_phantom(figure, figure.add_subplot(), arrays)
+    return encoded(figure)
 
 
-def log_comparison_png(
-    *, before: Floats, after: Floats, field_mm: float, titles: tuple[str, str], unit: str = ""
-) -> bytes:
-    """Two reconstructions of one log, side by side in one grey window.
-
-    Parameters
-    ----------
-    before, after : (x, y) float
-        With the nominal and with the calibrated geometry.
-    field_mm : float
-        Side of both images.
-    titles : (str, str)
-        One line above each.
-    unit : str
-        Of the values, for the colour bar.
-    """
-    figure = Figure(figsize=(15.0, 7.4), layout="constrained")
-    window = window_of(after)
-    axes = [figure.add_subplot(1, 2, index) for index in (1, 2)]
-    for ax, image, title in zip(axes, (before, after), titles, strict=True):
-        shown = _show_image(ax, image, field_mm, window)
-        _draw_scale_bar(ax, field_mm)
-        ax.set_title(title, fontsize=14)
-    figure.colorbar(shown, ax=axes, label=unit, shrink=0.9, pad=0.015)
-    return _encoded(figure)
+def _words(answer: Answer) -> Iterator[tuple[str, str]]:
+    """The lines below the title, each with its colour: the verdict in words, why, what moved, what was done."""
+    yield VERDICTS[answer["verdict"]][1], "black"
+    comparison = answer["comparison"]
+    sentences = [(reason, "black") for reason in answer["reasons"]]
+    if comparison is not None:
+        color = "black" if comparison["within_tolerance"] else ALARM
+        # A scanner that moved too far is among the reasons as well.
+        sentences = [item for item in sentences if item[0] != comparison["reason"]]
+        sentences.append((f"since the active calibration: {comparison['reason']}", color))
+    for sentence, color in (*sentences, *((done, "0.35") for done in answer["adjustments"])):
+        for line in textwrap.wrap(sentence, COLUMNS, initial_indent="•  ", subsequent_indent="    "):
+            yield line, color
 
 
-def _show_image(ax: Axes, image: Floats, field_mm: float, window: Window) -> Any:  # noqa: ANN401 - matplotlib's AxesImage
-    half = field_mm / 2
-    shown = ax.imshow(
-        image, cmap="gray", vmin=window[0], vmax=window[1], extent=(-half, half, half, -half), interpolation="nearest"
+def _draw_head(part: SubFigure, answer: Answer, words: list[tuple[str, str]], height_in: float) -> None:
+    color, _ = VERDICTS[answer["verdict"]]
+    badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
+    top = 1 - 0.2 / height_in
+    part.text(0.012, top, f"Calibration with {answer['phantom']}", fontsize=19, fontweight="bold", va="top")
+    part.text(
+        0.985,
+        top,
+        answer["verdict"].upper(),
+        fontsize=17,
+        fontweight="bold",
+        color="white",
+        ha="right",
+        va="top",
+        bbox=badge,
     )
-    ax.set_xlabel("y, mm")
-    ax.set_ylabel("x, mm")
-    return shown
+    for number, (line, line_color) in enumerate(words):
+        part.text(0.012, 1 - (0.85 + LINE_IN * number) / height_in, line, fontsize=12.5, va="top", color=line_color)
 
 
-def _draw_overlay(figure: Figure, ax: Axes, image: Floats, field_mm: float, outlines: Sequence[Floats]) -> None:
-    shown = _show_image(ax, image, field_mm, window_of(image))
-    for index, outline in enumerate(outlines):
-        closed = np.concatenate([outline, outline[:1]])
-        ax.plot(closed[:, 1], closed[:, 0], color=OUTLINE, linewidth=1.4, label="phantom" if index == 0 else None)
-    if outlines:
-        ax.legend(loc="upper right", framealpha=0.85)
-    ax.set_title("reconstruction, the phantom's outline over it")
-    figure.colorbar(shown, ax=ax, shrink=0.85, pad=0.02)
+def _draw_found(part: SubFigure, answer: Answer, arrays: Arrays) -> None:
+    grid = part.add_gridspec(1, 2, width_ratios=(1, 1.02))
+    _draw_phantom(part, part.add_subplot(grid[0]), arrays)
+    _draw_table(part.add_subplot(grid[1]), calibration_table(answer))
 
 
-def _draw_residual(
-    figure: Figure, ax: Axes, *, sinogram: Floats, residual: Floats, angles_deg: Floats, pitch_mm: float
-) -> None:
-    views, cells = residual.shape
-    limit = float(np.percentile(np.abs(residual), 99.5)) or 1.0
-    half_mm = cells * pitch_mm / 2
-    shown = ax.imshow(
-        residual,
-        cmap="RdBu_r",
-        vmin=-limit,
-        vmax=limit,
-        aspect="auto",
-        extent=(-half_mm, half_mm, views - 0.5, -0.5),
-        interpolation="nearest",
+def _draw_phantom(figure: FigureBase, ax: Axes, arrays: Arrays) -> None:
+    image = arrays["phantom_image"]
+    ax.set_title("the phantom, reconstructed with the geometry found")
+    draw_phantom(figure, ax, image, float(arrays["phantom_field_mm"]), arrays["phantom_outlines_mm"])
+    if not image.any():
+        ax.text(
+            0.5, 0.5, "no image: the views\ndo not go all round", transform=ax.transAxes, ha="center", color="white"
+        )
+
+
+def _draw_log(part: SubFigure, arrays: Arrays) -> None:
+    row = int(arrays["log_row"])
+    images = [(f"the log in row {row}, with this calibration", arrays["log_after"])]
+    if "log_before" in arrays:
+        images.insert(0, (f"the log in row {row}, with the calibration that was active", arrays["log_before"]))
+    else:
+        part.text(0.75, 0.5, "no earlier calibration\nto compare it with", ha="center", fontsize=12)
+    draw_logs(part, images, float(arrays["log_field_mm"]), "")
+
+
+def _draw_fit(part: SubFigure, answer: Answer, arrays: Arrays) -> None:
+    residual_part, search_part = _side_by_side(part, 1.9, 1)
+    left = answer["residual"]
+    residual_part.suptitle(
+        f"measured less model: RMS {left['rms']:.3g}, {100 * left['relative']:.2g} % of the sinogram's"
     )
-    # The rows are views, which need not be equidistant: each label is its own view's angle.
-    marked = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
-    ax.set_yticks(marked, [f"{angles_deg[view]:.4g}" for view in marked])
-    ax.set_ylabel("angle of the view, degrees")
-    ax.set_xlabel("position on the detector, mm")
-    # Against the sinogram without its mean, as the result says it: a background explains nothing.
-    rms, whole = _rms(residual), float(np.std(sinogram, dtype=np.float64))
-    share = f", {100 * rms / whole:.2g} % of the sinogram's" if whole else ""
-    ax.set_title(f"measured less model, RMS {rms:.3g}{share}")
-    figure.colorbar(shown, ax=ax, shrink=0.85, pad=0.02, extend="both")
+    draw_residual(
+        residual_part,
+        arrays["residual"],
+        np.rad2deg(arrays["angles_rad"]),
+        answer["scanner"]["detector_pitch_mm"],
+    )
+    search, history = answer["search"], arrays["search_history"]
+    search_part.suptitle(f"search: {search['evaluations']} evaluations,\n{search['method']}")
+    # The default search tells relative residuals; the published one a correlation, which is below zero.
+    told_as_residual = bool((history[:, 1] > 0.0).all())
+    draw_search(search_part.add_subplot(), history, final=left["relative"] if told_as_residual else None)
 
 
-def _draw_profile(ax: Axes, positions: Floats, residual: Floats, *, axis: int, label: str) -> None:
-    ax.axhline(0, color="0.75", linewidth=0.8)
-    ax.plot(positions, np.sqrt(np.mean(residual**2, axis=axis)), color=RMS, linewidth=1.0, label="RMS")
-    ax.plot(positions, np.mean(residual, axis=axis), color=MEAN, linewidth=1.2, label="mean")
-    ax.set_xlabel(label)
-    ax.margins(x=0.01)
-    ax.spines[["top", "right"]].set_visible(False)
+def _draw_pairs(part: SubFigure, answer: Answer) -> None:
+    frame_part, theta_part = _side_by_side(part, 1.15, 1)
+    covariance = np.zeros((5, 5)) if answer["covariance"] is None else np.array(answer["covariance"])
+    if np.count_nonzero(np.diag(covariance)) < 2:
+        frame_part.suptitle("source frame: no error bars, so no ellipses")
+    else:
+        frame_part.suptitle("source frame: 95 % ellipse of each pair, from the answer")
+        draw_frame_pairs(frame_part, covariance)
+    twin = answer["theta_twin"]
+    theta_part.suptitle(
+        "theta: source shift 0, no twin" if twin is None else "theta and its twin: the same sinogram, exactly"
+    )
+    deviations = answer["standard_deviation"]
+    draw_theta_and_twin(theta_part, answer["theta"], twin, {} if deviations is None else deviations["theta"])
 
 
-def _draw_table(ax: Axes, table: Sequence[tuple[str, str]]) -> None:
+def _side_by_side(part: SubFigure, *widths: float) -> list[SubFigure]:
+    grid = part.add_gridspec(1, len(widths), width_ratios=widths)
+    return [part.add_subfigure(grid[column]) for column in range(len(widths))]
+
+
+def _draw_table(ax: Axes, table: list[tuple[str, str]]) -> None:
     ax.set_axis_off()
-    step = 1 / max(len(table), 14)
+    step = 1 / len(table)
     for line, (label, value) in enumerate(table):
         y = 1 - (line + 0.5) * step
         if line % 2 == 0:
@@ -208,25 +194,3 @@ def _draw_table(ax: Axes, table: Sequence[tuple[str, str]]) -> None:
         ax.text(0.98, y, value, va="center", ha="right", fontsize=11, family="monospace")
     ax.set_xlim(0, 1)
     ax.set_ylim(0, 1)
-
-
-def _draw_scale_bar(ax: Axes, field_mm: float) -> None:
-    length, half = round_length(field_mm / 4), field_mm / 2
-    left, below = -half + 0.05 * field_mm, half - 0.06 * field_mm
-    ax.plot([left, left + length], [below, below], color="white", linewidth=4, solid_capstyle="butt")
-    ax.text(left + length / 2, below - 0.02 * field_mm, f"{length:g} mm", color="white", ha="center", fontsize=11)
-
-
-def _cells_mm(cells: int, pitch_mm: float) -> NDArray[np.float64]:
-    # u_m = (m + 1/2 - n_D/2) pitch, DESIGN section 3.
-    return (np.arange(cells, dtype=np.float64) + 0.5 - cells / 2) * pitch_mm
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(np.square(values, dtype=np.float64))))
-
-
-def _encoded(figure: Figure) -> bytes:
-    stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=100)
-    return stream.getvalue()

@@ -1,16 +1,23 @@
 """Reading what our own jobs wrote, a row or a slice at a time, for pictures."""
 
+import json
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.storage.errors import Invalid
+from worker.storage.errors import Conflict, Invalid
 
 _DETECTOR = "/entry/instrument/detector"
+_VOLUME = "/entry/reconstruction"
+_ALPHA_CURVE = "/entry/process/alpha_curve"
+_SIDE_VIEW = "/entry/side_view"
+
+Axis = Literal["x", "y"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,11 @@ class VolumeSlice:
     Attributes
     ----------
     data : (x, y) float32
-        Attenuation in `unit`, the rotation centre in the middle.
+        Attenuation in `unit`.
+    index
+        Of the slice, from 0.
+    height_mm
+        Where it lies along the log; None where slices have no spacing.
     pixel_mm
         Distance between pixels.
     unit
@@ -47,8 +58,48 @@ class VolumeSlice:
     """
 
     data: NDArray[np.float32]
+    index: int
+    height_mm: float | None
     pixel_mm: float
     unit: str
+
+    @property
+    def label(self) -> str:
+        """Which slice it is, and where it lies."""
+        return f"slice {self.index}" if self.height_mm is None else f"slice {self.index}, {self.height_mm:g} mm"
+
+
+@dataclass(frozen=True)
+class SideView:
+    """The densest values of a reconstruction, looked at from the side.
+
+    Attributes
+    ----------
+    data : (slice, x or y) float32
+        The maximum over the other axis of each slice, in `unit`.
+    across
+        The axis that is left: x or y.
+    across_mm : (low, high)
+        Ends of the field along it.
+    along_mm : (low, high) or None
+        Ends of the log along its length; None where slices have no spacing.
+    unit
+        Of the data.
+    """
+
+    data: NDArray[np.float32]
+    across: str
+    across_mm: tuple[float, float]
+    along_mm: tuple[float, float] | None
+    unit: str
+
+
+@dataclass(frozen=True)
+class CalibrationRecord:
+    """A calibration's answer, as JSON has it, and the arrays behind it by name."""
+
+    answer: dict[str, Any]
+    arrays: dict[str, NDArray[Any]]
 
 
 def sinogram(path: Path, row: int) -> Sinogram:
@@ -96,11 +147,98 @@ def volume_slice(path: Path, index: int) -> VolumeSlice:
     Invalid
         The volume has no such slice.
     """
+    return next(volume_slices(path, [index]))
+
+
+def volume_slices(path: Path, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+    """Read slices of volume.h5, one at a time.
+
+    Raises
+    ------
+    Invalid
+        The volume has no such slice.
+    """
     with h5py.File(path, "r") as file:
-        data = file["/entry/reconstruction/data"]
+        yield from _slices(file[_VOLUME], "data", indices)
+
+
+def _slices(group: h5py.Group, name: str, indices: Iterable[int]) -> Iterator[VolumeSlice]:
+    data, x_mm = group[name], group["x"]
+    for index in indices:
         _check_index("slice", index, data.shape[0])
-        x_mm = file["/entry/reconstruction/x"]
-        return VolumeSlice(data=data[index], pixel_mm=float(x_mm[1] - x_mm[0]), unit=_text(data.attrs["units"]))
+        yield VolumeSlice(
+            data=data[index],
+            index=index,
+            height_mm=float(group["z"][index]) if "z" in group else None,
+            pixel_mm=float(x_mm[1] - x_mm[0]),
+            unit=_text(data.attrs["units"]),
+        )
+
+
+def deviation_slice(path: Path, index: int) -> VolumeSlice:
+    """Read the standard deviation of each pixel of a slice of volume.h5.
+
+    Raises
+    ------
+    Invalid, Conflict
+        The volume has no such slice, or no standard deviations.
+    """
+    with h5py.File(path, "r") as file:
+        if f"{_VOLUME}/data_errors" not in file:
+            raise Conflict("no-deviation", "this volume has no standard deviations: reconstruct with uncertainty")
+        return next(_slices(file[_VOLUME], "data_errors", [index]))
+
+
+def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
+    """Read what Tikhonov's alpha was chosen from, by column.
+
+    Raises
+    ------
+    Conflict
+        The volume was reconstructed by another method.
+    """
+    with h5py.File(path, "r") as file:
+        if _ALPHA_CURVE not in file:
+            raise Conflict("no-alpha-curve", "alpha belongs to method tikhonov, which did not make this volume")
+        return {name: column[()] for name, column in file[_ALPHA_CURVE].items()}
+
+
+def side_view(path: Path, along: Axis) -> SideView:
+    """Read what volume.h5 shows when looked at along x or along y; the slices themselves are not read.
+
+    Raises
+    ------
+    Conflict
+        The volume was written before side views were kept.
+    """
+    with h5py.File(path, "r") as file:
+        if f"{_SIDE_VIEW}/along_{along}" not in file:
+            raise Conflict("no-side-view", "this volume was written without side views: reconstruct the scan again")
+        view = file[f"{_SIDE_VIEW}/along_{along}"]
+        across = "y" if along == "x" else "x"
+        across_mm = view[across][()]
+        pixel_mm = float(across_mm[1] - across_mm[0])
+        return SideView(
+            data=view["data"][()],
+            across=across,
+            across_mm=_ends(across_mm, pixel_mm),
+            # One slice alone has no spacing: it is shown as thick as its pixels are wide.
+            along_mm=_ends(view["z"][()], pixel_mm) if "z" in view else None,
+            unit=_text(view["data"].attrs["units"]),
+        )
+
+
+def calibration(path: Path) -> CalibrationRecord:
+    """Read result.h5 of a calibration."""
+    with h5py.File(path, "r") as file:
+        arrays = {name: np.asarray(dataset[()]) for name, dataset in file["/entry/arrays"].items()}
+        return CalibrationRecord(answer=json.loads(file["/entry/calibration_json"][()]), arrays=arrays)
+
+
+def _ends(centres_mm: NDArray[np.float64], only_mm: float) -> tuple[float, float]:
+    """Half a spacing beyond the first and the last; `only_mm` is the spacing of one alone."""
+    half = 0.5 * float(centres_mm[1] - centres_mm[0] if len(centres_mm) > 1 else only_mm)
+    return float(centres_mm[0]) - half, float(centres_mm[-1]) + half
 
 
 def _check_index(what: str, index: int, length: int) -> None:

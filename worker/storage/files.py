@@ -4,7 +4,7 @@ incoming/                       uploads while they arrive
 uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
 scans/<id>/scan.h5              line integrals
 phantoms/<id>/                  what tracing left
-calibrations/<id>/              report.png, overlay.png, result.h5
+calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
 reconstructions/<id>/           volume.h5
 plans/<id>/, drifts/<id>/       nothing
 attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of those above when it succeeds
@@ -16,7 +16,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import AsyncIterable, Iterable, Iterator
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,6 +80,21 @@ class FileStore:
         path = self.results(kind, subject_id) / name
         if not path.is_file():
             raise NotFound(name.replace(".", "-"), subject_id)
+        return path
+
+    def kept(self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes]) -> Path:
+        """A file of that folder which is made when it is first asked for; it is there whole or not at all.
+
+        Raises
+        ------
+        NotFound
+            The folder was removed while the file was made.
+        StorageFull
+            The disk is full.
+        """
+        path = self.results(kind, subject_id) / name
+        if not path.is_file():
+            self._keep(make(), path)
         return path
 
     def scan(self, scan_id: str) -> Path:
@@ -178,6 +193,17 @@ class FileStore:
                 with suppress(FileNotFoundError):  # an upload that has just found its owner
                     if path.stat().st_mtime < limit:
                         _delete(path)
+
+    def _keep(self, content: bytes, path: Path) -> None:
+        with self._incoming(len(content)) as file:
+            file.write(content)
+            made = file.finish()
+        try:
+            made.path.rename(path)
+        except FileNotFoundError:
+            self.discard(made)
+            raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
+        _flush(path.parent)
 
     @contextmanager
     def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:

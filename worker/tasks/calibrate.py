@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from worker.contracts.base import DataKind
-from worker.contracts.calibrations import CalibrationOptions, CalibrationResult, CalibrationSucceeded, Comparison
+from worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationSucceeded
 from worker.contracts.phantoms import PhantomDrawing
 from worker.contracts.scanners import Scanner
 from worker.contracts.scans import Scan, ScanState
@@ -13,14 +13,16 @@ from worker.formats.scan_file import read_stored_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
 from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
-from worker.tasks.calibration_files import write_report
-from worker.tasks.comparing import compare
+from worker.tasks.calibration_files import calibration_arrays, write_result
+from worker.tasks.comparing import compared
 from worker.tasks.failures import refused
+from worker.tasks.log_comparison import LogRow, log_images, log_row_beside
 from worker.tasks.selection import chosen_rows, chosen_views
+from worker.tomography.geometry import FloatArray
 
 
 def calibrate(attempt: Attempt) -> dict[str, Any]:
-    """Write report.png, overlay.png and result.h5, and answer with everything known."""
+    """Write result.h5, which the pictures are drawn from, and answer with everything known."""
     store = attempt.store
     asked = store.calibrations.get(attempt.job.subject_id)
     scanner = store.scanners.get(asked.scanner_id)
@@ -30,11 +32,16 @@ def calibrate(attempt: Attempt) -> dict[str, Any]:
             "rotation": asked.options.rotation or scanner.rotation,
         }
     )
-    given = _load(store, asked.scan_id, options, scanner, drawing_of(store, asked.phantom_id))
+    scan = usable_scan(store, asked.scan_id)
+    given = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
     calibration, result = run_calibration(given, options, attempt.report)
-    result = _compared(store, scanner, result)
-    attempt.say(0.97, "report")
-    write_report(attempt.output, calibration, result, given)
+    active = _active(store, scanner)
+    if active is not None:
+        result = compared(active, result, scanner)
+    attempt.say(0.97, "result")
+    log = _log_row(store, scan, options, given)
+    images = None if log is None else log_images(log, given, result, active)
+    write_result(attempt.output, result, calibration_arrays(calibration, given, images))
     return result.model_dump(mode="json")
 
 
@@ -55,13 +62,12 @@ def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
 
 
 def _load(
-    store: Store, scan_id: str, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
+    store: Store, scan: Scan, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
 ) -> CalibrationInput:
-    scan = usable_scan(store, scan_id)
     assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
     rows = chosen_rows(options.rows or scan.phantom_rows, scan.shape.rows)
     views = chosen_views(options.views, scan.shape.views)
-    stored = read_stored_scan(store.files.scan(scan_id), rows, views)
+    stored = read_stored_scan(store.files.scan(scan.id), rows, views)
     given = CalibrationInput(
         sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
         angles_rad=stored.angles_rad,
@@ -74,16 +80,24 @@ def _load(
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
         from_counts=scan.data is DataKind.COUNTS,
     )
-    named = options.rows is not None or scan.phantom_rows is not None
+    named = options.rows is not None or scan.phantom_rows is not None or Adjustment.PHANTOM_ROWS in options.without
     return given if named else with_phantom_rows(given, stored.line_integrals)
 
 
-def _compared(store: Store, scanner: Scanner, result: CalibrationResult) -> CalibrationResult:
-    """The answer with its comparison to the active calibration, where there is one."""
+def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:
     if scanner.active_calibration_id is None:
-        return result
+        return None
     active = store.calibrations.get(scanner.active_calibration_id)
-    if not isinstance(active, CalibrationSucceeded):
-        return result
-    comparison: Comparison = compare(active, result, scanner)
-    return result.model_copy(update={"comparison": comparison})
+    return active if isinstance(active, CalibrationSucceeded) else None
+
+
+def _log_row(store: Store, scan: Scan, options: CalibrationOptions, given: CalibrationInput) -> LogRow | None:
+    """A row of the scan beside the phantom's that shows a log, if there is one."""
+    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    views = chosen_views(options.views, scan.shape.views)
+
+    def read(row: int) -> FloatArray:
+        stored = read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views)
+        return stored.line_integrals[:, 0].astype(np.float64)
+
+    return log_row_beside(given, (0, scan.shape.rows), read)

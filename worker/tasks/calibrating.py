@@ -15,6 +15,7 @@ from worker.contracts.jobs import Progress
 from worker.contracts.phantoms import PhantomDrawing
 from worker.tasks.conversion import from_frame, from_theta, to_bounds, to_phantom, to_scanner
 from worker.tomography import geometry
+from worker.tomography.calibration.adjust import Adjustment
 from worker.tomography.calibration.calibration import Calibration, CalibrationError
 from worker.tomography.calibration.default import CalibrationTask, calibrate
 from worker.tomography.calibration.phantom_rows import segments
@@ -78,6 +79,7 @@ def _task(given: CalibrationInput, options: contracts.CalibrationOptions | None 
         log_radius_mm=given.log_radius_mm,
         tolerance_mm=given.tolerance_mm,
         from_counts=given.from_counts,
+        without=frozenset(Adjustment(name) for name in chosen.without),
     )
 
 
@@ -132,13 +134,14 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
         offset=calibration.offset,
         residual=contracts.Residual(rms=calibration.residual_rms, relative=calibration.relative_residual),
         adjustments=[*given.remarks, *calibration.adjustments],
+        status=contracts.CalibrationStatus(calibration.status),
         verdict=calibration.verdict,
         reasons=list(calibration.reasons),
         scanner=given.scanner,
         phantom=given.drawing.name,
         views=int(given.angles_rad.size),
         rows=given.rows,
-        search=contracts.Search.model_validate(vars(calibration.search)),
+        search=contracts.Search(**{name: getattr(calibration.search, name) for name in contracts.Search.model_fields}),
         timing_s=contracts.Timing(**calibration.seconds),
         software_version=version("sawmill-calibration"),
         input_sha256=given.input_sha256,

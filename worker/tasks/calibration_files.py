@@ -1,97 +1,91 @@
-"""The files that a calibration leaves behind: its pictures and its HDF5."""
+"""What a calibration leaves behind: its HDF5, and the report that is drawn from the same answer and arrays."""
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from worker.contracts.calibrations import CalibrationResult
-from worker.formats.result_files import write_calibration
-from worker.pictures.calibration_report import calibration_report_png, overlay_png
+from worker.formats.result_files import NamedArray, write_calibration
 from worker.tasks.calibrating import CalibrationInput
-from worker.tasks.report_table import report_table
+from worker.tasks.log_comparison import LogImages
 from worker.tomography.calibration.calibration import Calibration
 from worker.tomography.fbp import fbp
 from worker.tomography.geometry import FanBeamGeometry, GeometryError
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.phantom import Phantom
 from worker.tomography.projector import Projector
 
-OVERLAY_SIZE = 512
+PHANTOM_SIZE = 256
 
 
-@dataclass(frozen=True)
-class PhantomImage:
-    """The phantom reconstructed with the geometry found: image (x, y) in units of its drawing's density."""
-
-    image: NDArray[np.float32]
-    field_mm: float
-    remark: str = ""
-
-
-def phantom_image(calibration: Calibration, given: CalibrationInput) -> PhantomImage:
-    """Reconstruct the phantom; a partial turn calibrates but has no image, which the remark says."""
-    reach = max(float(np.abs(outline).max()) for outline in calibration.seen.outlines())
+def calibration_arrays(
+    calibration: Calibration, given: CalibrationInput, log: LogImages | None
+) -> dict[str, NamedArray]:
+    """The arrays behind a calibration's pictures, as docs/formats.md lists them."""
+    seen = calibration.seen
+    reach = max(float(np.abs(outline).max()) for outline in seen.outlines())
     field = min(2.4 * reach, 1.3 * calibration.frame.source_distance_mm)
-    angles = calibration.rotation.apply(given.angles_rad)
-    try:
-        fan = FanBeamGeometry(calibration.scanner, calibration.theta, angles)
-        projector = Projector(fan, ImageGrid(OVERLAY_SIZE, field))
-        return PhantomImage(fbp(projector, (given.sinogram - calibration.offset) / calibration.gain), field)
-    except GeometryError:
-        blank = np.zeros((OVERLAY_SIZE, OVERLAY_SIZE), np.float32)
-        return PhantomImage(blank, field, " (no image: the views do not go all round)")
+    arrays = {
+        "sinogram": NamedArray(given.sinogram.astype(np.float32), "as given", "view, detector"),
+        "model": NamedArray(calibration.model.astype(np.float32), "as given", "view, detector"),
+        "residual": NamedArray(calibration.residual.astype(np.float32), "as given", "view, detector"),
+        "angles_rad": NamedArray(given.angles_rad, "rad", "view"),
+        "phantom_image": NamedArray(_phantom_image(calibration, given, field), "1", "x, y"),
+        "phantom_field_mm": NamedArray(np.array(field), "mm", "side of phantom_image"),
+        "phantom_outlines_mm": NamedArray(_closed(seen), "mm", "point, (x, y)"),
+        "search_history": NamedArray(
+            np.array(calibration.search.history, np.float64).reshape(-1, 2), "1", "step, (evaluations, best value)"
+        ),
+    }
+    return arrays if log is None else {**arrays, **_log_arrays(log)}
 
 
-def write_report(folder: Path, calibration: Calibration, result: CalibrationResult, given: CalibrationInput) -> None:
-    """Write report.png, overlay.png and result.h5 into the folder."""
-    drawn = phantom_image(calibration, given)
-    _write_report_png(folder / "report.png", drawn, calibration, result, given)
-    overlay = overlay_png(
-        image=drawn.image,
-        field_mm=drawn.field_mm,
-        outlines=calibration.seen.outlines(),
-        title=f"{given.drawing.name} with the geometry found{drawn.remark}",
-    )
-    (folder / "overlay.png").write_bytes(overlay)
-    unit = "as given"
+def write_result(folder: Path, result: CalibrationResult, arrays: dict[str, NamedArray]) -> None:
+    """Write result.h5 into the folder."""
     write_calibration(
         folder / "result.h5",
         result.model_dump(mode="json"),
-        {
-            "sinogram": (given.sinogram.astype(np.float32), unit, "view, detector"),
-            "model": (calibration.model.astype(np.float32), unit, "view, detector"),
-            "residual": (calibration.residual.astype(np.float32), unit, "view, detector"),
-            "angles_rad": (given.angles_rad, "rad", "view"),
-            "phantom_image": (drawn.image, "1", f"x, y; field {drawn.field_mm:.6g} mm"),
-        },
+        arrays,
         software_version=result.software_version,
         input_sha256=result.input_sha256,
     )
 
 
-def write_report_png(path: Path, calibration: Calibration, result: CalibrationResult, given: CalibrationInput) -> None:
-    """Write the report's picture alone."""
-    _write_report_png(path, phantom_image(calibration, given), calibration, result, given)
+def write_report_png(path: Path, result: CalibrationResult, arrays: dict[str, NamedArray]) -> None:
+    """Write the report's picture."""
+    # Drawing takes longer to import than a calibration takes.
+    from worker.pictures.calibration_report import report_png  # noqa: PLC0415
+
+    values: dict[str, NDArray[Any]] = {name: array.values for name, array in arrays.items()}
+    path.write_bytes(report_png(result.model_dump(mode="json"), values))
 
 
-def _write_report_png(
-    path: Path,
-    drawn: PhantomImage,
-    calibration: Calibration,
-    result: CalibrationResult,
-    given: CalibrationInput,
-) -> None:
-    report = calibration_report_png(
-        image=drawn.image,
-        field_mm=drawn.field_mm,
-        outlines=calibration.seen.outlines(),
-        sinogram=given.sinogram,
-        residual=calibration.residual,
-        angles_deg=np.rad2deg(given.angles_rad),
-        pitch_mm=given.scanner.detector_pitch_mm,
-        table=report_table(result),
-        verdict=result.verdict,
-        title=f"Calibration with {given.drawing.name}{drawn.remark}",
-    )
-    path.write_bytes(report)
+def _phantom_image(calibration: Calibration, given: CalibrationInput, field_mm: float) -> NDArray[np.float32]:
+    """The phantom in units of its drawing's density; all zero where the views do not go all round."""
+    angles = calibration.rotation.apply(given.angles_rad)
+    try:
+        fan = FanBeamGeometry(calibration.scanner, calibration.theta, angles)
+        projector = Projector(fan, ImageGrid(PHANTOM_SIZE, field_mm))
+        return fbp(projector, (given.sinogram - calibration.offset) / calibration.gain)
+    except GeometryError:
+        return np.zeros((PHANTOM_SIZE, PHANTOM_SIZE), np.float32)
+
+
+def _closed(phantom: Phantom) -> NDArray[np.float64]:
+    """All outlines one after the other, each closed, NaN between two of them."""
+    gap = np.full((1, 2), np.nan)
+    pieces = [piece for outline in phantom.outlines() for piece in (gap, outline, outline[:1])]
+    return np.concatenate(pieces[1:])
+
+
+def _log_arrays(log: LogImages) -> dict[str, NamedArray]:
+    arrays = {
+        "log_row": NamedArray(np.array(log.row), "1", "row of the scan"),
+        "log_field_mm": NamedArray(np.array(log.field_mm), "mm", "side of log_after and log_before"),
+        "log_after": NamedArray(log.after, log.unit, "x, y"),
+    }
+    if log.before is not None:
+        arrays["log_before"] = NamedArray(log.before, log.unit, "x, y")
+    return arrays

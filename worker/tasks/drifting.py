@@ -61,6 +61,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
+        adjustments=list(fit.adjustments),
         scanner=known.scanner,
         views=int(given.angles_rad.size),
         rows=given.rows,

@@ -8,6 +8,7 @@ from worker.formats.errors import UnreadableScan
 from worker.tomography.calibration.calibration import CalibrationError
 from worker.tomography.drift import DriftError
 from worker.tomography.geometry import GeometryError
+from worker.tomography.missing_rows import RowsError
 from worker.tomography.phantom import PhantomError
 from worker.tomography.preprocess import CountsError
 
@@ -46,5 +47,7 @@ def input_errors_translated() -> Iterator[None]:
         raise refused("geometry", str(error)) from error
     except PhantomError as error:
         raise refused("phantom", str(error)) from error
+    except RowsError as error:
+        raise refused("rows-not-aligned", str(error)) from error
     except CountsError as error:
         raise refused("counts", str(error)) from error

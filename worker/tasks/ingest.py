@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from worker.contracts.base import DataKind
+from worker.contracts.preparing import RowAlignment
 from worker.contracts.scans import ScanReading, ScanShape
 from worker.formats.angles import parse_angles
 from worker.formats.canonical import CanonicalScan
@@ -27,26 +28,27 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
         angles_deg=None if scan.angles_deg is None else parse_angles(scan.angles_deg),
         detector_pitch_mm=constants.detector_pitch_mm,
         row_pitch_mm=constants.row_pitch_mm,
+        rows_missing=scan.align_rows is not RowAlignment.OFF,
     )
     _check_detector(read, constants.num_detector_pixels)
     attempt.say(0.4, "line integrals")
-    stack, air_level, remarks = as_line_integrals(read)
+    prepared = as_line_integrals(read, scan)
     attempt.say(0.7, "write")
     write_scan(
         attempt.output / "scan.h5",
-        line_integrals=stack,
+        line_integrals=prepared.stack,
         angles_rad=read.angles_rad,
         detector_pitch_mm=constants.detector_pitch_mm,
         row_pitch_mm=read.row_pitch_mm,
-        air_level=air_level,
-        provenance={"format": read.format, "input_sha256": scan.sha256, "remarks": " ".join(remarks)},
+        air_level=prepared.air_level,
+        provenance={"format": read.format, "input_sha256": scan.sha256, "remarks": "\n".join(prepared.remarks)},
     )
-    views, rows, detector = stack.shape
+    views, rows, detector = prepared.stack.shape
     return ScanReading(
         format=read.format,
         shape=ScanShape(views=views, rows=rows, detector=detector),
         angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
-        remarks=list(remarks),
+        remarks=list(prepared.remarks),
     ).model_dump(mode="json")
 
 

@@ -5,15 +5,14 @@ from typing import Any
 from worker.contracts.base import DataKind, Handedness, Rotation
 from worker.contracts.calibrations import CalibrationSucceeded
 from worker.contracts.geometry import Theta
-from worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
-from worker.formats.scan_file import read_stored_scan
+from worker.contracts.reconstructions import ReconstructionAsk
+from worker.formats.scan_file import open_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
 from worker.tasks.calibrate import usable_scan
 from worker.tasks.failures import refused
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction, volume_unit
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 from worker.tasks.selection import chosen_rows, chosen_views
-from worker.tasks.writing_volumes import write_volume
 
 
 def reconstruct(attempt: Attempt) -> dict[str, Any]:
@@ -23,27 +22,25 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
     options = asked.options
     scan = usable_scan(store, asked.scan_id)
     assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
-    rows, views = chosen_rows(options.rows, scan.shape.rows), chosen_views(options.views, scan.shape.views)
-    stored = read_stored_scan(store.files.scan(scan.id), rows, views)
+    rows = range(scan.shape.rows)[chosen_rows(options.rows, scan.shape.rows)]
+    views = chosen_views(options.views, scan.shape.views)
     theta, rotation, handedness = _geometry(store, options)
     constants = store.scanners.get(asked.scanner_id).constants
-    constants = constants.model_copy(update={"row_pitch_mm": stored.row_pitch_mm})
-    given = ReconstructionInput(
-        line_integrals=stored.line_integrals,
-        angles_rad=stored.angles_rad,
-        rows=(rows.start, rows.stop),
-        scanner=constants,
-        theta=theta,
-        rotation=rotation,
-        handedness=handedness,
-        input_sha256=scan.sha256,
-        unit=volume_unit(counts=scan.data is DataKind.COUNTS),
-    )
-    volume, result = run_reconstruction(given, options, attempt.report)
-    only_options = ReconstructionOptions.model_validate(
-        options.model_dump(include=set(ReconstructionOptions.model_fields))
-    )
-    write_volume(attempt.output / "volume.h5", volume, result, only_options, constants)
+    with open_scan(store.files.scan(scan.id)) as stored:
+        given = ReconstructionInput(
+            read=lambda start, stop: stored.rows(rows[start:stop], views),
+            angles_rad=stored.angles_rad[views],
+            rows=(rows.start, rows.stop),
+            row_step=rows.step,
+            scanner=constants.model_copy(update={"row_pitch_mm": stored.row_pitch_mm}),
+            theta=theta,
+            rotation=rotation,
+            handedness=handedness,
+            input_sha256=scan.sha256,
+            counts=scan.data is DataKind.COUNTS,
+            preparation=tuple(scan.remarks),
+        )
+        result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report)
     return result.model_dump(mode="json")
 
 

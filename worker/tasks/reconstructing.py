@@ -1,9 +1,10 @@
-"""A reconstruction from sinograms in memory: what the job and the command line share."""
+"""A reconstruction from rows to a volume's file, block by block: what the job and the command line share."""
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,23 +12,43 @@ from numpy.typing import NDArray
 from worker.contracts.base import Handedness, Rotation
 from worker.contracts.geometry import ScannerConstants, Theta
 from worker.contracts.jobs import Progress
-from worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from worker.contracts.reconstructions import ReconstructionMethod, ReconstructionOptions, ReconstructionResult
 from worker.tasks.conversion import to_scanner, to_theta
-from worker.tomography import geometry
-from worker.tomography.fbp import fbp
-from worker.tomography.filters import FilterName
+from worker.tasks.method_findings import Slices
+from worker.tasks.room import check_disk, memory_available
+from worker.tasks.solving import Work, solver_of
+from worker.tasks.value_range import ValueRange
+from worker.tasks.writing_volumes import VolumeOrigin, new_volume
+from worker.tomography import cost, geometry
+from worker.tomography.choosing import recommend
 from worker.tomography.geometry import FanBeamGeometry, FloatArray
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.projector import Projector
+from worker.tomography.stack import ReadRows, reconstruct_stack
 
 Report = Callable[[Progress], None]
+
+# Of what is free, the blocks take at most this share: the rest is for the files' caches and for others.
+MEMORY_SHARE = 0.5
 
 
 @dataclass(frozen=True)
 class ReconstructionInput:
-    """What is reconstructed: sinograms (views, rows, detector) and the geometry they were taken with."""
+    """What is reconstructed: line integrals, read as they are needed, and the geometry they were taken with.
 
-    line_integrals: NDArray[np.float32]
+    Attributes
+    ----------
+    read : callable
+        (views, rows, detector) float32 of the slices start..stop.
+    counts : bool
+        Whether they were made from counts: the volume is then in 1/mm.
+    rows, row_step
+        The scan's rows, the first included, the last not, and every which of them is a slice.
+    preparation : tuple of str
+        What was done to the scan's data before.
+    """
+
+    read: ReadRows
     angles_rad: FloatArray
     rows: tuple[int, int]
     scanner: ScannerConstants
@@ -35,7 +56,9 @@ class ReconstructionInput:
     rotation: Rotation
     handedness: Handedness
     input_sha256: str
-    unit: str
+    counts: bool
+    preparation: tuple[str, ...] = ()
+    row_step: int = 1
 
 
 def volume_unit(*, counts: bool) -> str:
@@ -44,36 +67,128 @@ def volume_unit(*, counts: bool) -> str:
 
 
 def run_reconstruction(
-    given: ReconstructionInput, options: ReconstructionOptions, report: Report
-) -> tuple[NDArray[np.float32], ReconstructionResult]:
-    """Reconstruct each row: the volume (slice, x, y) float32, and the answer beside it."""
+    given: ReconstructionInput, options: ReconstructionOptions, output: Path, report: Report
+) -> ReconstructionResult:
+    """Reconstruct each row into the volume's file, which is there when all of it is; and the answer beside it.
+
+    Raises
+    ------
+    GeometryError, JobFailure
+        The geometry or the options cannot be used, or the volume does not fit into the memory or on the disk.
+    OSError
+        The file cannot be written.
+    """
     started = time.perf_counter()
     angles = geometry.Rotation(given.rotation).apply(given.angles_rad)
-    grid = ImageGrid(options.size, options.field_mm)
+    grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
     projector = Projector(FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles), grid)
-    slices = given.line_integrals.shape[1]
-    volume = np.empty((slices, options.size, options.size), np.float32)
-    for index in range(slices):
-        volume[index] = fbp(
-            projector,
-            given.line_integrals[:, index],
-            filter_name=FilterName(options.filter),
-            frequency_scaling=options.frequency_scaling,
-            weighting=options.weighting,
-        )
-        report(Progress(fraction=(index + 1) / (slices + 1), stage="reconstruct"))
-    low, high = np.percentile(volume, [0.1, 99.9])
-    return volume, ReconstructionResult(
-        shape=volume.shape,
+    slices = len(range(*given.rows, given.row_step))
+    shape = (slices, options.size, options.size)
+    volumes = 2 if options.uncertainty else 1
+    check_disk(output.parent, shape, volumes * cost.volume_bytes(options.size, slices))
+    reporting = _Reporting(slices, report)
+    sample = np.ascontiguousarray(given.read(slices // 2, slices // 2 + 1)[:, 0])
+    method, reason = _method(options, projector, sample)
+    reporting.foretell(_predicted(projector, slices, method))
+    work = Work(
+        options=options,
+        projector=projector,
+        sample=sample,
+        slices=slices,
+        counts=given.counts,
+        memory_bytes=int(MEMORY_SHARE * memory_available()),
+        reason=reason,
+        told=reporting.within,
+    )
+    solver = solver_of(method, work)
+    seen = ValueRange(slices, options.size)
+    origin = VolumeOrigin(
+        given.scanner,
+        given.theta,
+        given.rotation,
+        given.handedness,
+        given.rows,
+        given.input_sha256,
+        given.preparation,
+        given.row_step,
+    )
+    unit = volume_unit(counts=given.counts)
+    with new_volume(output, shape, origin, options, unit=unit, views=angles.size) as volume:
+
+        def keep(first: int, block: Slices) -> None:
+            volume.write(first, block.images)
+            seen.add(block.images)
+            if block.deviation is not None:
+                volume.write_deviation(first, block.deviation)
+
+        reconstruct_stack(slices, given.read, solver, keep, step=solver.step, done=reporting)
+        done = solver.report()
+        volume.note_method(done.model_dump(mode="json", exclude_none=True))
+        if solver.curve is not None:
+            volume.note_alpha_curve(solver.curve)
+    return ReconstructionResult(
+        shape=shape,
         pixel_mm=grid.pixel_mm,
-        unit=given.unit,
-        value_range=(float(low), float(high)),
+        unit=unit,
+        value_range=seen.percentiles(),
         theta=given.theta,
         rotation=given.rotation,
         handedness=given.handedness,
         views=int(angles.size),
         rows=given.rows,
+        row_step=given.row_step,
         time_s=time.perf_counter() - started,
         software_version=version("sawmill-calibration"),
         input_sha256=given.input_sha256,
+        preparation=list(given.preparation),
+        method=done,
+        has_deviation=options.uncertainty,
     )
+
+
+def _method(
+    options: ReconstructionOptions, projector: Projector, sample: NDArray[np.float32]
+) -> tuple[ReconstructionMethod, str | None]:
+    """The method asked for; or the one that suits a sinogram of the scan, and why."""
+    if options.method is not ReconstructionMethod.AUTO:
+        return options.method, None
+    recommended = recommend(projector.geometry, sample)
+    return ReconstructionMethod(recommended.method), recommended.reason
+
+
+def _predicted(projector: Projector, slices: int, method: ReconstructionMethod) -> float | None:
+    """Seconds, where they are known beforehand: an iterative method takes as many steps as the scan asks for."""
+    if method is not ReconstructionMethod.FBP:
+        return None
+    views, cells = projector.geometry.sinogram_shape
+    return cost.seconds(views, cells, projector.grid.size, slices)
+
+
+class _Reporting:
+    """Turns slices done into progress with the time left."""
+
+    def __init__(self, slices: int, report: Report) -> None:
+        self._started, self._slices, self._report = time.perf_counter(), slices, report
+        self._done = 0
+
+    def foretell(self, seconds_left: float | None) -> None:
+        """Say how long all of it will take, where that is known."""
+        self._tell(0.0, seconds_left)
+
+    def within(self, more: float) -> None:
+        """So many slices' worth is done beyond those that are; there is no pace before the first are."""
+        self._tell(self._done + more, self._left(self._done + more) if self._done else None)
+
+    def __call__(self, done: int) -> None:
+        """So many slices are done."""
+        self._done = done
+        self._tell(done, self._left(done))
+
+    def _left(self, done: float) -> float:
+        return cost.seconds_left(time.perf_counter() - self._started, done, self._slices)
+
+    def _tell(self, done: float, left: float | None) -> None:
+        # The last slices are still to be written when they are done.
+        fraction = done / (self._slices + 1)
+        rounded = None if left is None else round(left, 1)
+        self._report(Progress(fraction=fraction, stage="reconstruct", seconds_left=rounded))

@@ -8,13 +8,13 @@ from worker.tasks.failures import refused
 
 
 def chosen_rows(rows: str | None, available: int) -> slice:
-    """The rows A:B, or all of them; refused where the scan has no such rows."""
+    """The rows A:B or A:B:STEP, or all of them; refused where the scan has no such rows."""
     if rows is None:
         return slice(0, available)
-    first, last = parse_rows(rows)
-    if last > available:
+    wanted = parse_rows(rows)
+    if wanted.stop > available:
         raise refused("rows-outside", f"rows {rows} were asked for, but the scan has rows 0:{available}")
-    return slice(first, last)
+    return wanted
 
 
 def chosen_views(views: int | None, available: int) -> NDArray[np.intp]:

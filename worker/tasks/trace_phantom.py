@@ -15,5 +15,6 @@ def trace_phantom(attempt: Attempt) -> dict[str, Any]:
     asked = store.phantoms.picture(phantom_id)
     attempt.say(0.1, "trace")
     picture = read_picture(store.files.upload(attempt.job.kind, phantom_id))
-    phantom = replace(trace(picture, asked.width_mm, name=asked.name), size_tolerance=asked.size_tolerance)
+    traced = trace(picture, asked.width_mm, name=asked.name)
+    phantom = replace(traced, size_tolerance=max(asked.size_tolerance, traced.size_tolerance))
     return from_phantom(phantom).model_dump(mode="json")

@@ -1,0 +1,79 @@
+"""The flags that prepare a scan: `--air`, `--faulty-cells`, `--rings`, `--align-rows`."""
+
+import json
+import re
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from worker.contracts.preparing import PrepareOptions
+
+THETA = "2.55,714.7,319.9,43.7,0.281"
+SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 9.0)
+ROWS, LOST = 40, 5
+
+
+@pytest.fixture(scope="session")
+def lossy(run, scans):
+    """Line integrals of a log, 0.2 too high, each view without some rows at the top and the bottom; the rows kept."""
+    whole, path = scans / "log.h5", scans / "lossy.npz"
+    body = ("log", "--theta", THETA, "--data", "line-integrals", "--rows", ROWS, "--row-pitch-mm", 3, "--noise", 0.002)
+    run("simulate", *body, *SCANNER, "--detector-pixels", 128, "--views", 36, "--background", 0.2, "-o", whole)
+    with h5py.File(whole) as file:
+        views = file["entry/instrument/detector/data"][()]
+        angles = file["entry/sample/rotation_angle"][()]
+    lost = np.full_like(views, np.nan)
+    top, bottom = np.random.default_rng(71).integers(0, LOST, (2, len(views)))
+    for view in range(len(views)):
+        kept = ROWS - top[view] - bottom[view]
+        lost[view, :kept] = views[view, top[view] : top[view] + kept]
+    np.savez(path, projections=lost, angles_deg=angles)
+    return path, ROWS - int(top.max() + bottom.max())
+
+
+def reconstruct(run, path, output, *flags, code=0):
+    given = ("--theta", THETA, *SCANNER, "--data", "line-integrals", "--size", 32)
+    return json.loads(run("reconstruct", path, *given, "-o", output, "--json", *flags, code=code).stdout)
+
+
+def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path):
+    path, rows = lossy
+    output = tmp_path / "out.h5"
+    answer = reconstruct(run, path, output, "--align-rows", "profile", "--air", "background", "--rings", "sorting")
+    assert answer["shape"] == [rows, 32, 32]
+    air, rings, aligned = answer["preparation"]
+    assert air.endswith("0.2 in the mean")
+    assert rings.startswith("rings removed by sorting")
+    assert aligned.startswith(f"views laid over one another by their profile: {rows} of 40 rows are in all")
+    with h5py.File(output) as file:
+        assert file["entry/process/parameters/preparation"][()].decode().splitlines() == answer["preparation"]
+
+
+def test_without_being_asked_they_are_refused_with_the_flag(run, lossy, tmp_path):
+    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", code=1)
+    assert "(--align-rows)" in json.dumps(answer)
+
+
+def test_line_integrals_are_used_as_they_are_unless_asked(run, lossy, tmp_path):
+    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", "--align-rows", "profile")
+    assert len(answer["preparation"]) == 1
+
+
+def test_an_unknown_way_is_wrong_use(run, lossy, tmp_path):
+    flags = ("--theta", THETA, *SCANNER, "--data", "line-integrals", "-o", tmp_path / "out.h5")
+    assert "--align-rows" in run("reconstruct", lossy[0], *flags, "--align-rows", "guess", code=2).stderr
+
+
+def test_the_document_has_every_parameter_with_its_flag_and_values():
+    page = (Path(__file__).parents[2] / "docs/preparing.md").read_text()
+    rows = re.findall(r"^\| `(\w+)` \| `(--[\w-]+)` \| ([^|]+) \|", page, re.MULTILINE)
+    assert [(name, flag) for name, flag, _ in rows] == [
+        (name, "--" + name.replace("_", "-")) for name in ("faulty_cells", "air", "rings", "align_rows")
+    ]
+    for name, _, values in rows:
+        default = PrepareOptions.model_fields[name].default
+        first, *others = re.findall(r"`([\w-]+)`", values)
+        assert first == default
+        assert {first, *others} == set(type(default))

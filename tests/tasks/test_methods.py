@@ -1,0 +1,178 @@
+"""Reconstruction by every method: what it explains, what it chooses by itself, and what stands in the volume's file."""
+
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from worker.contracts.base import Handedness, Rotation
+from worker.contracts.reconstructions import ReconstructionOptions
+from worker.tasks.conversion import from_theta
+from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from worker.tomography.analytic import DetectorCells, project
+from worker.tomography.geometry import FanBeamGeometry, Theta
+from worker.tomography.phantom import Disc, Phantom
+
+# Off the centre, with a knot: no slice of it looks like another one turned.
+LOG = Phantom("log", (Disc((25.0, -10.0), 110.0, 0.018), Disc((60.0, 20.0), 20.0, 0.012)))
+SIZE, FIELD_MM = 48, 400.0
+TAPE = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
+ITERATIVE = ("tikhonov", "cauchy_map", "total_variation")
+
+
+@pytest.fixture
+def log(constants, scanner, theta, turn):
+    """Rows of one log from so many views, with 2 % noise, and a background where wanted."""
+
+    def of(*, views=20, rows=1, background=0.0, counts=False):
+        fan = FanBeamGeometry(scanner, theta, turn(views))
+        line = project(LOG, DetectorCells.of(scanner), fan.frame, fan.angles_rad, rays_per_cell=8)
+        noise = 0.02 * np.sqrt(np.mean(line**2))
+        stack = line[:, None] + noise * np.random.default_rng(731).standard_normal((views, rows, line.shape[1]))
+        stack = (stack + background).astype(np.float32)
+        return ReconstructionInput(
+            read=lambda start, stop: stack[:, start:stop],
+            angles_rad=fan.angles_rad,
+            rows=(0, rows),
+            scanner=constants,
+            theta=from_theta(theta),
+            rotation=Rotation.AS_GIVEN,
+            handedness=Handedness.AS_DRAWN,
+            input_sha256="0" * 64,
+            counts=counts,
+        )
+
+    return of
+
+
+@pytest.fixture
+def reconstruct(tmp_path):
+    def run(given, **options):
+        asked = ReconstructionOptions(**{"size": SIZE, "field_mm": FIELD_MM} | options)
+        path = tmp_path / "volume.h5"
+        result = run_reconstruction(given, asked, path, lambda _: None)
+        with h5py.File(path) as file:
+            volume = file["entry/reconstruction/data"][()]
+            file["entry/process/method"].visit(lambda _: None)
+        return result, volume
+
+    return run
+
+
+def relative(image, other):
+    return float(np.linalg.norm(image - other) / np.linalg.norm(other))
+
+
+@pytest.mark.parametrize("method", ITERATIVE)
+def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method):
+    # Tikhonov explains whatever it is given while there are more pixels than rays.
+    given = log(views=60)
+    right, volume = reconstruct(given, method=method)
+    assert right.method.name == method
+    assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.35
+    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    wrong, _ = reconstruct(replace(given, theta=off), method=method)
+    assert wrong.method.data_misfit > 1.5 * right.method.data_misfit
+
+
+def test_few_views_are_explained_better_than_filtered(log, reconstruct):
+    truth = LOG.rasterise(SIZE, FIELD_MM)
+    errors = {method: relative(reconstruct(log(), method=method)[1][0], truth) for method in ("fbp", "cauchy_map")}
+    assert errors["cauchy_map"] < 0.5 * errors["fbp"]
+
+
+def test_fbp_tells_its_misfit_too(log, reconstruct, theta):
+    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    right, _ = reconstruct(log(views=180))
+    wrong, _ = reconstruct(replace(log(views=180), theta=off))
+    assert wrong.method.data_misfit > 1.3 * right.method.data_misfit
+
+
+def test_auto_chooses_by_the_views_and_says_why(log, reconstruct):
+    dense, _ = reconstruct(log(views=360), method="auto")
+    sparse, _ = reconstruct(log(views=20), method="auto")
+    assert (dense.method.name, sparse.method.name != "fbp") == ("fbp", True)
+    assert "360 views" in dense.method.reason
+    assert "20 views" in sparse.method.reason
+    assert reconstruct(log(views=20), method="fbp")[0].method.reason is None
+
+
+def test_a_background_is_taken_out_before_slices_are_held_to_the_data(log, reconstruct):
+    plain, expected = reconstruct(log(), method="tikhonov")
+    told, volume = reconstruct(log(background=3.0), method="tikhonov")
+    # The background is known to a hundredth of the noise: thousands of samples of air.
+    assert relative(volume, expected) < 0.02
+    assert any("background" in remark for remark in told.method.remarks)
+    assert not any("background" in remark for remark in plain.method.remarks)
+
+
+def test_a_region_of_interest_is_cut_out_of_all_that_was_scanned(log, reconstruct):
+    h = FIELD_MM / SIZE
+    asked = {"size": 16, "field_mm": 16 * h, "field_centre_mm": (6 * h, 2 * h)}
+    region, part = reconstruct(log(), method="total_variation", **asked)
+    assert any("cut out" in remark for remark in region.method.remarks)
+    assert part.shape == (1, 16, 16)
+    # Without the wood around it the region would be explained by far too much attenuation.
+    assert relative(part[0], LOG.rasterise(SIZE, FIELD_MM)[22:38, 18:34]) < 0.2
+    assert region.method.data_misfit < 1.5
+
+
+def test_fbp_of_a_region_tells_no_misfit(log, reconstruct):
+    region, _ = reconstruct(log(), size=20, field_mm=100.0)
+    assert region.method.data_misfit is None
+
+
+def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):
+    """Seventeen slices are two blocks; each slice alone would choose by its own noise."""
+    result, volume = reconstruct(log(rows=17), method="cauchy_map", size=24)
+    again, single = reconstruct(log(rows=17), method="cauchy_map", size=24, sigma=result.method.sigma)
+    # Sigma is a factor times each slice's own noise, here equal to some per cent.
+    assert relative(volume, single) < 0.05
+    assert again.method.sigma == pytest.approx(result.method.sigma, rel=0.05)
+
+
+def test_counts_are_weighted_by_their_photons(log, reconstruct):
+    """Dark rays, with a tenth of the light, weigh less: the image is another one."""
+    weighted, volume = reconstruct(log(counts=True), method="cauchy_map")
+    plain, same = reconstruct(log(), method="cauchy_map")
+    assert weighted.unit == "1/mm"
+    assert weighted.method.noise > 1.2 * plain.method.noise
+    assert relative(volume, same) > 0.01
+
+
+def test_each_pixel_has_a_standard_deviation_where_it_was_asked_for(log, reconstruct, tmp_path):
+    result, volume = reconstruct(log(), method="cauchy_map", uncertainty=True)
+    assert result.has_deviation
+    with h5py.File(tmp_path / "volume.h5") as file:
+        deviation = file["entry/reconstruction/data_errors"][()]
+        assert file["entry/reconstruction/data_errors"].attrs["units"] == "line integral/mm"
+    assert deviation.shape == volume.shape
+    assert 0.0 < deviation.mean() < volume.max()
+
+
+@pytest.mark.parametrize("rule", ["discrepancy", "gcv", "l-curve"])
+def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path, rule):
+    result, _ = reconstruct(log(), method="tikhonov", alpha_rule=rule)
+    with h5py.File(tmp_path / "volume.h5") as file:
+        curve = {name: column[()] for name, column in file["entry/process/alpha_curve"].items()}
+        assert file["entry/process/method/alpha"][()] == pytest.approx(result.method.alpha)
+    assert curve["alpha"] == pytest.approx(result.method.alpha)
+    assert (np.diff(curve["residual_norms"]) >= 0.0).all()
+    assert ("gcv" in curve) == (rule == "gcv")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"alpha": 1.0}, "alpha belongs to method tikhonov, not fbp"),
+        ({"method": "tikhonov", "uncertainty": True}, "uncertainty belongs to method cauchy_map, not tikhonov"),
+        ({"non_negative": False}, "non_negative belongs to method cauchy_map or total_variation, not fbp"),
+        ({"method": "cauchy_map", "preset": "paper", "beta": 0.1}, "preset brings its own sigma and beta"),
+        ({"method": "cauchy_map", "sigma": -1.0}, "greater than 0"),
+    ],
+)
+def test_an_option_of_another_method_is_refused(options, told):
+    with pytest.raises(ValidationError, match=told):
+        ReconstructionOptions(**options)

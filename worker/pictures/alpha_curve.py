@@ -1,0 +1,52 @@
+"""How Tikhonov's alpha came to be chosen: the L-curve, and generalised cross-validation where that was asked."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from worker.pictures.image_panels import encoded
+
+INK, CHOSEN = "#1f77b4", "#b71c1c"
+DECADES_MARKED = 3
+
+
+def alpha_curve_png(columns: Mapping[str, NDArray[Any]]) -> bytes:
+    """The curve of one slice with the alpha that was taken.
+
+    Parameters
+    ----------
+    columns : mapping of name to array
+        `alphas` in mm², `residual_norms`, `solution_norms` and perhaps `gcv`, each (points,), and the `alpha` taken.
+
+    Returns
+    -------
+    bytes
+        A PNG file.
+    """
+    alphas, alpha = columns["alphas"], float(columns["alpha"])
+    panels = 2 if "gcv" in columns else 1
+    figure = Figure(figsize=(6.0 * panels, 5.0), layout="constrained")
+    left, *right = figure.subplots(1, panels, squeeze=False)[0]
+    _draw_l_curve(left, columns, alpha)
+    for axes in right:
+        axes.loglog(alphas, columns["gcv"], color=INK)
+        axes.axvline(alpha, color=CHOSEN, linestyle="--", label=f"taken: {alpha:.3g} mm²")
+        axes.set(xlabel="alpha, mm²", ylabel="GCV", title="generalised cross-validation")
+        axes.legend()
+    return encoded(figure)
+
+
+def _draw_l_curve(axes: Axes, columns: Mapping[str, NDArray[Any]], alpha: float) -> None:
+    alphas, residual, solution = columns["alphas"], columns["residual_norms"], columns["solution_norms"]
+    axes.loglog(residual, solution, color=INK)
+    nearest = int(np.argmin(np.abs(np.log(alphas / alpha))))
+    for index in np.unique(np.linspace(0, alphas.size - 1, 2 * DECADES_MARKED + 1).round().astype(int)):
+        axes.plot(residual[index], solution[index], ".", color=INK)
+        axes.annotate(f"{alphas[index]:.1e}", (residual[index], solution[index]), (6, 4), textcoords="offset points")
+    axes.plot(residual[nearest], solution[nearest], "o", color=CHOSEN, label=f"taken: alpha = {alpha:.3g} mm²")
+    axes.set(xlabel="||A x - y||", ylabel="||x||", title="L-curve of the middle slice")
+    axes.legend()

@@ -1,0 +1,42 @@
+"""What the machine has left, and refusing what cannot fit before any time is spent on it."""
+
+import shutil
+from pathlib import Path
+
+from worker.tasks.failures import refused
+
+MEMINFO = Path("/proc/meminfo")
+CGROUP = Path("/sys/fs/cgroup")
+GIGABYTE = 1e9
+
+
+def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
+    """Bytes that can be had without swapping: of the machine, or of the container where that has less."""
+    lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
+    machine = int(lines["MemAvailable"].split()[0]) * 1024
+    limit, used = cgroup / "memory.max", cgroup / "memory.current"
+    if not limit.is_file() or limit.read_text(encoding="ascii").strip() == "max":
+        return machine
+    return min(machine, int(limit.read_text(encoding="ascii")) - int(used.read_text(encoding="ascii")))
+
+
+def check_memory(needed_bytes: int, available_bytes: int) -> None:
+    """Refuse what does not fit into the memory: `out-of-memory`."""
+    if needed_bytes > available_bytes:
+        raise refused(
+            "out-of-memory",
+            f"one slice needs {needed_bytes / GIGABYTE:.2g} GB of memory and {available_bytes / GIGABYTE:.2g} GB are "
+            "free: ask for fewer views or a smaller size",
+        )
+
+
+def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
+    """Refuse a volume (slice, x, y) that does not fit on the disk of its folder: `disk-full`."""
+    free = shutil.disk_usage(folder).free
+    if needed_bytes > free:
+        slices, size_x, size_y = shape
+        raise refused(
+            "disk-full",
+            f"a volume of {slices} x {size_x} x {size_y} needs up to {needed_bytes / GIGABYTE:.2g} GB and "
+            f"{free / GIGABYTE:.2g} GB are free in {folder}: make room, or ask for fewer rows or a smaller size",
+        )

@@ -1,0 +1,314 @@
+"""One method with its options, for a block of slices at a time, and what it found out on the way."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.contracts.reconstructions import MethodReport, ReconstructionMethod, ReconstructionOptions
+from worker.tasks.method_findings import MethodFindings, Slices
+from worker.tasks.room import check_memory
+from worker.tomography import cost
+from worker.tomography.air import find_air
+from worker.tomography.cauchy_map import cauchy_map
+from worker.tomography.fbp import Block, fbp_block
+from worker.tomography.filters import FilterName
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.noise import data_misfit, estimated_noise, photon_noise
+from worker.tomography.object_extent import object_radius_mm
+from worker.tomography.projector import Projector
+from worker.tomography.tikhonov import AlphaCurve, AlphaRule, tikhonov
+from worker.tomography.total_variation import total_variation
+
+Columns = Mapping[str, NDArray[np.float64]]
+Sinogram = NDArray[np.float32]
+# Told the number of an iteration and the most there may be.
+Iterations = Callable[[int, int], None]
+
+# Slices by `fbp` whose misfit is looked at: projecting one takes longer than reconstructing it.
+FBP_SLICES_LOOKED_AT = 5
+# Slices that iterate side by side: more bring nothing.
+ITERATED_TOGETHER = 16
+# Images that a descent keeps for each slice, the trials of sigma or weight side by side, and Tikhonov's basis.
+IMAGES_A_DESCENT, TRIALS, IMAGES_OF_A_BASIS = 24, 5, 100
+# A background below this share of the noise is none.
+BACKGROUND = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Work:
+    """What there is to reconstruct.
+
+    Attributes
+    ----------
+    sample : (views, detector) float32
+        The line integrals of the middle slice.
+    slices : int
+        Of the whole volume.
+    counts : bool
+        Whether the line integrals were made from counts, so that dark rays are noisier than bright ones.
+    memory_bytes : int
+        What may be used.
+    reason : str or None
+        Why `auto` chose the method.
+    told : callable
+        Told, while a block is at work, how many of its slices' worth is done.
+    """
+
+    options: ReconstructionOptions
+    projector: Projector
+    sample: Sinogram
+    slices: int
+    counts: bool
+    memory_bytes: int
+    reason: str | None
+    told: Callable[[float], None]
+
+    @property
+    def whole(self) -> tuple[ImageGrid, tuple[slice, slice]]:
+        """The grid that also holds all that was scanned, and where the field lies in it."""
+        return self.projector.grid.around(object_radius_mm(self.projector.geometry, self.sample))
+
+
+class Solver(Protocol):
+    """A method at work on one scan.
+
+    Attributes
+    ----------
+    step : int
+        Slices that it takes at a time.
+    curve : mapping or None
+        What Tikhonov's alpha was chosen from in the middle slice, a column each, and the `alpha` taken.
+    """
+
+    step: int
+    curve: Columns | None
+
+    def __call__(self, rows: Block) -> Slices:
+        """Line integrals (views, slices, detector) of the next rows to their slices."""
+
+    def report(self) -> MethodReport:
+        """What was done so far."""
+
+
+def solver_of(method: ReconstructionMethod, work: Work) -> Solver:
+    """The method, refused where one slice does not fit into the memory."""
+    makers: dict[ReconstructionMethod, Callable[[Work], Solver]] = {
+        ReconstructionMethod.FBP: _Fbp,
+        ReconstructionMethod.TIKHONOV: _Tikhonov,
+        ReconstructionMethod.CAUCHY_MAP: _CauchyMap,
+        ReconstructionMethod.TOTAL_VARIATION: _TotalVariation,
+    }
+    return makers[method](work)
+
+
+class _Fbp:
+    def __init__(self, work: Work) -> None:
+        views, cells = work.projector.geometry.sinogram_shape
+        size = work.projector.grid.size
+        check_memory(cost.block_bytes(views, cells, size, 1), work.memory_bytes)
+        self.step = cost.slices_a_block(views, cells, size, min(cost.MEMORY_BYTES, work.memory_bytes))
+        self.curve: Columns | None = None
+        self._work = work
+        self._findings = MethodFindings(ReconstructionMethod.FBP, work.reason)
+        self._done = 0
+        self._holds_all = work.whole[0].size == size
+        self._looked_at = set(np.linspace(0, work.slices - 1, FBP_SLICES_LOOKED_AT).round().astype(int).tolist())
+
+    def __call__(self, rows: Block) -> Slices:
+        options = self._work.options
+        images = fbp_block(
+            self._work.projector,
+            rows,
+            filter_name=FilterName(options.filter),
+            frequency_scaling=options.frequency_scaling,
+            weighting=options.weighting,
+        )
+        for index in range(rows.shape[1]):
+            if self._done + index in self._looked_at:
+                self._look_at(rows[:, index], images[index])
+        self._done += rows.shape[1]
+        return Slices(images)
+
+    def _look_at(self, line: Sinogram, image: NDArray[np.float32]) -> None:
+        lines = _levelled(np.ascontiguousarray(line)[None], self._findings)
+        noise = estimated_noise(lines[0])
+        self._findings.noise.append(noise)
+        if self._holds_all:
+            misfit = data_misfit(self._work.projector, image[None], lines, np.full((1, 1, 1), noise))
+            self._findings.misfit.extend(misfit.tolist())
+
+    def report(self) -> MethodReport:
+        return self._findings.report()
+
+
+class _Iterative(ABC):
+    """These methods explain the measured rays, so they have pixels wherever there is wood, beyond the field too."""
+
+    method: ReconstructionMethod
+
+    def __init__(self, work: Work) -> None:
+        grid, self._part = work.whole
+        self._projector = Projector(work.projector.geometry, grid)
+        self._work = work
+        self._done = 0
+        self.curve: Columns | None = None
+        self._findings = MethodFindings(self.method, work.reason)
+        if grid.size != work.projector.grid.size:
+            self._findings.remark(
+                f"all that was scanned was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
+            )
+        image_bytes = 4 * grid.size**2
+        check_memory(self.images_at_once * image_bytes, work.memory_bytes)
+        together = work.memory_bytes // (IMAGES_A_DESCENT * image_bytes)
+        self.step = int(min(max(together, 1), ITERATED_TOGETHER))
+
+    @property
+    @abstractmethod
+    def images_at_once(self) -> int:
+        """The least that are in memory."""
+
+    @abstractmethod
+    def solve(self, lines: Block, progress: Iterations) -> Slices:
+        """Line integrals (slices, views, detector), their air at 0, to slices of the larger field."""
+
+    def __call__(self, rows: Block) -> Slices:
+        lines = _levelled(np.ascontiguousarray(rows.transpose(1, 0, 2)), self._findings)
+        solved = self.solve(lines, lambda done, most: self._work.told(len(lines) * done / most))
+        self._done += len(lines)
+        inside = (slice(None), *self._part)
+        return Slices(solved.images[inside], None if solved.deviation is None else solved.deviation[inside])
+
+    def report(self) -> MethodReport:
+        return self._findings.report()
+
+
+class _Tikhonov(_Iterative):
+    method = ReconstructionMethod.TIKHONOV
+    images_at_once = IMAGES_OF_A_BASIS
+
+    def solve(self, lines: Block, progress: Iterations) -> Slices:
+        options = self._work.options
+        found = tikhonov(
+            self._projector, lines, alpha=options.alpha, rule=AlphaRule(options.alpha_rule), progress=progress
+        )
+        self._findings.add(found, alpha=found.alpha)
+        index = self._work.slices // 2 - self._done
+        if 0 <= index < len(lines):
+            self.curve = _columns(found.curves[index], found.alpha[index])
+        return Slices(found.image)
+
+
+class _Penalised(_Iterative):
+    """What is chosen without being told is chosen in the middle slice, and the same along the log."""
+
+    images_at_once = IMAGES_A_DESCENT * TRIALS
+    _chosen: float | None = None
+
+    @abstractmethod
+    def choose(self, line: Block) -> float:
+        """The parameter for all slices, from one of them (1, views, detector)."""
+
+    def solve(self, lines: Block, progress: Iterations) -> Slices:
+        if self._chosen is None and self.open and self._work.slices > len(lines):
+            self._chosen = self.choose(_levelled(self._work.sample[None], self._findings))
+        return self.descend(lines, progress)
+
+    @property
+    @abstractmethod
+    def open(self) -> bool:
+        """Whether the parameter was left to be chosen."""
+
+    @abstractmethod
+    def descend(self, lines: Block, progress: Iterations) -> Slices:
+        """To slices, with the parameter where it is chosen already."""
+
+    def noise(self, lines: Block) -> NDArray[np.float64]:
+        """Of each ray where they were counted, else of each slice."""
+        air = np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
+        # Whatever a count is worth, the air tells how many make its noise.
+        return photon_noise(lines, 1.0 / air**2) if self._work.counts else air
+
+
+class _CauchyMap(_Penalised):
+    method = ReconstructionMethod.CAUCHY_MAP
+
+    @property
+    def open(self) -> bool:
+        return self._work.options.sigma is None and self._work.options.preset is None
+
+    def choose(self, line: Block) -> float:
+        options = self._work.options
+        found = cauchy_map(
+            self._projector, line, beta=options.beta, noise=self.noise(line), non_negative=options.non_negative
+        )
+        return found.sigma / found.noise
+
+    def descend(self, lines: Block, progress: Iterations) -> Slices:
+        options, noise = self._work.options, self.noise(lines)
+        found = cauchy_map(
+            self._projector,
+            lines,
+            sigma=options.sigma if self._chosen is None else self._chosen * noise,
+            beta=options.beta,
+            noise=noise,
+            preset=options.preset,
+            non_negative=options.non_negative,
+            uncertainty=options.uncertainty,
+            progress=progress,
+        )
+        self._findings.add(found, beta=found.beta, sigma=np.array([found.sigma]))
+        return Slices(found.image, found.deviation)
+
+
+class _TotalVariation(_Penalised):
+    method = ReconstructionMethod.TOTAL_VARIATION
+
+    @property
+    def open(self) -> bool:
+        return self._work.options.weight is None
+
+    def choose(self, line: Block) -> float:
+        found = total_variation(
+            self._projector, line, noise=self.noise(line), non_negative=self._work.options.non_negative
+        )
+        return float(found.weight[0])
+
+    def descend(self, lines: Block, progress: Iterations) -> Slices:
+        options = self._work.options
+        found = total_variation(
+            self._projector,
+            lines,
+            weight=options.weight if self._chosen is None else self._chosen,
+            noise=self.noise(lines),
+            non_negative=options.non_negative,
+            progress=progress,
+        )
+        self._findings.add(found, weight=found.weight)
+        return Slices(found.image)
+
+
+def _levelled(lines: Block, findings: MethodFindings) -> Block:
+    """Line integrals (slices, views, detector) whose air stands at 0, where there is air to tell."""
+    backgrounds = np.zeros(len(lines), np.float32)
+    for index, line in enumerate(lines):
+        air = find_air(line)
+        if air is not None and abs(air.background) > BACKGROUND * air.noise:
+            backgrounds[index] = air.background
+    if not backgrounds.any():
+        return lines
+    findings.remark("the air did not stand at 0: a background was taken out where slices were held to the data")
+    return lines - backgrounds[:, None, None]
+
+
+def _columns(curve: AlphaCurve, alpha: float) -> Columns:
+    columns = {
+        "alphas": curve.alphas,
+        "residual_norms": curve.residual_norms,
+        "solution_norms": curve.solution_norms,
+        "alpha": np.array(alpha),
+    }
+    return columns if curve.gcv is None else {**columns, "gcv": curve.gcv}
