@@ -10,9 +10,10 @@ VIEWS, CELLS = 80, 200
 
 @pytest.fixture
 def model():
-    """A smooth shadow with two sharp ends."""
-    across = np.linspace(-1.0, 1.0, CELLS)
-    return np.tile(100.0 * np.where(np.abs(across) < 0.5, 1.0 + 0.2 * np.cos(3.0 * across), 0.0), (VIEWS, 1))
+    """A smooth shadow with two sharp ends, which wanders over the detector as the phantom turns."""
+    middle = 0.2 * np.sin(2.0 * np.pi * np.arange(VIEWS) / VIEWS)[:, None]
+    across = np.linspace(-1.0, 1.0, CELLS) - middle
+    return 100.0 * np.where(np.abs(across) < 0.5, 1.0 + 0.2 * np.cos(3.0 * across), 0.0)
 
 
 @pytest.fixture
@@ -40,6 +41,9 @@ def test_edges_inside_and_views_are_told_apart(model, rng):
     inside = np.zeros_like(model)
     inside[:, 90:110] = 1.0
     assert find_structure(noise + inside, model).place is Place.INSIDE
+    # Flat fields of few frames leave the same error in every view.
+    unequal = np.broadcast_to(rng.standard_normal(CELLS), model.shape)
+    assert find_structure(noise + unequal, model).place is Place.CELLS
     moved = np.zeros_like(model)
     moved[[7, 31], 20:180] = 5.0
     assert find_structure(noise + moved, model).place is Place.VIEWS

@@ -25,6 +25,7 @@ class Place(StrEnum):
     """Where the model is not the scan's."""
 
     VIEWS = "few views"
+    CELLS = "single cells"
     EDGES = "edges"
     INSIDE = "inside"
 
@@ -50,11 +51,16 @@ def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
     # Noise is not shared by neighbours, whatever its size here and there; what a model lacks is.
     shared = max(float((residual[:, 1:] * residual[:, :-1]).mean()), float((residual[1:] * residual[:-1]).mean()), 0.0)
     spread = float(model.std())
-    return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model))
+    return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
 
 
-def _place(residual: FloatArray, model: FloatArray) -> Place:
+def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
     power = residual**2
+    # What every view sees in a cell, and its neighbour does not; the views' mean leaves some of the noise.
+    cells = residual.mean(axis=0)
+    unequal = 0.5 * float((np.diff(cells) ** 2).mean()) - (float(power.mean()) - shared) / len(residual)
+    if unequal > MOST_POWER * shared:
+        return Place.CELLS
     by_view = power.sum(axis=1)
     worst = np.argsort(by_view)[-max(1, round(FEW_VIEWS * len(by_view))) :]
     if by_view[worst].sum() > MOST_POWER * by_view.sum():

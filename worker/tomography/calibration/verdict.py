@@ -19,6 +19,8 @@ WIDENED = 2.0
 
 CAUSES = {
     Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
+    Place.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of unequal "
+    "gain: take more flat frames, or have rings removed",
     Place.EDGES: "at the phantom's edges, as from a drawing that is not its shape (a coarse picture, worn corners): "
     "measure the phantom and draw it anew",
     Place.INSIDE: "inside the phantom's shadow, as from wood that is not uniform (a knot, moisture), beam hardening, "
