@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-seeds bench-drift bench-speed bench-http bench-fbp paper bench-preparing clean
+.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-seeds bench-drift bench-speed bench-http bench-fbp paper bench-preparing bench-iterative bench-choosing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -72,6 +72,12 @@ paper: install-dev
 
 bench-preparing: install-dev
 	@$(BIN)/python benchmarks/preparing.py
+
+bench-iterative: install-dev
+	@$(BIN)/python benchmarks/iterative.py
+
+bench-choosing: install-dev
+	@$(BIN)/python benchmarks/choosing.py --logs 14 --seed 5000
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -32,7 +32,7 @@ THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16
 WITHIN = 1e-4
 # Shares of the sinogram's RMS and of the wood: near the best for either log.
-SIGMA_SHARE, BETA_SHARE = 0.013, 0.2
+SIGMA_SHARE, BETA_SHARE = 0.013, 0.3
 Track = list[tuple[float, float]]
 
 

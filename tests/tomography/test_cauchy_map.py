@@ -6,7 +6,7 @@ from worker.tomography.fbp import fbp
 from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.noise import photon_noise
-from worker.tomography.penalised import Objective, Prior
+from worker.tomography.penalised import Curvature, Inside, Objective, Prior
 from worker.tomography.phantom import Disc, Phantom, Polygon
 from worker.tomography.posterior import posterior_deviation
 from worker.tomography.projector import Projector
@@ -65,6 +65,45 @@ def test_the_gradient_is_that_of_finite_differences(projector, kind):
         # The objective's third derivative at this step leaves 1e-4 of the largest slope there could be, rounding less.
         largest = np.linalg.norm(gradient, axis=(1, 2)) * np.linalg.norm(direction, axis=(1, 2))
         assert (np.abs((ahead - behind) / (2.0 * step) - promised) < 1e-3 * largest).all()
+
+
+@pytest.mark.parametrize("size", [18, 19])
+def test_the_first_guess_of_the_inverse_curvature_is_symmetric_and_positive(projector, size):
+    rng = np.random.default_rng(1106)
+    a = projector(views=5, size=size)
+    lines = np.zeros((1, *a.geometry.sinogram_shape), np.float32)
+    prior = Prior("cauchy", np.array([0.1]), np.array([1.5]), np.array([0.1]))
+    guess = Curvature(Objective(a, lines, np.full_like(lines, 1e-3), prior))
+    which = np.array([0])
+    one, other = rng.standard_normal((2, 1, size, size)).astype(np.float32)
+    there, back = float(np.vdot(other, guess.smoothed(one, which))), float(np.vdot(one, guess.smoothed(other, which)))
+    along = float(np.vdot(one, guess.smoothed(one, which)))
+    # Single precision of a few hundred terms.
+    assert there == pytest.approx(back, abs=1e-5 * along)
+    assert along > 0.0
+    # Even ground is its own reference; an edge, whose curvature is lost, is softer and goes further.
+    edge = np.zeros((1, size, size), np.float32)
+    edge[0, size // 2 :] = 1.0
+    shares = guess.shares(edge, which)[0]
+    np.testing.assert_allclose(shares[2:5, 2:-2], 1.0, rtol=1e-5)
+    assert (shares[size // 2 - 1 : size // 2 + 1, 2:-2] > 1.1).all()
+
+
+def test_only_the_pixels_around_the_log_are_solved_for(projector, scan):
+    a = projector()
+    inside = Inside.of(a, a.block(scan(a)))
+    assert inside.projector.grid.size < SIZE
+    truth = LOG.rasterise(SIZE, FIELD_MM)
+    part = np.ascontiguousarray(truth[inside.part])
+    np.testing.assert_array_equal(inside.whole(part[None])[0], truth)
+    # Positions that differ by rounding share a ray's length otherwise between two pixels.
+    np.testing.assert_allclose(inside.projector.forward(part), a.forward(truth), atol=1e-4)
+
+
+def test_every_pixel_is_solved_for_where_a_slice_shows_nothing(projector, scan):
+    a = projector()
+    lines = a.block(np.stack([scan(a), np.zeros(a.geometry.sinogram_shape)]))
+    assert Inside.of(a, lines).projector is a
 
 
 def test_the_corner_pixel_alone_is_held_by_its_own_term():

@@ -13,11 +13,14 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """Radius of the disc around the COR that holds what a sinogram (views, detector) shows.
 
     The farthest ray through other cells than those that are air in every view: it passes the COR at R sin(gamma), gamma
-    of the design page, section 3. An object that reaches an end of the detector is held by what that end sees.
+    of the design page, section 3. An object that reaches an end of the detector is held by what that end sees. 0 where
+    all is air.
     """
     scanner, frame = geometry.scanner, geometry.frame
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
+    if not shadowed.any():
+        return 0.0
     centres = scanner.cell_centres_mm[shadowed]
     half = 0.5 * scanner.detector_pitch_mm
     ends = np.array([centres.min() - half, centres.max() + half]) - frame.cor_column_mm

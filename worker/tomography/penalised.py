@@ -1,7 +1,7 @@
 """Weighted least squares with an edge-preserving prior, and its descent from a smooth prior to the sharp one."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -52,6 +52,11 @@ class Prior:
         """Curvature over a difference of 0, for each image."""
         return np.asarray(2.0 * self.strength / self.scale**2 if self.kind == "cauchy" else self.strength / self.scale)
 
+    def only(self, index: int) -> "Prior":
+        """One image's."""
+        one = slice(index, index + 1)
+        return Prior(self.kind, self.scale[one], self.strength[one], self.corner[one])
+
     def widened(self, factor: float) -> "Prior":
         """The same with its scale multiplied."""
         return Prior(self.kind, self.scale * factor, self.strength, self.corner * factor)
@@ -71,6 +76,13 @@ class Objective:
     lines: Images
     weights: Images
     prior: Prior
+
+    def only(self, index: int) -> "Objective":
+        """One image's."""
+        which = np.array([index])
+        return replace(
+            self, lines=_of(self.lines, which), weights=_of(self.weights, which), prior=self.prior.only(index)
+        )
 
     def __call__(self, images: Images, which: Indices) -> tuple[Floats, Images]:
         """Values (named,) and gradients (named, n, n)."""
@@ -138,8 +150,7 @@ def descend(
     """Minimise through priors widened by the factors, the last of which is the one asked for."""
     lower = 0.0 if non_negative else -np.inf
     for factor in factors[:-1]:
-        wide = Objective(objective.projector, objective.lines, objective.weights, objective.prior.widened(factor))
-        start = minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance).images
+        start = widely(objective, start, factor, non_negative=non_negative, tolerance=tolerance)
     return minimise(
         objective,
         start,
@@ -149,6 +160,13 @@ def descend(
         guess=Curvature(objective),
         progress=progress,
     )
+
+
+def widely(objective: Objective, start: Images, factor: float, *, non_negative: bool, tolerance: float) -> Images:
+    """Some iterations with the prior widened."""
+    wide = replace(objective, prior=objective.prior.widened(factor))
+    lower = 0.0 if non_negative else -np.inf
+    return minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance).images
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,9 +189,15 @@ class Inside:
 
     @classmethod
     def of(cls, projector: Projector, lines: Images) -> "Inside":
-        """What all slices (slices, views, detector) show, with a margin, in a size that transforms quickly."""
+        """What all slices (slices, views, detector) show, with a margin, in a size that transforms quickly.
+
+        Every pixel where a slice shows nothing but air.
+        """
         grid = projector.grid
-        radius = max(object_radius_mm(projector.geometry, line) for line in lines) + MARGIN * grid.pixel_mm
+        radii = [object_radius_mm(projector.geometry, line) for line in lines]
+        if min(radii) == 0.0:
+            return cls.all_of(projector)
+        radius = max(radii) + MARGIN * grid.pixel_mm
         ends = [
             (math.floor((-radius - low) / grid.pixel_mm), math.ceil((radius - low) / grid.pixel_mm))
             for low in grid.low_mm

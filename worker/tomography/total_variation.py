@@ -90,14 +90,14 @@ def total_variation(
         weight = hold_out(objective, noise_here, start[middle], non_negative=non_negative).best(tried)
     strengths = np.full(typical.shape, weight)
     found = descend(
-        Objective(inside.projector, lines, weights, _prior(typical, strengths)),
-        start,
+        Objective(projector, lines, weights, _prior(typical, strengths)),
+        inside.whole(start),
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
         progress=progress,
     )
-    images = inside.whole(found.images)
+    images = found.images
     misfit = data_misfit(projector, images, lines, noises)
     return TotalVariation(
         image=images.reshape(images.shape if np.ndim(sinogram) == 3 else images.shape[1:]),
