@@ -58,7 +58,7 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG0
         pictures.show_image(axes, found["image"], GRID.field_mm, limits, f"({letter}) {title}")
         figures = [f"{found['relative_error']:.3f}", f"{found['ssim']:.3f}", f"{found['ray_error_mm']:.2f}"]
         rows.append([f"({letter})", title, *figures])
-    pictures.save(drawn, folder / "misspecification.png", colours=pictures.GREYS_KEPT)
+    pictures.save_greys(drawn, folder / "misspecification.png")
     letter, worst, _ = max(PICTURES, key=lambda picture: results[unit(picture[0]).name]["ray_error_mm"])
     return {
         "source": sources()[0],

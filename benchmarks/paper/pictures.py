@@ -14,7 +14,7 @@ from worker.tomography.projector import Image
 BLUE, ORANGE, GREEN, PURPLE, SKY, BLACK = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#222222"
 DPI = 100
 COLOURS_KEPT = 128
-GREYS_KEPT = 24
+GREYS_KEPT = 20
 
 
 def figure(width_in: float, height_in: float) -> Figure:
@@ -22,12 +22,24 @@ def figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), dpi=DPI, layout="constrained")
 
 
-def save(drawn: Figure, path: Path, *, colours: int = COLOURS_KEPT) -> None:
+def save(drawn: Figure, path: Path) -> None:
     """Write a PNG with a palette: a third of the size, and no difference to be seen."""
     path.parent.mkdir(parents=True, exist_ok=True)
     drawn.savefig(path)
     with Picture.open(path) as full:
-        few = full.convert("RGB").quantize(colours, dither=Picture.Dither.NONE)
+        few = full.convert("RGB").quantize(COLOURS_KEPT, dither=Picture.Dither.NONE)
+    few.save(path, optimize=True)
+
+
+def save_greys(drawn: Figure, path: Path) -> None:
+    """Write a PNG of a few evenly spaced greys: a palette fitted to the picture would leave rare shades speckled."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    drawn.savefig(path)
+    step = 255.0 / (GREYS_KEPT - 1)
+    with Picture.open(path) as full:
+        levels = np.round(np.asarray(full.convert("L")) / step).astype(np.uint8)
+    few = Picture.fromarray(levels)
+    few.putpalette(np.round(np.arange(GREYS_KEPT) * step).astype(np.uint8).repeat(3).tolist())
     few.save(path, optimize=True)
 
 

@@ -78,7 +78,7 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
         strict=True,
     ):
         pictures.show_image(axes, results[wanted.name]["image"], GRID.field_mm, limits, title)
-    pictures.save(drawn, folder / "sparse.png", colours=pictures.GREYS_KEPT)
+    pictures.save_greys(drawn, folder / "sparse.png")
     rows = []
     for views in plan.compared_views:
         for angles in (OWN, COUNTED):

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from paper.conduct import TEMPLATES, Places, distinct, gather, work_through, write_page
+from paper.conduct import LINE, TEMPLATES, Places, distinct, gather, work_through, write_page
 from paper.experiment import Plan, Unit
+from paper.methods import SSIM, contradictions
 from paper.objectives import half_width, optimum
 from paper.registry import EXPERIMENTS
 from paper.sparse import COUNTED, OWN, run
@@ -43,7 +44,7 @@ def tiny():
         dense_views=60,
         sparse_views=20,
         compared_views=(60, 20),
-        log_image_size=64,
+        log_image_size=32,
     )
 
 
@@ -59,6 +60,7 @@ def test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice(tin
     page = places.page.read_text()
     assert re.findall(r"^## (.+)$", page, re.MULTILINE) == [experiment.title for experiment in EXPERIMENTS]
     assert not re.search(r"\$\w|\bnan\b|None", page)
+    assert all(len(line) <= LINE or line.startswith("|") for line in page.splitlines())
     pictures = re.findall(r"\]\(([^)]+\.png)\)", page)
     assert {path.name for path in places.pictures.iterdir()} == {Path(name).name for name in pictures}
     for name in pictures:
@@ -95,6 +97,15 @@ def test_the_optimum_and_the_width_of_a_parabola_are_found():
     # 0.1 % of 100 is 0.1, which the parabola gains in sqrt(5); 0.05: it is interpolated between points 0.5 apart.
     assert half_width(offsets, profile) == pytest.approx(np.sqrt(5.0), abs=0.05)
     assert np.isnan(half_width(offsets, -100.0 + 1e-6 * offsets**2))
+
+
+def test_the_pairs_of_images_that_ssim_orders_against_their_outlines():
+    figures = {"smooth": (0.9, 3.0), "noisy": (0.5, 1.0), "good": (0.95, 0.9), "middling": (0.6, 2.0)}
+    made = {(name, 20): {"ssim": ssim, "edge_error_mm": error} for name, (ssim, error) in figures.items()}
+    wrong, marked = contradictions(made, SSIM)
+    # 1.0 and 0.9 mm are too near to each other to count: five of six pairs differ markedly.
+    assert marked == 5
+    assert [(worse["ssim"], better["ssim"]) for worse, better in wrong] == [(0.9, 0.5), (0.6, 0.5), (0.9, 0.6)]
 
 
 def test_every_template_is_an_experiment_s():
