@@ -119,7 +119,7 @@ def _failed(failure: Failure) -> str:
 
 def _newest(newest: CalibrationSucceeded, *, active: bool) -> str:
     ray_error = newest.predicted_ray_error_mm
-    known = "not known" if ray_error is None else f"{ray_error.rms:.3f} mm RMS, {ray_error.max:.3f} mm at most"
+    known = "not known" if ray_error is None else f"{ray_error.rms:.3f} mm RMS, 95 % below {ray_error.upper_95:.3f} mm"
     facts = _row("Predicted ray error", known)
     if newest.comparison is not None:
         facts += _moved(newest.comparison)

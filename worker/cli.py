@@ -336,6 +336,8 @@ def reconstruct(
 ) -> None:
     """Reconstruct each row of a scan."""
     geometry = _geometry_said(theta, rotation, calibration, source_to_cor_mm)
+    if alpha_curve is not None and method is not ReconstructionMethod.TIKHONOV:
+        raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
     with wrong_use_told():
         options = ReconstructionOptions(
             rows=rows,

@@ -75,6 +75,7 @@ def get_calibration(calibration_id: Identifier, store: TheStore) -> CalibrationU
     return linked(store.calibrations.get(calibration_id))
 
 
+@router.head("/{calibration_id}/report.png", include_in_schema=False)
 @router.get("/{calibration_id}/report.png", response_class=Png, summary="Get the report picture")
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
@@ -84,12 +85,14 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
 
+@router.head("/{calibration_id}/overlay.png", include_in_schema=False)
 @router.get("/{calibration_id}/overlay.png", response_class=Png, summary="Get the phantom with its outline")
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
+@router.head("/{calibration_id}/result.h5", include_in_schema=False)
 @router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
@@ -114,7 +117,11 @@ def linked(
     """Say where a calibration's files are."""
     path = f"/v1/calibrations/{calibration.id}"
     links = CalibrationLinks(
-        self=path, job=f"/v1/jobs/{calibration.job_id}", report=f"{path}/report.png", hdf5=f"{path}/result.h5"
+        self=path,
+        job=f"/v1/jobs/{calibration.job_id}",
+        report=f"{path}/report.png",
+        overlay=f"{path}/overlay.png",
+        hdf5=f"{path}/result.h5",
     )
     return calibration.model_copy(update={"links": links})
 

@@ -31,8 +31,8 @@ class Health(Contract):
 
 
 @router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)
-def live() -> str:
-    """Answers as long as the process does."""
+async def live() -> str:
+    """Answers as long as the process does, whatever the threads are waiting for."""
     return "alive"
 
 

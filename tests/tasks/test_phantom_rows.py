@@ -33,7 +33,9 @@ def given(stack):
 
 
 def test_the_phantom_s_rows_are_found_used_and_told(stack):
-    _, result = run_calibration(with_phantom_rows(given(stack), stack), CalibrationOptions(), lambda _: None)
+    _, result = run_calibration(
+        with_phantom_rows(given(stack), stack, CalibrationOptions()), CalibrationOptions(), lambda _: None
+    )
     assert result.rows == (0, PHANTOM_ROWS)
     assert f"0:{PHANTOM_ROWS} show the phantom" in result.adjustments[0]
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
@@ -43,4 +45,4 @@ def test_the_phantom_s_rows_are_found_used_and_told(stack):
 
 def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):
     log = stack[:, PHANTOM_ROWS:]
-    assert with_phantom_rows(given(log), log).rows == (0, log.shape[1])
+    assert with_phantom_rows(given(log), log, CalibrationOptions()).rows == (0, log.shape[1])

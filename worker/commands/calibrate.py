@@ -38,7 +38,7 @@ def calibrate_scan(
         from_counts=used.counts,
     )
     if said.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
-        given = with_phantom_rows(given, used.stack)
+        given = with_phantom_rows(given, used.stack, options)
     calibration, result = run_calibration(given, options, report)
     if picture is not None:
         _draw(picture, used, given, calibration, result)

@@ -235,7 +235,8 @@ def wrong_use_told() -> Iterator[None]:
     except ValidationError as error:
         first = error.errors()[0]
         flag = "-".join(str(part) for part in first["loc"]).replace("_", "-")
-        raise typer.BadParameter(f"--{flag}: {complaint(error)}") from error
+        # What a contract says of several values together names them itself.
+        raise typer.BadParameter(f"--{flag}: {complaint(error)}" if flag else complaint(error)) from error
 
 
 def complaint(error: ValidationError) -> str:

@@ -90,7 +90,7 @@ def _own_rows(said: ScanSaid, source_to_cor_mm: float) -> Iterator[ScanRows]:
             rows=(rows.start, rows.stop),
             row_step=rows.step,
             scanner=scanner_of(source_to_cor_mm, cells, scan.detector_pitch_mm, scan.row_pitch_mm),
-            counts=False,
+            counts=scan.air_level is not None,
             sha256=sha256_of(said.path),
             remarks=(),
         )

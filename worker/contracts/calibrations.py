@@ -45,6 +45,7 @@ class CalibrationStatus(StrEnum):
     IMPRECISE = "imprecise"
     AMBIGUOUS_TURN = "ambiguous-turn"
     AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    INCONSISTENT_SCALE = "inconsistent-scale"
     NOT_CONVERGED = "not-converged"
     WITHOUT_ERROR_BARS = "without-error-bars"
 
@@ -234,6 +235,7 @@ class CalibrationLinks(Contract):
     self: str
     job: str
     report: str
+    overlay: str
     hdf5: str
 
 

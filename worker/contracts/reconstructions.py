@@ -107,6 +107,9 @@ class ReconstructionOptions(Contract):
                         f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
                     )
                     raise ValueError(msg)
+        if self.alpha is not None and self.alpha_rule is not AlphaRule.DISCREPANCY:
+            msg = "alpha is given, so alpha_rule has nothing to choose: give one of them"
+            raise ValueError(msg)
         if self.preset is not None and (self.sigma is not None or self.beta is not None):
             msg = "preset brings its own sigma and beta: give the preset or them"
             raise ValueError(msg)
@@ -115,6 +118,7 @@ class ReconstructionOptions(Contract):
 
 # The options that only some methods know.
 OPTIONS_OF: dict[frozenset[ReconstructionMethod], tuple[str, ...]] = {
+    frozenset({ReconstructionMethod.FBP, ReconstructionMethod.AUTO}): ("filter", "frequency_scaling", "weighting"),
     frozenset({ReconstructionMethod.TIKHONOV}): ("alpha", "alpha_rule"),
     frozenset({ReconstructionMethod.CAUCHY_MAP}): ("sigma", "beta", "preset", "uncertainty"),
     frozenset({ReconstructionMethod.TOTAL_VARIATION}): ("weight",),

@@ -1,5 +1,6 @@
 """How Tikhonov's alpha came to be chosen: the L-curve, and generalised cross-validation where that was asked."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 from worker.pictures.image_panels import encoded
 
 INK, CHOSEN = "#1f77b4", "#b71c1c"
-DECADES_MARKED = 3
+# Points of the curve that are marked, and how far apart those are whose alpha is written beside them.
+MARKS, APART_PX = 13, 45.0
 
 
 def alpha_curve_png(columns: Mapping[str, NDArray[Any]]) -> bytes:
@@ -44,9 +46,15 @@ def _draw_l_curve(axes: Axes, columns: Mapping[str, NDArray[Any]], alpha: float)
     alphas, residual, solution = columns["alphas"], columns["residual_norms"], columns["solution_norms"]
     axes.loglog(residual, solution, color=INK)
     nearest = int(np.argmin(np.abs(np.log(alphas / alpha))))
-    for index in np.unique(np.linspace(0, alphas.size - 1, 2 * DECADES_MARKED + 1).round().astype(int)):
+    marked = (math.inf, math.inf)
+    for index in np.linspace(0, alphas.size - 1, MARKS).round().astype(int):
         axes.plot(residual[index], solution[index], ".", color=INK)
-        axes.annotate(f"{alphas[index]:.1e}", (residual[index], solution[index]), (6, 4), textcoords="offset points")
+        figure_x, figure_y = axes.transData.transform((residual[index], solution[index]))
+        if math.dist(marked, (figure_x, figure_y)) > APART_PX:
+            axes.annotate(
+                f"{alphas[index]:.1e}", (residual[index], solution[index]), (6, 4), textcoords="offset points"
+            )
+            marked = (figure_x, figure_y)
     axes.plot(residual[nearest], solution[nearest], "o", color=CHOSEN, label=f"taken: alpha = {alpha:.3g} mm²")
     axes.set(xlabel="||A x - y||", ylabel="||x||", title="L-curve of the middle slice")
     axes.legend()

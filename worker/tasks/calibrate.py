@@ -81,7 +81,7 @@ def _load(
         from_counts=scan.data is DataKind.COUNTS,
     )
     named = options.rows is not None or scan.phantom_rows is not None or Adjustment.PHANTOM_ROWS in options.without
-    return given if named else with_phantom_rows(given, stored.line_integrals)
+    return given if named else with_phantom_rows(given, stored.line_integrals, options)
 
 
 def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:

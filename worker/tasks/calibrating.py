@@ -43,7 +43,9 @@ class CalibrationInput:
     remarks: tuple[str, ...] = ()
 
 
-def with_phantom_rows(given: CalibrationInput, stack: NDArray[np.float32]) -> CalibrationInput:
+def with_phantom_rows(
+    given: CalibrationInput, stack: NDArray[np.float32], options: contracts.CalibrationOptions
+) -> CalibrationInput:
     """The input narrowed to those rows of the stack (views, rows, detector) that show the phantom.
 
     Where nothing changes from row to row, or no run of rows explains itself by the phantom, all rows stay.
@@ -54,7 +56,7 @@ def with_phantom_rows(given: CalibrationInput, stack: NDArray[np.float32]) -> Ca
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
         narrowed = replace(given, sinogram=stack[:, run].mean(axis=1, dtype=np.float64), rows=rows)
         try:
-            fit = calibrate(_task(narrowed))
+            fit = calibrate(_task(narrowed, options))
         except CalibrationError:  # these rows show something else
             continue
         found.append((fit.relative_residual, narrowed))
@@ -65,8 +67,7 @@ def with_phantom_rows(given: CalibrationInput, stack: NDArray[np.float32]) -> Ca
     return replace(best, remarks=(told,))
 
 
-def _task(given: CalibrationInput, options: contracts.CalibrationOptions | None = None) -> CalibrationTask:
-    chosen = options or contracts.CalibrationOptions()
+def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
     return CalibrationTask(
         scanner=to_scanner(given.scanner),
         phantom=to_phantom(given.drawing),

@@ -23,6 +23,7 @@ from worker.tomography import cost, geometry
 from worker.tomography.choosing import recommend
 from worker.tomography.geometry import FanBeamGeometry, FloatArray
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
 from worker.tomography.stack import ReadRows, reconstruct_stack
 
@@ -30,6 +31,8 @@ Report = Callable[[Progress], None]
 
 # Of what is free, the blocks take at most this share: the rest is for the files' caches and for others.
 MEMORY_SHARE = 0.5
+# A log tapers, bends and flares at its butt: so many rows along it are looked at for how far it reaches.
+ROWS_LOOKED_AT = 17
 
 
 @dataclass(frozen=True)
@@ -94,6 +97,7 @@ def run_reconstruction(
         options=options,
         projector=projector,
         sample=sample,
+        radius_mm=_radius_mm(given.read, projector.geometry, slices),
         slices=slices,
         counts=given.counts,
         memory_bytes=int(MEMORY_SHARE * memory_available()),
@@ -154,6 +158,12 @@ def _method(
         return options.method, None
     recommended = recommend(projector.geometry, sample)
     return ReconstructionMethod(recommended.method), recommended.reason
+
+
+def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
+    """Of the disc that holds what rows all along the log show, the first and the last included."""
+    looked_at = {round(n) for n in np.linspace(0, slices - 1, ROWS_LOOKED_AT)}
+    return max(object_radius_mm(geometry, read(n, n + 1)[:, 0]) for n in sorted(looked_at))
 
 
 def _predicted(projector: Projector, slices: int, method: ReconstructionMethod) -> float | None:

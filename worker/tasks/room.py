@@ -3,7 +3,8 @@
 import shutil
 from pathlib import Path
 
-from worker.tasks.failures import refused
+from worker.contracts.jobs import FailureKind
+from worker.tasks.failures import JobFailure, refused
 
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")
@@ -17,7 +18,14 @@ def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
     limit, used = cgroup / "memory.max", cgroup / "memory.current"
     if not limit.is_file() or limit.read_text(encoding="ascii").strip() == "max":
         return machine
-    return min(machine, int(limit.read_text(encoding="ascii")) - int(used.read_text(encoding="ascii")))
+    held = int(used.read_text(encoding="ascii")) - _given_back_on_demand(cgroup)
+    return min(machine, max(int(limit.read_text(encoding="ascii")) - held, 0))
+
+
+def _given_back_on_demand(cgroup: Path) -> int:
+    """Bytes of files in the cache, which `memory.current` counts and the kernel gives up when memory is asked for."""
+    lines = dict(line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines())
+    return int(lines["inactive_file"])
 
 
 def check_memory(needed_bytes: int, available_bytes: int) -> None:
@@ -25,8 +33,8 @@ def check_memory(needed_bytes: int, available_bytes: int) -> None:
     if needed_bytes > available_bytes:
         raise refused(
             "out-of-memory",
-            f"one slice needs {needed_bytes / GIGABYTE:.2g} GB of memory and {available_bytes / GIGABYTE:.2g} GB are "
-            "free: ask for fewer views or a smaller size",
+            f"one slice needs {needed_bytes / GIGABYTE:.3g} GB of memory where {available_bytes / GIGABYTE:.3g} GB may "
+            "be used: ask for a smaller size, for a field that holds all that was scanned, or for fewer views",
         )
 
 
@@ -35,8 +43,9 @@ def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> 
     free = shutil.disk_usage(folder).free
     if needed_bytes > free:
         slices, size_x, size_y = shape
-        raise refused(
+        raise JobFailure(
+            FailureKind.PASSING,
             "disk-full",
-            f"a volume of {slices} x {size_x} x {size_y} needs up to {needed_bytes / GIGABYTE:.2g} GB and "
-            f"{free / GIGABYTE:.2g} GB are free in {folder}: make room, or ask for fewer rows or a smaller size",
+            f"a volume of {slices} x {size_x} x {size_y} needs up to {needed_bytes / GIGABYTE:.3g} GB and "
+            f"{free / GIGABYTE:.3g} GB are free in {folder}: make room, or ask for fewer rows or a smaller size",
         )

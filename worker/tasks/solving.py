@@ -18,7 +18,6 @@ from worker.tomography.fbp import Block, fbp_block
 from worker.tomography.filters import FilterName
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.noise import data_misfit, estimated_noise, photon_noise
-from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
 from worker.tomography.tikhonov import AlphaCurve, AlphaRule, tikhonov
 from worker.tomography.total_variation import total_variation
@@ -46,6 +45,8 @@ class Work:
     ----------
     sample : (views, detector) float32
         The line integrals of the middle slice.
+    radius_mm : float
+        Of the disc around the rotation centre that holds all that was scanned, in every slice.
     slices : int
         Of the whole volume.
     counts : bool
@@ -61,6 +62,7 @@ class Work:
     options: ReconstructionOptions
     projector: Projector
     sample: Sinogram
+    radius_mm: float
     slices: int
     counts: bool
     memory_bytes: int
@@ -70,7 +72,7 @@ class Work:
     @property
     def whole(self) -> tuple[ImageGrid, tuple[slice, slice]]:
         """The grid that also holds all that was scanned, and where the field lies in it."""
-        return self.projector.grid.around(object_radius_mm(self.projector.geometry, self.sample))
+        return self.projector.grid.around(self.radius_mm)
 
 
 class Solver(Protocol):
@@ -134,8 +136,12 @@ class _Fbp:
         return Slices(images)
 
     def _look_at(self, line: Sinogram, image: NDArray[np.float32]) -> None:
-        lines = _levelled(np.ascontiguousarray(line)[None], self._findings)
+        lines = np.ascontiguousarray(line)[None]
         noise = estimated_noise(lines[0])
+        if _backgrounds(lines).any():
+            self._findings.remark(
+                "the air does not stand at 0, and that is in the slices: prepare the scan with air=background"
+            )
         self._findings.noise.append(noise)
         if self._holds_all:
             misfit = data_misfit(self._work.projector, image[None], lines, np.full((1, 1, 1), noise))
@@ -293,15 +299,21 @@ class _TotalVariation(_Penalised):
 
 def _levelled(lines: Block, findings: MethodFindings) -> Block:
     """Line integrals (slices, views, detector) whose air stands at 0, where there is air to tell."""
+    backgrounds = _backgrounds(lines)
+    if not backgrounds.any():
+        return lines
+    findings.remark("the air did not stand at 0: a background was taken out of the data")
+    return lines - backgrounds[:, None, None]
+
+
+def _backgrounds(lines: Block) -> NDArray[np.float32]:
+    """What the air of each slice stands at, 0 where that is nothing beside its noise or no air is seen."""
     backgrounds = np.zeros(len(lines), np.float32)
     for index, line in enumerate(lines):
         air = find_air(line)
         if air is not None and abs(air.background) > BACKGROUND * air.noise:
             backgrounds[index] = air.background
-    if not backgrounds.any():
-        return lines
-    findings.remark("the air did not stand at 0: a background was taken out where slices were held to the data")
-    return lines - backgrounds[:, None, None]
+    return backgrounds
 
 
 def _columns(curve: AlphaCurve, alpha: float) -> Columns:

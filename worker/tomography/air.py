@@ -17,8 +17,8 @@ from worker.tomography.faulty_cells import Sinogram, middle_of_views
 # The outermost cells, whose median is the level that the others are compared with.
 OUTERMOST = 8
 SMOOTHED = 5
-# Smoothed air departs from that level by its noise alone, the largest of some ten thousand samples.
-DEVIATIONS = 5.0
+# Smoothed air departs from that level by its noise alone, the largest of a million samples in all rows but one of 500.
+DEVIATIONS = 6.0
 # Below this share of the range an object's edge cannot be told from unequal cells, and does no harm.
 EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
 # The foot of an object's shadow, below the threshold, is kept out.

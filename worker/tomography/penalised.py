@@ -145,9 +145,13 @@ def descend(
     iterations: int,
     tolerance: float,
     factors: tuple[float, ...] = FACTORS,
+    guided: bool = True,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Minimise through priors widened by the factors, the last of which is the one asked for."""
+    """Minimise through priors widened by the factors, the last of which is the one asked for.
+
+    `guided` descends with a first guess of the curvature; without it the path is that of the plain quasi-Newton method.
+    """
     lower = 0.0 if non_negative else -np.inf
     for factor in factors[:-1]:
         start = widely(objective, start, factor, non_negative=non_negative, tolerance=tolerance)
@@ -157,7 +161,7 @@ def descend(
         lower=lower,
         iterations=iterations,
         tolerance=tolerance,
-        guess=Curvature(objective),
+        guess=Curvature(objective) if guided else None,
         progress=progress,
     )
 

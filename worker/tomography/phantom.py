@@ -127,6 +127,22 @@ class Phantom:
         return np.array(rows, np.float64).reshape(-1, 4)
 
     @cached_property
+    def centroid_mm(self) -> tuple[float, float]:
+        """Centre of gravity."""
+        weight, moment = 0.0, np.zeros(2)
+        for shape in self.shapes:
+            if isinstance(shape, Disc):
+                area, centre = math.pi * shape.radius_mm**2, np.array(shape.center_mm)
+            else:
+                v = np.array(shape.vertices_mm)
+                w = np.roll(v, -1, axis=0)
+                cross = v[:, 0] * w[:, 1] - w[:, 0] * v[:, 1]
+                area = 0.5 * float(cross.sum())
+                centre, area = ((v + w) * cross[:, None]).sum(axis=0) / (6.0 * area), abs(area)
+            weight, moment = weight + shape.density * area, moment + shape.density * area * centre
+        return (float(moment[0] / weight), float(moment[1] / weight)) if weight else (0.0, 0.0)
+
+    @cached_property
     def radius_mm(self) -> float:
         """Of the smallest disc around the origin that holds the phantom."""
         reach = [math.hypot(*shape.center_mm) + shape.radius_mm for shape in self.shapes if isinstance(shape, Disc)]

@@ -9,6 +9,8 @@ from worker.tomography.geometry import FloatArray
 
 # Beyond this many pixels another edge is meant.
 REACH_PIXELS = 5
+# An edge is clear of others where the truth itself shows it so near to its place.
+CLEAR_PIXELS = 0.5
 
 
 def relative_error(image: ArrayLike, truth: ArrayLike) -> float:
@@ -29,7 +31,7 @@ def edge_error_mm(image: ArrayLike, truth: ArrayLike, pixel_mm: float, *, contra
     The truth's strong edges are the steps between its levels by more than `contrast` times its range. At each, the
     image is read along the edge's normal, and the displacement is that of the step between the truth's two levels which
     fits best: at most REACH_PIXELS, which is also what an edge that is not there at all counts. The root mean square
-    of the displacements is answered; 0 where the truth has no such edge.
+    of the displacements is answered, over the edges that are clear of others; 0 where the truth has no such edge.
 
     Parameters
     ----------
@@ -40,13 +42,25 @@ def edge_error_mm(image: ArrayLike, truth: ArrayLike, pixel_mm: float, *, contra
     points, normals, low, high = _edges(reference, contrast)
     if len(points) == 0:
         return 0.0
+    # Where another edge is near, even the truth's own profile does not show this one in its place.
+    clear = np.abs(_displacements(reference, points, normals, low, high)) <= CLEAR_PIXELS
+    if not clear.any():
+        return 0.0
+    found = _displacements(np.asarray(image, np.float64), points[clear], normals[clear], low[clear], high[clear])
+    return float(pixel_mm * np.sqrt(np.mean(found**2)))
+
+
+def _displacements(
+    image: FloatArray, points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Where along each normal the step from low to high fits the image best, in pixels."""
     along = np.linspace(-REACH_PIXELS, REACH_PIXELS, 16 * REACH_PIXELS + 1)
     sampled = points[:, :, None] + normals[:, :, None] * along
-    profile = map_coordinates(np.asarray(image, np.float64), np.moveaxis(sampled, 1, 0), order=1, mode="nearest")
+    profile = map_coordinates(image, np.moveaxis(sampled, 1, 0), order=1, mode="nearest")
     # What it costs to call a sample low rather than high, summed up to each place where the step may be.
     cost = np.cumsum((profile - low[:, None]) ** 2 - (profile - high[:, None]) ** 2, axis=1)
-    distance = along[np.argmin(cost, axis=1)]
-    return float(pixel_mm * np.sqrt(np.mean(distance**2)))
+    displaced: FloatArray = along[np.argmin(cost, axis=1)]
+    return displaced
 
 
 def _edges(truth: NDArray[np.float64], contrast: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -164,7 +164,7 @@ def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wante
     """One slice: bidiagonalise until the solution at the alpha of the moment has converged."""
     rays = int(crossing.sum())
     small = _Bidiagonalisation(projector, np.where(crossing, line, np.float32(0.0)), wanted.iterations)
-    probe = _probe(projector, crossing) if wanted.alpha is None and wanted.rule is AlphaRule.GCV else None
+    probe = _probe(projector, crossing) if wanted.alpha is None and wanted.rule is not AlphaRule.L_CURVE else None
     alpha = math.inf
     while True:
         small.extend(min(FIRST_LOOK if small.size == 0 else LOOK_EVERY, wanted.iterations - small.size))
@@ -182,9 +182,11 @@ def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wante
 def _choose(problem: "_Projected", wanted: _Wanted, rays: int, probe: "_Projected | None") -> float:
     curve = problem.curve(problem.singular[0] ** 2 * SHARES, rays, probe)
     if curve.gcv is not None:
-        return float(curve.alphas[np.argmin(curve.gcv)])
-    if wanted.rule is AlphaRule.DISCREPANCY:
-        return _by_discrepancy(curve, wanted.noise * math.sqrt(rays))
+        foretelling = float(curve.alphas[np.argmin(curve.gcv)])
+        if wanted.rule is AlphaRule.GCV:
+            return foretelling
+        # A wrong geometry is no noise: an alpha small enough to explain it would ruin the image and hide it.
+        return max(_by_discrepancy(curve, wanted.noise * math.sqrt(rays)), foretelling)
     return _by_l_curve(curve, float(problem.singular[-1] ** 2))
 
 

@@ -87,6 +87,11 @@ def a_glitch_in_three_views(clean, *, moments=None, rng=None):  # noqa: ARG001 -
     clean[rng.choice(VIEWS, 3, replace=False), 300:520] += 0.06 * clean.max()
 
 
+def displaced_views(clean, *, moments=None, rng=None):  # noqa: ARG001 - every fault is given the same
+    views = rng.choice(VIEWS, 3, replace=False)
+    clean[views] = np.roll(clean[views], 5, axis=1)
+
+
 # The fault, what is told of it, and what must be left out for the scan to fail: outliers would mend single cells too.
 FAULTS = {
     "hot cells": (hot_cells, "detector cells without a usable signal", [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS]),
@@ -102,6 +107,7 @@ FAULTS = {
     ),
     "corrupt views": (corrupt_views, "3 corrupt views", [Adjustment.CORRUPT_VIEWS]),
     "a glitch in three views": (a_glitch_in_three_views, "of the samples are outliers", [Adjustment.OUTLIERS]),
+    "displaced views": (displaced_views, "3 views that do not fit the others", [Adjustment.OUTLIERS]),
     "gain of each view": (gain_of_each_view, "the views differ in gain or background", [Adjustment.VIEW_GAIN]),
     "background of each view": (
         background_of_each_view,
@@ -195,3 +201,13 @@ def test_bridging_is_linear_between_neighbours():
 
 def test_an_empty_detector_is_left_as_it_is():
     assert screen(np.zeros((5, 30))).weights is None
+
+
+def test_a_view_left_out_leaves_numbers_where_every_view_has_a_gain(clean, angles):
+    rng = np.random.default_rng(1210)
+    faulty = clean.copy()
+    gain_of_each_view(faulty, rng=rng)
+    faulty[11] = 100.0 * rng.standard_normal(768)
+    _, found = off_mm(noise_on(faulty, clean, 1211), angles)
+    assert any("gain or background" in sentence for sentence in found.adjustments)
+    assert np.isfinite(found.residual).all()

@@ -35,11 +35,14 @@ def judgement_of(*, fit=None, **changes):
         "structure": None,
         "hypotheses": (RIGHT, second(0.3)),
         "turned": None,
+        "turn_held": True,
         "samples": 10_000,
         "source_shift_resolved": True,
         "theta_in_bounds": True,
         "unconstrained_mm": None,
+        "short_of_deviations": 0.0,
         "source_to_cor_mm": 859.46,
+        "scale_ray_error_mm": 0.05,
     }
     return judge(**(asked | changes))
 
@@ -57,6 +60,7 @@ AMBIGUOUS = {"hypotheses": (RIGHT, second(0.02 * 1.0009))}
 TURNED = {"turned": TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0009)}
 NOT_CONVERGED = {"fit": {"converged": False}}
 IMPRECISE = {"predicted_mm": 0.2}
+SHORT = {"unconstrained_mm": 850.0, "short_of_deviations": 4.1}
 
 
 @pytest.mark.parametrize(
@@ -66,6 +70,8 @@ IMPRECISE = {"predicted_mm": 0.2}
         (IMPRECISE, "imprecise"),
         (TURNED, "ambiguous-turn"),
         (TURNED | IMPRECISE, "ambiguous-turn"),
+        ({"turn_held": False}, "ambiguous-turn"),
+        (SHORT, "inconsistent-scale"),
         (AMBIGUOUS, "ambiguous-handedness"),
         (AMBIGUOUS | TURNED, "ambiguous-handedness"),
         (NOT_CONVERGED, "not-converged"),
@@ -128,6 +134,21 @@ def test_a_hypothesis_hardly_better_than_the_next_is_watched(verdict_of):
 
 def test_a_single_hypothesis_has_nothing_to_be_told_from(verdict_of):
     assert verdict_of(hypotheses=(RIGHT,)) == ("pass", ())
+
+
+def test_a_distance_too_short_by_more_than_noise_contradicts_the_scanner(verdict_of):
+    found, reasons = verdict_of(unconstrained_mm=850.0, short_of_deviations=3.9)
+    assert (found, len(reasons)) == ("pass", 1)
+    assert "the source shift is 0 within the noise" in reasons[0]
+    found, reasons = verdict_of(**SHORT)
+    assert found == "fail"
+    assert "larger than its drawing, by 1.1% or more" in reasons[0]
+
+
+def test_what_the_phantom_s_tolerance_leaves_open_is_told(verdict_of):
+    found, reasons = verdict_of(scale_ray_error_mm=0.43)
+    assert (found, len(reasons)) == ("pass", 1)
+    assert "0.430 mm RMS, which no residual shows" in reasons[0]
 
 
 def test_a_theta_outside_the_bounds_is_watched(verdict_of):

@@ -50,6 +50,9 @@ LEAST_HARDENING = 0.005
 # In cells, the Gaussian's standard deviation: less is lost in the averaging over the cell itself, more is no blur.
 LEAST_BLUR, WIDEST_BLUR = 0.2, 8.0
 BLUR_ROUNDS = 2
+# A view strays whose neighbouring cells share so many times the others' residual power (median), if no more than this
+# share of the views do.
+STRAY, FEW_STRAYS, STRAY_ROUNDS = 3.0, 0.1, 3
 
 
 class Adjustment(StrEnum):
@@ -115,6 +118,8 @@ def adjust(
     if Adjustment.OUTLIERS not in without:
         now = _without_outliers(now)
     now = _with_terms(now, without)
+    if Adjustment.OUTLIERS not in without:
+        now = _without_strays(now)
     if Adjustment.BLUR in without:
         return now
     sharp = _blur(now)
@@ -141,7 +146,7 @@ def explained(phantom: Phantom, data: SinogramData, fit: Fit) -> FloatArray:
         common: FloatArray = fit.gain * shape + fit.offset
         return common
     weights = np.ones_like(shape) if data.weights is None else data.weights
-    total = weights.sum(axis=1, keepdims=True)
+    total = np.maximum(weights.sum(axis=1, keepdims=True), 1e-300)  # a view left out has no level of its own: 0
     centre = (weights * shape).sum(axis=1, keepdims=True) / total
     level = (weights * data.sinogram).sum(axis=1, keepdims=True) / total
     power = (weights * (shape - centre) ** 2).sum(axis=1, keepdims=True)
@@ -241,6 +246,31 @@ def _without_outliers(now: Adjusted) -> Adjusted:
     if share == 0.0:
         return now
     return now.after(data, fit, f"{share:.2%} of the samples are outliers and lost weight")
+
+
+def _without_strays(now: Adjusted) -> Adjusted:
+    """Leave out the few views that the others' fit does not explain: the body or the turntable was elsewhere.
+
+    What is wrong with a drawing shows in all views, and at most three times as strongly in some.
+    """
+    data, fit = now.data, now.fit
+    strays = np.zeros(len(data.sinogram), bool)
+    for _ in range(STRAY_ROUNDS):
+        weights = np.ones_like(data.sinogram) if data.weights is None else data.weights
+        used = np.sqrt(weights) * (data.sinogram - explained(now.phantom, data, fit))
+        # Noise, however strong in deep shadow, is not shared by neighbours; what a model lacks is.
+        shared, power = (used[:, 1:] * used[:, :-1]).sum(axis=1), (used**2).sum(axis=1)
+        found = shared > STRAY * np.median(power[power > 0.0])
+        if not found.any() or (strays | found).sum() > FEW_STRAYS * len(strays):
+            break
+        left = replace(data, weights=np.where(found[:, None], 0.0, weights))
+        again = refine(now.phantom, left, fit.frame, position_mm=fit.position_mm)
+        if again is None or not again.converged:
+            break
+        data, fit, strays = left, again, strays | found
+    if not strays.any():
+        return now
+    return now.after(data, fit, f"{int(strays.sum())} views that do not fit the others were left out")
 
 
 def _of_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:

@@ -26,6 +26,7 @@ class Status(StrEnum):
     IMPRECISE = "imprecise"
     AMBIGUOUS_TURN = "ambiguous-turn"
     AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    INCONSISTENT_SCALE = "inconsistent-scale"
     NOT_CONVERGED = "not-converged"
     WITHOUT_ERROR_BARS = "without-error-bars"
 

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.adjust import Adjustment, adjust, explained
+from worker.tomography.calibration.adjust import Adjusted, Adjustment, adjust, explained
 from worker.tomography.calibration.calibration import (
     Calibration,
     CalibrationError,
@@ -207,7 +207,23 @@ def _with_other_turns(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict
                 if other is not None:
                     found.append(other)
         turned[handedness, rotation] = sorted(found, key=lambda fit: fit.relative_residual)
+    _add_look_alikes(turned, misfit)
     return turned
+
+
+def _add_look_alikes(fits: dict[Hypothesis, list[Fit]], misfit: CoarseMisfit) -> None:
+    """Start rivals where the best fit's body would look the same: else their residuals say nothing."""
+    if not fits:
+        return
+    best = min(fits, key=lambda hypothesis: fits[hypothesis][0].relative_residual)
+    fit, rotation = fits[best][0], best[1]
+    data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
+    for other, frame, position in misfit.look_alikes(best, fit.frame, fit.position_mm):
+        found = refine(misfit.phantoms[other], data, frame, position_mm=position, max_iterations=COARSE_ITERATIONS)
+        if found is not None:
+            rivals = fits.setdefault((other, rotation), [])
+            rivals.append(found)
+            rivals.sort(key=lambda fit: fit.relative_residual)
 
 
 def conclude(
@@ -235,25 +251,35 @@ def conclude(
     explained_part = explained(phantom, data, fit)
     residual = data.sinogram - explained_part
     spread = (replace(adjusted, fit=fit) if fixed else adjusted).spread
-    covariance = spread.covariance[:5, :5]
+    covariance = spread.covariance[:5, :5].copy()
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     predicted = predicted_ray_error(task.scanner, fit.frame, covariance, radius_mm=task.log_radius_mm)
     hypotheses, turned_rival = _rivals(ranked)
     deviation = theta_deviation(task.scanner, fit.frame, theta, covariance)
+    source_shift_resolved = deviation is not None
+    if not spread.turn_held:  # nothing is known of psi, and so nothing of the first angle
+        covariance[0, :] = covariance[:, 0] = 0.0
+        deviation = None
+    scale_mm = scale_ray_error(task.scanner, fit.frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm)
     judged = judge(
         predicted_mm=predicted.rms_mm,
         tolerance_mm=task.tolerance_mm,
         fit=fit,
         inflation=spread.inflation,
         widening=spread.widening,
-        structure=find_structure(residual * task.screening.mask, explained_part) if spread.structured else None,
+        structure=find_structure(residual * (1.0 if data.weights is None else data.weights > 0.0), explained_part)
+        if spread.structured
+        else None,
         hypotheses=hypotheses,
         turned=turned_rival,
+        turn_held=spread.turn_held,
         samples=data.sinogram.size,
-        source_shift_resolved=deviation is not None,
+        source_shift_resolved=source_shift_resolved,
         theta_in_bounds=task.bounds is None or task.bounds.contain(theta),
         unconstrained_mm=free.frame.source_distance_mm if fixed else None,
+        short_of_deviations=_short_of(task, adjusted) if fixed else 0.0,
         source_to_cor_mm=task.scanner.source_to_cor_mm,
+        scale_ray_error_mm=scale_mm,
     )
     ended = time.perf_counter()
     return Calibration(
@@ -267,9 +293,7 @@ def conclude(
         source_distance_fixed=fixed,
         unconstrained_source_distance_mm=free.frame.source_distance_mm,
         scale_uncertainty_mm=task.phantom.size_tolerance * fit.frame.source_distance_mm,
-        scale_ray_error_mm=scale_ray_error(
-            task.scanner, fit.frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm
-        ),
+        scale_ray_error_mm=scale_mm,
         predicted_ray_error=predicted,
         log_radius_mm=task.log_radius_mm,
         inflation=spread.inflation,
@@ -295,6 +319,14 @@ def conclude(
             "uncertainty": ended - refined,
         },
     )
+
+
+def _short_of(task: CalibrationTask, free: Adjusted) -> float:
+    """By how many standard deviations, the stated size's included, the free source distance falls short of r_S."""
+    distance = free.fit.frame.source_distance_mm
+    deviation = math.hypot(math.sqrt(float(free.spread.covariance[1, 1])), task.phantom.size_tolerance * distance)
+    short = task.scanner.source_to_cor_mm - distance
+    return short / deviation if deviation > 0.0 else math.inf
 
 
 def _unexplained(task: CalibrationTask, best: tuple[Hypothesis, Fit]) -> float:

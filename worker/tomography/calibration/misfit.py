@@ -26,6 +26,7 @@ from worker.tomography.geometry import (
     Theta,
     ThetaBounds,
     angle_difference,
+    wrap_angle,
 )
 from worker.tomography.phantom import Phantom
 
@@ -41,6 +42,7 @@ MAGNIFICATIONS = (1.02, 6.0)
 
 
 Hypothesis = tuple[Handedness, Rotation]
+Start = tuple[Handedness, SourceFrame, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,30 @@ class CoarseMisfit:
         return [
             replace(frame, psi_rad=float(psi)) for psi in angles if abs(angle_difference(psi, frame.psi_rad)) > OWN_PEAK
         ]
+
+    def look_alikes(self, found: Hypothesis, at: SourceFrame, position_mm: tuple[float, float]) -> list[Start]:
+        """Where a body that is nearly itself turned, or seen from behind, would show the same: (frame, position).
+
+        Whatever the turn, the centroid stays where it is seen.
+        """
+        handedness, rotation = found
+        angles, turns = rotation.apply(self.angles_rad), self._table_rad[::2]
+        seen = complex(*self.phantoms[handedness].centroid_mm) + complex(*position_mm)
+        starts: list[Start] = []
+        for other, phantom in self.phantoms.items():
+            places = np.exp(1j * turns) * seen - complex(*phantom.centroid_mm)
+            frames = [replace(at, psi_rad=wrap_angle(at.psi_rad + turn)) for turn in turns]
+            correlation = np.full(turns.size, -1.0)
+            for index, (place, frame) in enumerate(zip(places, frames, strict=True)):
+                if analytic.clears(phantom.radius_mm + abs(place), frame):
+                    model = analytic.project(phantom, self.cells, frame, angles, position_mm=(place.real, place.imag))
+                    correlation[index] = np.corrcoef(model.ravel(), self.sinogram.ravel())[0, 1]
+            peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
+            if other is handedness:
+                peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
+            best = sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]
+            starts += [(other, frames[index], (places[index].real, places[index].imag)) for index in best]
+        return starts
 
 
 def coarse_data(

@@ -10,8 +10,10 @@ from worker.tomography.phantom import Phantom
 # A fit that leaves more than this of the sinogram unexplained has not found the phantom: the right phantom seen
 # from the wrong side leaves 0.11 to 0.3, an empty scan 1.
 NOT_FOUND = 0.25
-# A source that far away, against source_to_cor_mm, is no scanner's: the fit has run off.
-FARTHEST = 2.0
+# A source that far away or near, against source_to_cor_mm, is no scanner's: the fit ran off, or a unit is wrong.
+FARTHEST, NEAREST = 2.0, 0.5
+# A sinogram whose values differ by less is none in any unit, and its squares would leave the range of numbers.
+LEAST_RANGE = 1e-30
 # The seven unknowns and gain and background cannot come from fewer.
 FEWEST_VIEWS = 3
 
@@ -35,6 +37,12 @@ def refuse_unusable(scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArr
         )
     if not np.isfinite(sinogram).all() or not np.isfinite(angles_rad).all():
         raise CalibrationError("not-finite", "the sinogram or its angles hold NaN or infinite values: remove them")
+    if 0.0 < np.ptp(sinogram) < LEAST_RANGE:
+        raise CalibrationError(
+            "flat-scan",
+            f"the values of the sinogram differ by {np.ptp(sinogram):.3g} at most: give line integrals in a unit "
+            "in which they do not vanish",
+        )
     if np.ptp(sinogram) == 0.0:
         raise CalibrationError(
             "flat-scan",
@@ -59,10 +67,10 @@ def refuse_unfound(scanner: Scanner, phantom: Phantom, best: Fit | None, unexpla
             "sinogram unexplained; check that the scan (and its rows) shows this phantom, its size, the angles and the "
             "scanner's constants",
         )
-    if best.frame.source_distance_mm > FARTHEST * scanner.source_to_cor_mm:
+    if not NEAREST < best.frame.source_distance_mm / scanner.source_to_cor_mm < FARTHEST:
         raise CalibrationError(
             "phantom-not-found",
             f"the best geometry puts the source at {best.frame.source_distance_mm:.4g} mm where source_to_cor_mm is "
-            f"{scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size, and the handedness and "
-            "rotation if they were given",
+            f"{scanner.source_to_cor_mm:.6g}: check that constant, the phantom's size (in mm), and the handedness "
+            "and rotation if they were given",
         )

@@ -17,6 +17,8 @@ FEW_VIEWS, MOST_POWER, ALL_OVER = 0.05, 0.5, 2.0
 KINK, BESIDE = 0.005, 2
 # Edges are to blame when a cell there holds so many times the power of one elsewhere in the shadow.
 EDGES_STAND_OUT = 3.0
+# A mean of products is noise up to so many of its standard deviations.
+CHANCE = 4.0
 # The shadow proper, as a share of its depth.
 SHADOW = 0.02
 
@@ -49,9 +51,15 @@ class Structure:
 def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
     """Of a residual (views, cells) beside the model sinogram that left it; 0 where nothing may be used."""
     # Noise is not shared by neighbours, whatever its size here and there; what a model lacks is.
-    shared = max(float((residual[:, 1:] * residual[:, :-1]).mean()), float((residual[1:] * residual[:-1]).mean()), 0.0)
+    shared = max(_beyond_chance(residual[:, 1:] * residual[:, :-1]), _beyond_chance(residual[1:] * residual[:-1]), 0.0)
     spread = float(model.std())
     return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
+
+
+def _beyond_chance(products: FloatArray) -> float:
+    """Their mean, or nothing where independent noise, as uneven as it may be, has one as large."""
+    mean = float(products.mean())
+    return mean if mean > CHANCE * float(products.std()) / math.sqrt(products.size) else 0.0
 
 
 def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:

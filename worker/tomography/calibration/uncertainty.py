@@ -28,7 +28,7 @@ STUDENT = (4.303 / 1.96, 2.776 / 1.96)
 # An eigenvalue of the scaled normal equations below this is zero within rounding: nothing in the scan holds it.
 SINGULAR = 1e-11
 # A combination of parameters that nothing holds moves the rays when this much of it is R, SDD, u_c and tau.
-RAYS, RAYS_SHARE = range(1, 5), 1e-3
+PSI, RAYS, RAYS_SHARE = 0, range(1, 5), 1e-3
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,15 @@ class Spread:
         By how much the standard deviations are wider than white noise of the residual's RMS would make them (RMS).
     structured : bool
         Whether the residual is more than white noise.
+    turn_held : bool
+        Whether the scan holds the first angle: that of a disc turns with its position.
     """
 
     covariance: FloatArray
     inflation: float
     widening: float
     structured: bool
+    turn_held: bool
 
 
 @dataclass(frozen=True)
@@ -60,6 +63,7 @@ class _Scores:
     white: FloatArray
     unscale: FloatArray
     free: list[int]
+    turn_held: bool
 
 
 def parameter_spread(grams: FloatArray, data: SinogramData, fit: Fit) -> Spread:
@@ -85,7 +89,7 @@ def parameter_spread(grams: FloatArray, data: SinogramData, fit: Fit) -> Spread:
     views, unknowns = scores.white.shape
     noise = fit.residual_rms**2
     if noise <= 0.0:
-        return Spread(fit.covariance, 1.0, 1.0, structured=False)
+        return Spread(fit.covariance, 1.0, 1.0, structured=False, turn_held=scores.turn_held)
     inflation = 1.0
     if views > unknowns:
         clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
@@ -99,7 +103,7 @@ def parameter_spread(grams: FloatArray, data: SinogramData, fit: Fit) -> Spread:
         back = (waves @ scores.unscale.T)[:, : len(scores.free)] * (STUDENT[count - 1] / fit.gain)
         covariance[np.ix_(scores.free, scores.free)] += np.real(back.conj().T @ back) / count
     ratio = np.diag(covariance)[scores.free] / np.diag(fit.covariance)[scores.free]
-    return Spread(covariance, inflation, math.sqrt(float(ratio.mean())), structured)
+    return Spread(covariance, inflation, math.sqrt(float(ratio.mean())), structured, scores.turn_held)
 
 
 def _scores(grams: FloatArray, data: SinogramData, fit: Fit) -> _Scores:
@@ -129,4 +133,5 @@ def _scores(grams: FloatArray, data: SinogramData, fit: Fit) -> _Scores:
             "views, spread over the turn, or use a phantom with corners",
         )
     root = vectors[:, kept] / np.sqrt(values[kept])
-    return _Scores((scores * scale) @ root, scale[:, None] * root, free)
+    turn_held = PSI in free and float((vectors[free.index(PSI), ~kept] ** 2).sum()) <= RAYS_SHARE
+    return _Scores((scores * scale) @ root, scale[:, None] * root, free, turn_held)

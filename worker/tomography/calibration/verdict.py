@@ -16,6 +16,8 @@ DECISIVE = 10.0
 TOLD, STRUCTURED = 0.001, 0.005
 # Error bars that the residual widened by more than this are wide because of the model, not of the noise.
 WIDENED = 2.0
+# A free source distance that falls short of source_to_cor_mm by more standard deviations is no noise.
+SHORT = 4.0
 
 CAUSES = {
     Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
@@ -55,64 +57,129 @@ def judge(
     structure: Structure | None,
     hypotheses: tuple[HypothesisReport, ...],
     turned: TurnedRival | None,
+    turn_held: bool,
     samples: int,
     source_shift_resolved: bool,
     theta_in_bounds: bool,
     unconstrained_mm: float | None,
+    short_of_deviations: float,
     source_to_cor_mm: float,
+    scale_ray_error_mm: float,
 ) -> Judgement:
     """Status, verdict and reasons; `structure` is None where the residual is noise."""
-    statuses: list[Status] = []
-    fails: list[str] = []
-    watches: list[str] = []
-    notes: list[str] = []
+    found = _Findings()
     if not fit.converged:
-        statuses.append(Status.NOT_CONVERGED)
-        fails.append("the fit did not converge: repeat it with more views or another seed")
+        cure = "repeat it with more views or another seed" if turn_held else "use a phantom with corners"
+        found.fail(f"the fit did not converge: {cure}", Status.NOT_CONVERGED)
+    _judge_rivals(found, hypotheses, turned, samples / inflation, turn_held=turn_held)
+    if predicted_mm > tolerance_mm:
+        imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED)
+        if predicted_mm > FAIL_FACTOR * tolerance_mm:
+            found.fail(imprecise, Status.IMPRECISE)
+        else:
+            found.watch(imprecise, Status.IMPRECISE)
+    if structure is not None and structure.share > TOLD:
+        told = (
+            f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
+            f"it {CAUSES[structure.place]}"
+        )
+        (found.watch if structure.share > STRUCTURED else found.note)(told)
+    if not theta_in_bounds:
+        found.watch("theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds")
+    if unconstrained_mm is not None:
+        _judge_short_distance(found, unconstrained_mm, source_to_cor_mm, short_of_deviations)
+    elif not source_shift_resolved:
+        found.note("the source shift is not resolved from 0, so theta has no standard deviations; the rays have")
+    if scale_ray_error_mm > tolerance_mm:
+        found.note(
+            f"the phantom's stated size tolerance alone leaves the rays uncertain by {scale_ray_error_mm:.3f} mm "
+            f"RMS, which no residual shows, where {tolerance_mm:.3f} mm is allowed: measure the phantom and state a "
+            "smaller size_tolerance"
+        )
+    return found.judgement()
+
+
+class _Findings:
+    """What speaks against an answer, in three degrees, and what it is to be called: the first status is the worst."""
+
+    def __init__(self) -> None:
+        self._fails: list[str] = []
+        self._watches: list[str] = []
+        self._notes: list[str] = []
+        self._statuses: list[Status] = []
+
+    def fail(self, reason: str, status: Status) -> None:
+        self._fails.append(reason)
+        self._statuses.append(status)
+
+    def watch(self, reason: str, status: Status | None = None) -> None:
+        self._watches.append(reason)
+        if status is not None:
+            self._statuses.append(status)
+
+    def note(self, reason: str) -> None:
+        self._notes.append(reason)
+
+    def judgement(self) -> Judgement:
+        verdict = "fail" if self._fails else "watch" if self._watches else "pass"
+        status = next(iter(self._statuses), Status.CALIBRATED)
+        return Judgement(status, verdict, (*self._fails, *self._watches, *self._notes))
+
+
+def _judge_rivals(
+    found: _Findings,
+    hypotheses: tuple[HypothesisReport, ...],
+    turned: TurnedRival | None,
+    independent_samples: float,
+    *,
+    turn_held: bool,
+) -> None:
+    """Whether another side, sense of rotation or first angle explains the scan as well."""
     best = hypotheses[0]
 
     def undecided(rival: float) -> bool:
         """Whether the best hypothesis's log-likelihood hardly beats another's, told by its relative residual."""
-        advantage = samples / inflation * math.log(max(rival, 1e-12) / max(best.relative_residual, 1e-12))
-        return advantage < DECISIVE
+        return independent_samples * math.log(max(rival, 1e-12) / max(best.relative_residual, 1e-12)) < DECISIVE
 
     if len(hypotheses) > 1 and undecided(hypotheses[1].relative_residual):
-        statuses.append(Status.AMBIGUOUS_HANDEDNESS)
         second = hypotheses[1]
-        watches.append(
+        found.watch(
             f"the scan does not tell {best.handedness.value}, {best.rotation.value} from {second.handedness.value}, "
-            f"{second.rotation.value}: say which it is, or use a phantom without symmetry"
+            f"{second.rotation.value}: say which it is, or use a phantom without symmetry",
+            Status.AMBIGUOUS_HANDEDNESS,
         )
-    if turned is not None and undecided(turned.relative_residual):
-        statuses.append(Status.AMBIGUOUS_TURN)
-        watches.append(
+    if not turn_held:
+        found.watch(
+            "the phantom looks the same from every side, so nothing holds the first angle and its position: "
+            "use a phantom without symmetry",
+            Status.AMBIGUOUS_TURN,
+        )
+    elif turned is not None and undecided(turned.relative_residual):
+        found.watch(
             f"the phantom looks the same turned by {turned.by_deg:.0f} degrees, so the first angle may be off by as "
-            "much: use a phantom without symmetry"
+            "much: use a phantom without symmetry",
+            Status.AMBIGUOUS_TURN,
         )
-    if predicted_mm > tolerance_mm:
-        statuses.append(Status.IMPRECISE)
-        imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED)
-        if predicted_mm > FAIL_FACTOR * tolerance_mm:
-            fails.append(imprecise)
-        else:
-            watches.insert(0, imprecise)
-    if structure is not None and structure.share > TOLD:
-        (watches if structure.share > STRUCTURED else notes).append(
-            f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
-            f"it {CAUSES[structure.place]}"
+
+
+def _judge_short_distance(
+    found: _Findings, unconstrained_mm: float, source_to_cor_mm: float, short_of_deviations: float
+) -> None:
+    """Whether a free source distance below r_S is noise or a contradiction."""
+    told = (
+        f"the free fit put the source at {unconstrained_mm:.2f} mm, nearer than source_to_cor_mm {source_to_cor_mm:.2f}"
+    )
+    if short_of_deviations > SHORT:
+        found.fail(
+            f"{told} by {short_of_deviations:.0f} standard deviations: the phantom is larger than its drawing, by "
+            f"{source_to_cor_mm / unconstrained_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
+            Status.INCONSISTENT_SCALE,
         )
-    if not theta_in_bounds:
-        watches.append("theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds")
-    if unconstrained_mm is not None:
-        notes.append(
-            f"the free fit put the source at {unconstrained_mm:.2f} mm, nearer than source_to_cor_mm "
-            f"{source_to_cor_mm:.2f}, for which no theta exists: the source distance was held there, "
-            "and the source shift is 0 within the noise"
+    else:
+        found.note(
+            f"{told}, for which no theta exists: the source distance was held there, and the source shift is 0 within "
+            "the noise"
         )
-    elif not source_shift_resolved:
-        notes.append("the source shift is not resolved from 0, so theta has no standard deviations; the rays have")
-    verdict = "fail" if fails else "watch" if watches else "pass"
-    return Judgement(next(iter(statuses), Status.CALIBRATED), verdict, tuple(fails + watches + notes))
 
 
 def _imprecise(predicted_mm: float, tolerance_mm: float, *, of_the_model: bool) -> str:

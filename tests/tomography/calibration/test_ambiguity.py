@@ -1,0 +1,72 @@
+"""Bodies that look the same from several sides, and scans that contradict the scanner: never a pass."""
+
+import numpy as np
+import pytest
+
+from worker.tomography.analytic import DetectorCells, project
+from worker.tomography.built_in import L_SHAPE
+from worker.tomography.calibration.calibration import CalibrationError
+from worker.tomography.calibration.default import CalibrationTask, calibrate
+from worker.tomography.geometry import Handedness, Rotation, Scanner, Theta
+from worker.tomography.phantom import Disc, Phantom, Polygon
+
+SCANNER = Scanner(859.46, 768, 1.502864583)
+FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)
+TWO_DISCS = Phantom("two discs", (Disc((-60.0, 10.0), 40.0), Disc((55.0, -20.0), 25.0)))
+SQUARE = Phantom("square", (Polygon(((-60.0, -60.0), (60.0, -60.0), (60.0, 60.0), (-60.0, 60.0))),))
+DISC = Phantom("disc", (Disc((30.0, 20.0), 80.0),))
+
+
+def scan_of(phantom, *, frame=FRAME, views=40, position=(0.0, 0.0), seed=1250):
+    angles = np.arange(views) * 2.0 * np.pi / views
+    clean = project(phantom, DetectorCells.of(SCANNER), frame, angles, position_mm=position, rays_per_cell=6)
+    noise = 0.01 * np.sqrt(np.mean(clean**2)) * np.random.default_rng(seed).standard_normal(clean.shape)
+    return clean + noise, angles
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (12.0, -9.0)])
+def test_two_discs_look_the_same_from_behind(position):
+    found = calibrate(CalibrationTask(SCANNER, TWO_DISCS, *scan_of(TWO_DISCS, position=position)))
+    assert (found.status, found.verdict) == ("ambiguous-handedness", "watch")
+
+
+@pytest.mark.parametrize("position", [(0.0, 0.0), (40.0, 30.0)])
+def test_a_square_looks_the_same_turned_wherever_it_stands(position):
+    sinogram, angles = scan_of(SQUARE, position=position)
+    sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+    found = calibrate(CalibrationTask(SCANNER, SQUARE, sinogram, angles, **sides))
+    assert (found.status, found.verdict) == ("ambiguous-turn", "watch")
+
+
+def test_a_disc_holds_no_first_angle_and_none_is_claimed():
+    sinogram, angles = scan_of(DISC)
+    sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+    found = calibrate(CalibrationTask(SCANNER, DISC, sinogram, angles, **sides))
+    assert (found.status, found.verdict) == ("ambiguous-turn", "watch")
+    assert found.covariance[0, 0] == 0.0
+    assert found.theta_deviation is None
+
+
+def test_a_phantom_far_larger_than_its_drawing_contradicts_the_scanner():
+    """Three per cent at 60 mm of source shift: R comes out shorter than r_S, by far more than noise."""
+    near = Theta(1.2, 741.0, 60.0, 31.0, 0.17).source_frame(859.46)
+    grown = Phantom(
+        "grown", tuple(Polygon(tuple((1.03 * x, 1.03 * y) for x, y in s.vertices_mm)) for s in L_SHAPE.shapes)
+    )
+    found = calibrate(CalibrationTask(SCANNER, L_SHAPE, *scan_of(grown, frame=near)))
+    assert (found.status, found.verdict) == ("inconsistent-scale", "fail")
+    assert "measure both" in found.reasons[0]
+
+
+def test_a_drawing_in_cm_is_refused_by_the_distance_it_asks_for():
+    small = Phantom(
+        "in cm", tuple(Polygon(tuple((0.1 * x, 0.1 * y) for x, y in s.vertices_mm)) for s in L_SHAPE.shapes)
+    )
+    with pytest.raises(CalibrationError, match=r"source_to_cor_mm is 859\.46: check that constant, the phantom's size"):
+        calibrate(CalibrationTask(SCANNER, small, *scan_of(L_SHAPE)))
+
+
+def test_a_sinogram_that_vanishes_is_refused():
+    sinogram, angles = scan_of(L_SHAPE)
+    with pytest.raises(CalibrationError, match="in which they do not vanish"):
+        calibrate(CalibrationTask(SCANNER, L_SHAPE, 1e-160 * sinogram, angles))
