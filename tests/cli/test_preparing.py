@@ -48,7 +48,7 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
     assert rings.startswith("rings removed by sorting")
     assert aligned.startswith(f"views laid over one another by their profile: {rows} of 40 rows are in all")
     with h5py.File(output) as file:
-        assert file["entry/process/parameters/preparation"][()].decode().splitlines() == answer["preparation"]
+        assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
 
 
 def test_without_being_asked_they_are_refused_with_the_flag(run, lossy, tmp_path):

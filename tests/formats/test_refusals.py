@@ -215,6 +215,15 @@ class TestScan:
     def test_larger_than_allowed(self, file, stack):
         refused(write_npy(file, stack), "too-large", "needs 576 bytes in memory and at most 500", max_bytes=500)
 
+    def test_more_than_the_free_memory(self, file, stack):
+        # (6, 3, 8) values of 4 bytes, and nine tenths of what is free.
+        refused(write_npy(file, stack), "too-large", "needs 576 .* at most 575 are allowed or free", free_bytes=639)
+        assert read_scan(file, counts=False, angles_deg=STEPS, free_bytes=641).projections.nbytes == 576
+        refused(file, "too-large", "at most 288 are allowed", free_bytes=641, rows_missing=True)
+        np.savez(file.with_suffix(".npz"), stack)
+        refused(file.with_suffix(".npz"), "too-large", "at most 288 ", free_bytes=641)
+        refused(file.with_suffix(".npz"), "too-large", "at most 192 ", free_bytes=641, rows_missing=True)
+
 
 class TestHdf5:
     def test_truncated(self, nxtomo, file):

@@ -5,13 +5,14 @@ import resource
 import subprocess
 import sys
 import textwrap
+from datetime import UTC, datetime, timedelta
 
 import h5py
 import numpy as np
 import pytest
 
 from worker.formats.atomic import whole_hdf5
-from worker.formats.nexus import unit_of
+from worker.formats.nexus import unit_of, write_mapping
 from worker.formats.reading import read_scan
 from worker.formats.result_files import NamedArray, new_reconstruction, write_calibration
 from worker.formats.scan_file import read_stored_scan, write_raw_scan, write_scan
@@ -61,6 +62,15 @@ def test_one_rows_sinogram_is_one_chunk(tmp_path, scan):
         assert file["entry/instrument/detector/data"].chunks == (6, 1, 8)
         assert file["entry/data/data"] == file["entry/instrument/detector/data"]
         assert file["entry/provenance/input_sha256"][()] == b"abc"
+        assert "row_shifts" not in file["entry/provenance"]
+
+
+def test_a_scan_says_by_how_much_its_views_were_moved(tmp_path, scan):
+    write_scan(tmp_path / "scan.h5", **scan, row_shifts=np.array([0.0, 1, 2.5, 0, 3, 1]))
+    with h5py.File(tmp_path / "scan.h5") as file:
+        shifts = file["entry/provenance/row_shifts"]
+        assert shifts.attrs["units"] == "row"
+        np.testing.assert_array_equal(shifts, [0.0, 1, 2.5, 0, 3, 1])
 
 
 def test_scan_without_air_level_and_row_pitch(tmp_path, scan):
@@ -108,7 +118,7 @@ def reconstruction(tmp_path, rng):
             row_pitch_mm=row_pitch_mm,
             unit="1/mm",
             geometry={"theta": {"initial_angle_rad": 2.5, "detector_tilt": 0.28}},
-            parameters={"filter": "hann", "size": 6, "field_mm": 9.0, "rows": None},
+            parameters={"filter": "hann", "size": 6, "field_mm": 9.0, "rows": None, "preparation": ["one", "größer"]},
             software_version="0.1.0",
             input_sha256="f00",
         ) as volume_file:
@@ -145,6 +155,35 @@ def test_volume_carries_axes_units_and_origin(reconstruction):
         assert "units" not in entry["geometry/theta/detector_tilt"].attrs
 
 
+def test_volume_carries_what_its_definition_asks_for(reconstruction):
+    path, _ = reconstruction()
+    with h5py.File(path) as file:
+        entry = file["entry"]
+        assert entry["title"].asstr()[()] == "Attenuation of a log, in slices 3 x 6 x 4"
+        assert entry["instrument"].attrs["NX_class"] == "NXinstrument"
+        assert entry["instrument/source"].attrs["NX_class"] == "NXsource"
+        assert {name: entry["instrument/source"][name].asstr()[()] for name in ("type", "name", "probe")} == {
+            "type": "Fixed Tube X-ray",
+            "name": "X-ray tube of the sawmill's scanner",
+            "probe": "x-ray",
+        }
+        assert entry["sample"].attrs["NX_class"] == "NXsample"
+        assert entry["sample/name"].asstr()[()] == "log"
+        written = datetime.fromisoformat(entry["process/date"].asstr()[()])
+        assert abs(datetime.now(UTC) - written) < timedelta(minutes=5)
+        assert entry["process/parameters"].attrs["NX_class"] == "NXparameters"
+        assert entry["process/parameters/raw_file"].asstr()[()] == "sha256:f00"
+
+
+def test_texts_in_a_list_are_an_array_of_texts(reconstruction, tmp_path):
+    path, _ = reconstruction()
+    with h5py.File(path) as file:
+        assert list(file["entry/process/parameters/preparation"].asstr()) == ["one", "größer"]
+    with h5py.File(tmp_path / "none.h5", "w") as file:
+        write_mapping(file, "method", {"remarks": []})
+        assert list(file["method/remarks"].asstr()) == []
+
+
 def test_slices_without_spacing_are_counted(reconstruction):
     path, _ = reconstruction(row_pitch_mm=None)
     with h5py.File(path) as file:
@@ -159,7 +198,7 @@ def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
         "standard_deviation": {"theta": {"source_shift_mm": None}},
         "predicted_ray_error_mm": {"rms": 0.02, "radius_mm": 150},
         "covariance": [[1.0, 0.5], [0.5, 2.0]],
-        "reasons": [],
+        "reasons": ["the tilt is uncertain"],
         "hypotheses": [{"handedness": "as-drawn"}],
         "ragged": [[1, 2], [3]],
         "verdict": "pass",
@@ -181,6 +220,7 @@ def test_calibration_keeps_its_answer_twice_and_its_arrays(tmp_path, rng):
         np.testing.assert_array_equal(group["covariance"], result["covariance"])
         assert json.loads(group["hypotheses"][()]) == result["hypotheses"]
         assert json.loads(group["ragged"][()]) == result["ragged"]
+        assert list(group["reasons"].asstr()) == result["reasons"]
         assert bool(group["converged"][()])
         np.testing.assert_array_equal(file["entry/arrays/residual"], residual)
         assert file["entry/arrays/residual"].attrs["axes_description"] == "view, detector"

@@ -11,6 +11,7 @@ from worker.contracts.jobs import JobKind
 from worker.contracts.preparing import PrepareOptions
 from worker.contracts.scans import ScanSpec
 from worker.formats.canonical import CanonicalScan
+from worker.tasks import ingest as ingesting
 from worker.tasks.failures import JobFailure
 from worker.tasks.line_integrals import as_line_integrals
 from worker.tasks.running import run
@@ -41,7 +42,7 @@ def exposed(scanner, theta, turn):
 def read(turn):
     def of(projections, flats=None, darks=None, *, rows_missing=False):
         counts = flats is not None
-        return CanonicalScan(projections, turn(VIEWS), counts, flats, darks, 9.0, 3.0, "npz", (), rows_missing)
+        return CanonicalScan(projections.copy(), turn(VIEWS), counts, flats, darks, 9.0, 3.0, "npz", (), rows_missing)
 
     return of
 
@@ -55,9 +56,20 @@ def test_counts_lose_the_sources_drift_and_line_integrals_are_used_as_they_are(r
     declared = as_line_integrals(read(raw.stack.copy()), PrepareOptions())
     np.testing.assert_array_equal(declared.stack, raw.stack)
     assert declared.remarks == ()
-    raw.stack.setflags(write=False)
     asked = as_line_integrals(read(raw.stack), PrepareOptions(air="background"))
     assert asked.stack[:, :, :8].mean() == pytest.approx(0.0, abs=0.002)
+
+
+@pytest.mark.parametrize("counts", [True, False])
+def test_what_was_read_is_overwritten_where_it_can_be(read, exposed, counts):
+    parts = exposed if counts else exposed[:1]
+    mine, of_the_file = read(*parts), read(*parts)
+    of_the_file.projections.setflags(write=False)
+    options = PrepareOptions(air="background", faulty_cells="keep")
+    prepared, apart = as_line_integrals(mine, options), as_line_integrals(of_the_file, options)
+    assert np.shares_memory(prepared.stack, mine.projections)
+    np.testing.assert_array_equal(of_the_file.projections, exposed[0])
+    np.testing.assert_array_equal(apart.stack, prepared.stack)
 
 
 def test_a_bridged_cell_has_no_counts_of_its_own(read, exposed):
@@ -83,6 +95,7 @@ def test_views_that_lost_rows_are_laid_over_one_another(read, exposed):
     assert np.abs(mended.stack - same).max() < 0.02
     assert "views laid over one another by their profile: " in mended.remarks[-1]
     assert "whole rows" in mended.remarks[-1]
+    np.testing.assert_array_equal(mended.row_shifts, top - top.min())
 
 
 def test_features_that_are_not_there_are_said_to_be_missing(read, exposed):
@@ -114,8 +127,18 @@ def test_an_upload_is_prepared_as_said_and_the_scan_keeps_what_was_done(upload, 
     assert result["shape"]["rows"] == ROWS - 1
     assert result["remarks"][-1].startswith("views laid over one another by their profile: 43 of 44 rows are in all")
     with h5py.File(reading.output / "scan.h5") as file:
+        np.testing.assert_array_equal(file["entry/provenance/row_shifts"], np.zeros(VIEWS))
         assert file["entry/provenance/remarks"][()].decode().splitlines() == result["remarks"]
         assert abs(file["entry/instrument/detector/data"][:, :, :8].mean()) < 0.002
+
+
+def test_an_upload_larger_than_the_free_memory_is_refused(upload, attempt, exposed, monkeypatch):
+    needed = exposed[0].size * 4
+    monkeypatch.setattr(ingesting, "memory_available", lambda: needed)
+    upload(exposed[0])
+    with pytest.raises(JobFailure, match=rf"needs {needed} bytes .* upload fewer rows") as failure:
+        run(attempt(JobKind.INGEST))
+    assert failure.value.code == "too-large"
 
 
 def test_a_log_without_features_along_it_is_refused_by_the_job(upload, attempt, read, exposed):

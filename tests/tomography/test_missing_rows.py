@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
+from worker.tomography import analytic, missing_rows
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.fbp import fbp
 from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
@@ -166,6 +166,12 @@ class TestByFeatures:
         lost[7] = np.where(np.isnan(lost[7]), np.nan, 0.0)
         with pytest.raises(RowsError, match="view 7 shares too few features with its neighbours"):
             shifts_by_features(lost, angles)
+
+    def test_an_uncertain_match_blames_the_views_and_not_the_log(self, dense, monkeypatch):
+        # No shift is that certain.
+        monkeypatch.setattr(missing_rows, "MOST_UNCERTAIN", 1e-6)
+        with pytest.raises(RowsError, match=r"is uncertain by .* too noisy for features: align the rows by their prof"):
+            shifts_by_features(*dense)
 
     def test_too_few_rows_are_refused(self, dense):
         stack, angles = dense

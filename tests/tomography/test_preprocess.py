@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from worker.tomography import preprocess
 from worker.tomography.preprocess import CountsError, line_integrals
 
 VIEWS, ROWS, CELLS = 4, 3, 10
@@ -82,6 +83,18 @@ def test_the_counts_are_left_as_they_came():
     before = counts.copy()
     line_integrals(counts, *fields())
     np.testing.assert_array_equal(counts, before)
+
+
+def test_the_counts_may_be_overwritten_block_by_block(monkeypatch):
+    integrals = np.random.default_rng(703).uniform(-0.1, 5.0, (VIEWS, ROWS, CELLS))
+    counts = counts_of(integrals)
+    counts[1, 2, 3] = counts[2, 0, 7] = DARK
+    whole = line_integrals(counts, *fields())
+    monkeypatch.setattr(preprocess, "BLOCK_BYTES", 2 * 4 * VIEWS * CELLS)
+    in_place = line_integrals(counts, *fields(), out=counts)
+    assert in_place.stack is counts
+    assert in_place.remarks == whole.remarks
+    np.testing.assert_array_equal(counts, whole.stack)
 
 
 def test_exchanged_flats_and_darks_are_refused():

@@ -14,6 +14,7 @@ from worker.contracts.preparing import RowAlignment
 from worker.formats.reading import read_scan
 from worker.tasks.failures import refused
 from worker.tasks.line_integrals import Stack, as_line_integrals
+from worker.tasks.room import memory_available
 from worker.tasks.selection import chosen_rows, chosen_views
 from worker.tomography.geometry import FloatArray
 
@@ -48,15 +49,18 @@ def load(said: ScanSaid, *, source_to_cor_mm: float) -> ScanInput:
         detector_pitch_mm=said.detector_pitch_mm,
         row_pitch_mm=said.row_pitch_mm,
         rows_missing=said.prepare.align_rows is not RowAlignment.OFF,
+        free_bytes=memory_available(),
     )
     if read.detector_pitch_mm is None:
         raise refused("detector-pitch-missing", "the file carries no detector pitch; give it as --detector-pitch-mm")
     prepared = as_line_integrals(read, said.prepare)
     all_views, all_rows, cells = prepared.stack.shape
     rows, views = chosen_rows(said.rows, all_rows), chosen_views(said.views, all_views)
+    taken = prepared.stack[:, rows]
     scanner = scanner_of(source_to_cor_mm, cells, read.detector_pitch_mm, read.row_pitch_mm)
     return ScanInput(
-        stack=np.ascontiguousarray(prepared.stack[views, rows]),
+        # All of it is taken without a second one.
+        stack=np.ascontiguousarray(taken if views.size == all_views else taken[views]),
         angles_rad=read.angles_rad[views],
         rows=(rows.start, rows.stop),
         row_step=rows.step or 1,

@@ -30,7 +30,8 @@ def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: 
     needed, declared = elements * max(itemsize, 4), elements * itemsize
     if needed > max_bytes:
         raise UnreadableScan(
-            "too-large", f"{what} needs {needed} bytes in memory and at most {max_bytes} are allowed; upload fewer rows"
+            "too-large",
+            f"{what} needs {needed} bytes in memory and at most {max_bytes} are allowed or free; upload fewer rows",
         )
     if declared > HARMLESS_BYTES and stored_bytes * LARGEST_RATIO < declared:
         raise UnreadableScan(

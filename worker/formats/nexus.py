@@ -52,7 +52,8 @@ def unit_of(name: str) -> str | None:
 def write_mapping(parent: h5py.Group, name: str, values: Mapping[str, Any], units: str | None = None) -> None:
     """Nested JSON-able values as groups of datasets, each with the unit that its name, or its group's name, ends in.
 
-    Null becomes an empty dataset; a list that is no array of one type becomes its JSON text.
+    Null becomes an empty dataset, a list of texts an array of them; any other list that is no array of one type
+    becomes its JSON text.
     """
     group = new_group(parent, name, "NXcollection")
     for key, value in values.items():
@@ -70,8 +71,8 @@ def _as_dataset(value: Any) -> Any:  # noqa: ANN401 - walks any JSON value
         return h5py.Empty("f8")
     if not isinstance(value, list | tuple):
         return value
-    if not value:
-        return json.dumps(value)
+    if all(isinstance(text, str) for text in value):
+        return np.array(value, h5py.string_dtype())
     try:
         array = np.array(value)
     except ValueError:

@@ -23,21 +23,25 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand bef
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
+# Of the free memory, for the stack; the rest is for its fields, a block of rows at a time, and the libraries.
+MEMORY_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class _Format:
     name: str
     read: Callable[[Path, str | None, int], FileContents]
+    read_twice: bool = False  # whether the stack is in memory twice for a moment, packed and unpacked or in parts
 
 
 _HDF5 = _Format("HDF5", read_hdf5)
-_MAT = _Format("MAT", read_mat5)
+_MAT = _Format("MAT", read_mat5, read_twice=True)
+_ZIP = _Format("ZIP", read_zip, read_twice=True)
 MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
 _BY_FIRST_BYTES = (
     (b"\x93NUMPY", _Format("NPY", read_npy)),
-    (b"PK\x03\x04", _Format("ZIP", read_zip)),
-    (b"PK\x05\x06", _Format("ZIP", read_zip)),
+    (b"PK\x03\x04", _ZIP),
+    (b"PK\x05\x06", _ZIP),
     (b"II*\0", _Format("TIFF", read_tiff)),
     (b"MM\0*", _Format("TIFF", read_tiff)),
     (b"II+\0", _Format("TIFF", read_tiff)),
@@ -55,6 +59,7 @@ def read_scan(
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
     max_bytes: int = MAX_BYTES,
+    free_bytes: int | None = None,
 ) -> CanonicalScan:
     """Read a scan from a file of any supported format, recognised by its content and never by its name.
 
@@ -74,6 +79,8 @@ def read_scan(
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     max_bytes : int
         Largest size in memory of one array.
+    free_bytes : int, optional
+        The machine's free memory: what cannot be read and prepared in it is refused before its data are read.
 
     Raises
     ------
@@ -81,12 +88,16 @@ def read_scan(
         When the file cannot be read, is not a scan, or contradicts what was said of it.
     """
     recognised = _recognise(path)
+    if free_bytes is not None:
+        # Views laid over one another are a stack of their own.
+        stacks = 1 + recognised.read_twice + rows_missing
+        max_bytes = min(max_bytes, int(MEMORY_SHARE * free_bytes) // stacks)
     with library_errors_translated(recognised.name):
         contents = recognised.read(path, dataset, max_bytes)
     dimensions = contents.projections.ndim
     projections = as_stack(contents.projections)
     if rows_missing and counts:
-        projections = np.where((projections == 0.0).all(axis=2, keepdims=True), np.float32(np.nan), projections)
+        projections = _with_missing_rows(projections)
     angles, remarks = _agree_on_angles(contents, angles_deg, len(projections))
     if counts and contents.darks is None:
         remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
@@ -102,6 +113,15 @@ def read_scan(
         remarks=(*contents.remarks, *remarks),
         rows_missing=rows_missing,
     )
+
+
+def _with_missing_rows(counts: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Rows of zeros become NaN, in place where that is possible."""
+    missing = ~counts.any(axis=2)
+    if missing.any():
+        counts = counts if counts.flags.writeable else counts.copy()
+        counts[missing] = np.nan
+    return counts
 
 
 def _recognise(path: Path) -> _Format:

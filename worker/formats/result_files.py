@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -114,8 +115,12 @@ def new_reconstruction(
         writing = NewVolume(entry, dataset)
         # NXtomoproc has its volume in /entry/data: the same group by another name.
         entry["data"] = entry["reconstruction"]
+        entry["title"] = "Attenuation of a log, in slices {} x {} x {}".format(*shape)
+        _write_origin(entry)
         _write_process(entry, software_version, input_sha256)
-        write_mapping(entry["process"], "parameters", parameters)
+        # The scan's file had a name where it came from; here it is known by its checksum.
+        write_mapping(entry["process"], "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
+        entry["process/parameters"].attrs["NX_class"] = "NXparameters"
         write_mapping(entry, "geometry", geometry)
         yield writing
 
@@ -209,7 +214,15 @@ def _centres_mm(count: int, spacing_mm: float) -> NDArray[np.float64]:
     return (np.arange(count, dtype=np.float64) + 0.5 - count / 2) * spacing_mm
 
 
+def _write_origin(entry: h5py.Group) -> None:
+    """What NXtomoproc wants to know of the source and the sample."""
+    source = new_group(new_group(entry, "instrument", "NXinstrument"), "source", "NXsource")
+    source["type"], source["name"], source["probe"] = "Fixed Tube X-ray", "X-ray tube of the sawmill's scanner", "x-ray"
+    new_group(entry, "sample", "NXsample")["name"] = "log"
+
+
 def _write_process(entry: h5py.Group, software_version: str, input_sha256: str) -> None:
     process = new_group(entry, "process", "NXprocess")
     process["program"], process["version"] = PROGRAM, software_version
+    process["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     process["input_sha256"] = input_sha256

@@ -52,6 +52,7 @@ def write_scan(
     row_pitch_mm: float | None,
     air_level: NDArray[np.float32] | None,
     provenance: Mapping[str, str],
+    row_shifts: NDArray[np.float64] | None = None,
 ) -> None:
     """Write a scan of line integrals so that the sinogram of one row can be read alone.
 
@@ -65,6 +66,8 @@ def write_scan(
         Mean flat less mean dark field: with it counts can be recovered from line integrals.
     provenance : mapping of str to str
         Where the data come from, as the file is to say it.
+    row_shifts : (views,) float64, rows, or None
+        By how much each view was moved along the log; None where none was.
 
     Raises
     ------
@@ -93,6 +96,8 @@ def write_scan(
         group = new_group(entry, PROVENANCE, "NXcollection")
         for name, text in provenance.items():
             group[name] = text
+        if row_shifts is not None:
+            write_scalar(group, "row_shifts", row_shifts, "row")
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from worker.formats.scan_file import write_scan
 from worker.tasks.attempt import Attempt
 from worker.tasks.failures import refused
 from worker.tasks.line_integrals import as_line_integrals
+from worker.tasks.room import memory_available
 
 
 def ingest(attempt: Attempt) -> dict[str, Any]:
@@ -29,6 +30,7 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
         detector_pitch_mm=constants.detector_pitch_mm,
         row_pitch_mm=constants.row_pitch_mm,
         rows_missing=scan.align_rows is not RowAlignment.OFF,
+        free_bytes=memory_available(),
     )
     _check_detector(read, constants.num_detector_pixels)
     attempt.say(0.4, "line integrals")
@@ -42,6 +44,7 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
         row_pitch_mm=read.row_pitch_mm,
         air_level=prepared.air_level,
         provenance={"format": read.format, "input_sha256": scan.sha256, "remarks": "\n".join(prepared.remarks)},
+        row_shifts=prepared.row_shifts,
     )
     views, rows, detector = prepared.stack.shape
     return ScanReading(

@@ -33,15 +33,20 @@ class PreparedScan:
         Of counts, mean flat less mean dark; 0 where a cell was bridged.
     remarks : tuple of str
         What was done to the data, from reading on.
+    row_shifts : (views,) float64 or None
+        By how many rows each view was moved along the log; None where none was.
     """
 
     stack: Stack
     air_level: Stack | None
     remarks: tuple[str, ...]
+    row_shifts: FloatArray | None = None
 
 
 def as_line_integrals(read: CanonicalScan, options: PrepareOptions) -> PreparedScan:
     """Counts become line integrals; then faulty cells, air, rings and missing rows, as far as asked.
+
+    What was read is taken over, so that a stack is in memory once: its projections are overwritten where they can be.
 
     Raises
     ------
@@ -52,8 +57,7 @@ def as_line_integrals(read: CanonicalScan, options: PrepareOptions) -> PreparedS
     measures = _measures(options, counts=read.counts)
     of_object = np.ones(scan.stack.shape[2], bool)
     if not measures.none:
-        # Counts have just become a stack of their own; line integrals are still the file's.
-        stack = scan.stack if read.counts else scan.stack.copy()
+        stack = scan.stack if scan.stack.flags.writeable else scan.stack.copy()
         done = prepare_rows(stack, measures)
         level = None if scan.air_level is None else np.where(done.faulty, np.float32(0.0), scan.air_level)
         scan = PreparedScan(stack, level, (*scan.remarks, *done.remarks))
@@ -68,7 +72,8 @@ def as_line_integrals(read: CanonicalScan, options: PrepareOptions) -> PreparedS
 def _line_integrals(read: CanonicalScan) -> PreparedScan:
     if not read.counts or read.flats is None:
         return PreparedScan(read.projections, None, read.remarks)
-    made = line_integrals(read.projections, read.flats, read.darks)
+    out = read.projections if read.projections.flags.writeable else None
+    made = line_integrals(read.projections, read.flats, read.darks, out=out)
     return PreparedScan(made.stack, made.air_level, (*read.remarks, *made.remarks))
 
 
@@ -96,7 +101,7 @@ def _aligned(
         f"shifts 0 to {shifts.rows.max():.3g} {'whole ' if shifts.whole else ''}rows, standard deviation "
         f"{float(np.median(shifts.standard_deviation)):.2g}{'' if shifts.whole else '; resampled by cubic convolution'}"
     )
-    return PreparedScan(stack, level, (*scan.remarks, told))
+    return PreparedScan(stack, level, (*scan.remarks, told), shifts.rows)
 
 
 def _shifts(stack: Stack, angles_rad: FloatArray, way: RowAlignment, of_object: NDArray[np.bool_]) -> RowShifts:

@@ -58,7 +58,7 @@ def new_volume(
             **asked,
             "views": views,
             "rows": f"{origin.rows[0]}:{origin.rows[1]}{step}",
-            "preparation": "\n".join(origin.preparation),
+            "preparation": list(origin.preparation),
         },
         software_version=version("sawmill-calibration"),
         input_sha256=origin.input_sha256,

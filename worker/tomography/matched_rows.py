@@ -151,7 +151,7 @@ def _solved(pairs: list[_Pair], views: int) -> RowShifts:
     scatter = weight * (shift - incidence @ solved) ** 2
     inflation = max(1.0, float(scatter.sum()) / max(len(pairs) - views + 1, 1))
     deviation = np.sqrt(inflation * np.diag(np.linalg.inv(normal)))
-    check_certain(deviation)
+    check_certain(deviation, "the views are too far apart or too noisy for features: align the rows by their profile")
     return RowShifts.of(solved, deviation)
 
 

@@ -58,13 +58,13 @@ def present_rows(stack: Stack) -> Rows:
     return ~np.isnan(stack[:, :, 0])
 
 
-def check_certain(standard_deviation: FloatArray) -> None:
-    """Refuse shifts (views,) whose standard deviation, in rows, is too large: RowsError."""
+def check_certain(standard_deviation: FloatArray, why: str) -> None:
+    """Refuse shifts (views,) whose standard deviation, in rows, is too large, with the likely reason: RowsError."""
     if not standard_deviation.max() <= MOST_UNCERTAIN:
         view = int(standard_deviation.argmax())
         raise RowsError(
             f"the shift of view {view} is uncertain by {standard_deviation[view]:.2g} rows and {MOST_UNCERTAIN} is the "
-            "most allowed: the log varies too little along its length for the noise"
+            f"most allowed: {why}"
         )
 
 

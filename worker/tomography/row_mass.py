@@ -97,7 +97,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         fit = _fit(values, present, shifts, reference)
         if np.abs(step).max() < SETTLED:
             break
-    check_certain(fit.standard_deviation)
+    check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
     return RowShifts.of(shifts, fit.standard_deviation)
 
 
