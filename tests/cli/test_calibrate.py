@@ -47,6 +47,20 @@ def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):
     assert len(document["input_sha256"]) == 64
 
 
+def test_the_answer_says_how_well_everything_is_known(run, phantom_scan):
+    document = calibrated(run, phantom_scan, *KNOWN, *L)
+    deviations = list(document["standard_deviation"]["theta"].values())
+    np.testing.assert_allclose(np.sqrt(np.diag(document["theta_covariance"])), deviations)
+    predicted = document["predicted_ray_error_mm"]
+    low, high = predicted["interval_95"]
+    assert low < predicted["rms"] < predicted["upper_95"] < high
+    behind = [hypothesis["log_likelihood_behind"] for hypothesis in document["hypotheses"]]
+    assert behind[0] == 0.0
+    # The L from the wrong side leaves far more than noise: the choice is not close.
+    assert min(behind[1:]) > 1000.0
+    assert document["status"] == "calibrated"
+
+
 def test_people_get_a_table(run, phantom_scan):
     result = run("calibrate", phantom_scan, *KNOWN, *L)
     assert "detector tilt alpha_D" in result.stdout

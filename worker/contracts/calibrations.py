@@ -108,6 +108,9 @@ class PredictedRayError(Contract):
     rms: float = Field(description="Root of the expected mean square over rays and points.")
     max: float = Field(description="Standard deviation at the worst point.")
     upper_95: float = Field(description="The RMS ray error stays below this in 95 of 100 cases.")
+    interval_95: tuple[float, float] | None = Field(
+        None, description="It lies between these in 95 of 100 cases. Null: an answer of an earlier version."
+    )
     radius_mm: float = Field(description="Of the disc in which rays are compared.")
 
 
@@ -124,6 +127,9 @@ class Hypothesis(Contract):
     handedness: Handedness
     rotation: Rotation
     relative_residual: float
+    log_likelihood_behind: float | None = Field(
+        None, description="Behind the best one's; below 10 the scan does not decide. Null without error bars."
+    )
 
 
 class Search(Contract):
@@ -172,6 +178,11 @@ class CalibrationResult(Contract):
     covariance: list[list[float]] | None = Field(
         description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "
         "a fixed parameter's row is zero."
+    )
+    theta_covariance: list[list[float]] | None = Field(
+        None,
+        description="Of (initial_angle_rad, detector_to_cor_mm, source_shift_mm, detector_shift_mm, detector_tilt); "
+        "null where the source shift or the first angle is not resolved.",
     )
     unconstrained_source_distance_mm: float = Field(description="R before it was held at source_to_cor_mm, if it was.")
     scale_uncertainty_mm: float = Field(

@@ -39,7 +39,9 @@ def calibration_table(answer: Answer) -> list[tuple[str, str]]:
 
 
 def _circumstances(answer: Answer) -> list[tuple[str, str]]:
-    rows = [("seen / turning", f"{answer['handedness']} / {answer['rotation']}")]
+    status = answer.get("status")
+    rows = [] if status is None else [("status", status)]
+    rows.append(("seen / turning", f"{answer['handedness']} / {answer['rotation']}"))
     if len(answer["hypotheses"]) > 1:
         second = answer["hypotheses"][1]
         left = f"{second['relative_residual']:.2%} unexplained"

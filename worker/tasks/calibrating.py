@@ -116,6 +116,7 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
         source_frame=from_frame(calibration.frame),
         standard_deviation=_deviation(calibration),
         covariance=None if calibration.covariance is None else calibration.covariance.tolist(),
+        theta_covariance=None if calibration.theta_covariance is None else calibration.theta_covariance.tolist(),
         unconstrained_source_distance_mm=calibration.unconstrained_source_distance_mm,
         scale_uncertainty_mm=calibration.scale_uncertainty_mm,
         scale_ray_error_mm=calibration.scale_ray_error_mm,
@@ -125,11 +126,12 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
             rms=predicted.rms_mm,
             max=predicted.max_mm,
             upper_95=predicted.upper_95_mm,
+            interval_95=predicted.interval_95_mm,
             radius_mm=calibration.log_radius_mm,
         ),
         handedness=Handedness(calibration.handedness),
         rotation=Rotation(calibration.rotation),
-        hypotheses=[contracts.Hypothesis.model_validate(vars(report)) for report in calibration.hypotheses],
+        hypotheses=_hypotheses(calibration),
         phantom_position_mm=calibration.position_mm,
         gain=calibration.gain,
         offset=calibration.offset,
@@ -147,6 +149,21 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
         software_version=version("sawmill-calibration"),
         input_sha256=given.input_sha256,
     )
+
+
+def _hypotheses(calibration: Calibration) -> list[contracts.Hypothesis]:
+    """All that were tried, with how far each is behind the best in log-likelihood."""
+    best = calibration.hypotheses[0].relative_residual
+    independent = None if calibration.covariance is None else calibration.residual.size / calibration.inflation
+    return [
+        contracts.Hypothesis(
+            **vars(report),
+            log_likelihood_behind=None
+            if independent is None or best <= 0.0
+            else independent * math.log(report.relative_residual / best),
+        )
+        for report in calibration.hypotheses
+    ]
 
 
 def _deviation(calibration: Calibration) -> contracts.StandardDeviation | None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from worker.tomography import analytic
 from worker.tomography.analytic import PARAMETERS, DetectorCells
-from worker.tomography.calibration.calibration import frame_deviation, theta_deviation
+from worker.tomography.calibration.calibration import frame_deviation, theta_covariance
 from worker.tomography.calibration.refine import reduce
 from worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from worker.tomography.phantom import Phantom, PhantomError
@@ -77,11 +77,12 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
         raise PhantomError(f"the phantom {phantom.name!r} casts no shadow on the detector of this geometry")
     grams = analytic.gram(phantom, cells, frame, geometry.angles_rad, sinogram)
     covariance = sigma * sigma * _inverse(phantom, grams)[:5, :5]
+    of_theta = theta_covariance(scanner, frame, geometry.theta, covariance)
     return Plan(
         noise=sigma,
         covariance=covariance,
         frame_deviation=frame_deviation(frame, covariance),
-        theta_deviation=theta_deviation(scanner, frame, geometry.theta, covariance),
+        theta_deviation=None if of_theta is None else np.sqrt(np.diag(of_theta)),
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance, radius_mm=log_radius_mm),
         scale_uncertainty_mm=phantom.size_tolerance * frame.source_distance_mm,
         scale_ray_error_mm=scale_ray_error(scanner, frame, phantom.size_tolerance, radius_mm=log_radius_mm),

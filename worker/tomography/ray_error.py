@@ -102,11 +102,14 @@ class PredictedRayError:
         Standard deviation at the worst point.
     upper_95_mm : float
         The RMS ray error stays below this in 95 of 100 cases.
+    interval_95_mm : (low, high)
+        Between these in 95 of 100 cases.
     """
 
     rms_mm: float
     max_mm: float
     upper_95_mm: float
+    interval_95_mm: tuple[float, float]
 
 
 def predicted_ray_error(
@@ -139,8 +142,10 @@ def predicted_ray_error(
     weights = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.
     squares = np.random.default_rng(0).standard_normal((DRAWS, weights.size)) ** 2 @ weights
+    low, upper, high = np.sqrt(np.quantile(squares, [0.025, 0.95, 0.975])).tolist()
     return PredictedRayError(
         float(np.sqrt(max(variance.mean(), 0.0))),
         float(np.sqrt(max(variance.max(), 0.0))),
-        float(np.sqrt(np.quantile(squares, 0.95))),
+        upper,
+        (low, high),
     )

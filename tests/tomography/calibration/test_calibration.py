@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography.calibration.calibration import choose_theta, theta_deviation
+from worker.tomography.calibration.calibration import choose_theta, theta_covariance
 from worker.tomography.geometry import SourceFrame, ThetaBounds
 
 
@@ -47,7 +47,7 @@ def test_the_deviation_of_theta_is_its_scatter(scanner, theta, frame, twin):
         difference = moved.theta(scanner.source_to_cor_mm, source_shift_sign=sign).to_vector() - reported.to_vector()
         difference[0] = math.remainder(difference[0], 2.0 * math.pi)
         drawn.append(difference)
-    deviation = theta_deviation(scanner, frame, reported, root @ root.T)
+    deviation = np.sqrt(np.diag(theta_covariance(scanner, frame, reported, root @ root.T)))
     # 2000 draws know a standard deviation to 1.6 %.
     np.testing.assert_allclose(deviation, np.std(drawn, axis=0), rtol=0.06)
 
@@ -57,6 +57,6 @@ def test_an_unresolved_source_shift_has_no_deviation(scanner, frame):
     for beyond, resolved in ((1.9, False), (2.1, True)):
         near = replace(frame, source_distance_mm=scanner.source_to_cor_mm + beyond)
         theta, _ = choose_theta(scanner, near, None)
-        assert (theta_deviation(scanner, near, theta, covariance) is not None) is resolved
+        assert (theta_covariance(scanner, near, theta, covariance) is not None) is resolved
     covariance[1, 1] = 0.0
-    assert theta_deviation(scanner, frame, choose_theta(scanner, frame, None)[0], covariance) is None
+    assert theta_covariance(scanner, frame, choose_theta(scanner, frame, None)[0], covariance) is None

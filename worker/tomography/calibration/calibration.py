@@ -91,8 +91,8 @@ class Calibration:
         As drawn. `seen` is the phantom as the scan shows it: mirrored if seen from behind, and where it stood.
     covariance : (5, 5) float64 or None
         Of (psi, R, SDD, u_c, tau); the row of a fixed parameter is zero. None from a search that has no error bars.
-    theta_deviation : (5,) float64 or None
-        Standard deviations of theta; None where the source shift is not resolved.
+    theta_covariance : (5, 5) float64 or None
+        Of theta; None where the source shift, or the first angle, is not resolved.
     source_distance_fixed : bool
         R was held at r_S, because the free fit gave less: `unconstrained_source_distance_mm`.
     adjustments : tuple of str
@@ -109,7 +109,7 @@ class Calibration:
     theta: Theta
     theta_twin: Theta | None
     covariance: FloatArray | None
-    theta_deviation: FloatArray | None
+    theta_covariance: FloatArray | None
     source_distance_fixed: bool
     unconstrained_source_distance_mm: float
     scale_uncertainty_mm: float
@@ -141,6 +141,11 @@ class Calibration:
         return drawn.moved(*self.position_mm)
 
     @property
+    def theta_deviation(self) -> FloatArray | None:
+        """Standard deviations of theta, (5,); None where it has no covariance."""
+        return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
+
+    @property
     def frame_deviation(self) -> FloatArray | None:
         """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where fixed; None without error bars."""
         if self.covariance is None:
@@ -167,8 +172,8 @@ def frame_deviation(frame: SourceFrame, covariance: FloatArray) -> FloatArray:
     return np.append(np.sqrt(np.diag(covariance)), magnification)
 
 
-def theta_deviation(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
-    """Standard deviations of theta to first order, (5,); None where h_S is not resolved from zero."""
+def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covariance: FloatArray) -> FloatArray | None:
+    """The covariance of theta to first order, (5, 5); None where h_S is not resolved from zero."""
     r, r_s = frame.source_distance_mm, scanner.source_to_cor_mm
     spread = math.sqrt(float(covariance[1, 1]))
     if spread == 0.0 or r - r_s <= 2.0 * spread:
@@ -188,5 +193,5 @@ def theta_deviation(scanner: Scanner, frame: SourceFrame, theta: Theta, covarian
         change[0] = math.remainder(change[0], 2.0 * math.pi)
         columns.append(change / (2.0 * step))
     slope = np.stack(columns, -1)
-    deviation: FloatArray = np.sqrt(np.diag(slope @ covariance @ slope.T))
-    return deviation
+    carried: FloatArray = slope @ covariance @ slope.T
+    return carried

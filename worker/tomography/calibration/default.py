@@ -16,7 +16,7 @@ from worker.tomography.calibration.calibration import (
     HypothesisReport,
     SearchReport,
     choose_theta,
-    theta_deviation,
+    theta_covariance,
 )
 from worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
 from worker.tomography.calibration.refine import Fit, SinogramData, refine
@@ -255,11 +255,11 @@ def conclude(
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     predicted = predicted_ray_error(task.scanner, fit.frame, covariance, radius_mm=task.log_radius_mm)
     hypotheses, turned_rival = _rivals(ranked)
-    deviation = theta_deviation(task.scanner, fit.frame, theta, covariance)
-    source_shift_resolved = deviation is not None
+    of_theta = theta_covariance(task.scanner, fit.frame, theta, covariance)
+    source_shift_resolved = of_theta is not None
     if not spread.turn_held:  # nothing is known of psi, and so nothing of the first angle
         covariance[0, :] = covariance[:, 0] = 0.0
-        deviation = None
+        of_theta = None
     scale_mm = scale_ray_error(task.scanner, fit.frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm)
     judged = judge(
         predicted_mm=predicted.rms_mm,
@@ -289,7 +289,7 @@ def conclude(
         theta=theta,
         theta_twin=twin,
         covariance=covariance,
-        theta_deviation=deviation,
+        theta_covariance=of_theta,
         source_distance_fixed=fixed,
         unconstrained_source_distance_mm=free.frame.source_distance_mm,
         scale_uncertainty_mm=task.phantom.size_tolerance * fit.frame.source_distance_mm,

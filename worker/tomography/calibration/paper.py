@@ -224,7 +224,7 @@ def _answer(
         theta=reported,
         theta_twin=twin,
         covariance=None,
-        theta_deviation=None,
+        theta_covariance=None,
         source_distance_fixed=False,
         unconstrained_source_distance_mm=frame.source_distance_mm,
         scale_uncertainty_mm=task.phantom.size_tolerance * frame.source_distance_mm,
