@@ -18,8 +18,8 @@ import numpy as np
 from worker.tomography.cauchy_map import STRENGTH, cauchy_map
 from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative.penalised import Objective, Prior, descend, mean_along_rays
 from worker.tomography.log_model import LogModel
-from worker.tomography.penalised import Objective, Prior, descend, mean_along_rays
 from worker.tomography.phantom import Disc, Phantom, Polygon, Shape
 from worker.tomography.projector import Image, Projector
 from worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index

@@ -22,7 +22,7 @@ from worker.tomography.drift import ConjugateFit, DriftError
 from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
 from worker.tomography.log_model import LogModel
 from worker.tomography.phantom import Phantom
-from worker.tomography.preprocess import line_integrals
+from worker.tomography.preparing.preprocess import line_integrals
 from worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 KINDS = ("off centre", "exactly centred", "counts", "gain of each view 1 %", "faulty cells and views")

@@ -20,11 +20,11 @@ from scanners import SCANNER
 from scipy.optimize import minimize
 
 from worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from worker.tomography.descent import Floats, Images, Indices
 from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative.descent import Floats, Images, Indices
+from worker.tomography.iterative.penalised import FACTORS, WIDE_ITERATIONS, Objective, Prior, mean_along_rays
 from worker.tomography.log_model import LogModel
-from worker.tomography.penalised import FACTORS, WIDE_ITERATIONS, Objective, Prior, mean_along_rays
 from worker.tomography.projector import Projector
 from worker.tomography.simulate import simulate_sinogram
 

@@ -18,11 +18,11 @@ from worker.tomography.fbp import fbp
 from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.log_model import LogModel
-from worker.tomography.matched_rows import shifts_by_features
-from worker.tomography.missing_rows import RowsError, RowShifts
+from worker.tomography.preparing.matched_rows import shifts_by_features
+from worker.tomography.preparing.missing_rows import RowsError, RowShifts
+from worker.tomography.preparing.ring_removal import remove_rings
+from worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
 from worker.tomography.projector import Projector
-from worker.tomography.ring_removal import remove_rings
-from worker.tomography.row_mass import RowMoments, shifts_by_mass
 
 Stack = NDArray[np.float32]
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

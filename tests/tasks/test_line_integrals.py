@@ -18,7 +18,7 @@ from worker.tasks.running import run
 from worker.tomography.analytic import DetectorCells, project
 from worker.tomography.geometry import FanBeamGeometry
 from worker.tomography.log_model import LogModel
-from worker.tomography.missing_rows import RowsError
+from worker.tomography.preparing.missing_rows import RowsError
 
 VIEWS, ROWS = 36, 44
 LOST = 6

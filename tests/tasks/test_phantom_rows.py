@@ -9,7 +9,7 @@ from worker.contracts.geometry import ScannerConstants
 from worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
 from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
 from worker.tasks.conversion import to_frame
-from worker.tomography.preprocess import line_integrals
+from worker.tomography.preparing.preprocess import line_integrals
 from worker.tomography.ray_error import ray_error
 
 

@@ -10,7 +10,7 @@ from worker.tasks.selection import chosen_rows, chosen_views
 from worker.tomography.calibration.calibration import CalibrationError
 from worker.tomography.geometry import GeometryError
 from worker.tomography.phantom import PhantomError
-from worker.tomography.preprocess import CountsError
+from worker.tomography.preparing.preprocess import CountsError
 
 
 def test_rows_are_those_named_or_all():

@@ -5,10 +5,10 @@ from worker.tomography.cauchy_map import cauchy_map
 from worker.tomography.fbp import fbp
 from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative.penalised import Curvature, Inside, Objective, Prior
+from worker.tomography.iterative.posterior import posterior_deviation
 from worker.tomography.noise import photon_noise
-from worker.tomography.penalised import Curvature, Inside, Objective, Prior
 from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.posterior import posterior_deviation
 from worker.tomography.projector import Projector
 from worker.tomography.quality import relative_error
 from worker.tomography.simulate import simulate_sinogram

@@ -9,7 +9,7 @@ from worker.tomography.built_in import L_SHAPE
 from worker.tomography.geometry import FanBeamGeometry, GeometryError
 from worker.tomography.log_model import LogModel
 from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.preprocess import line_integrals
+from worker.tomography.preparing.preprocess import line_integrals
 from worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 

@@ -8,9 +8,9 @@ from worker.formats.errors import UnreadableScan
 from worker.tomography.calibration.calibration import CalibrationError
 from worker.tomography.drift import DriftError
 from worker.tomography.geometry import GeometryError
-from worker.tomography.missing_rows import RowsError
 from worker.tomography.phantom import PhantomError
-from worker.tomography.preprocess import CountsError
+from worker.tomography.preparing.missing_rows import RowsError
+from worker.tomography.preparing.preprocess import CountsError
 
 
 class JobFailure(Exception):  # noqa: N818 - the contract's word

@@ -10,10 +10,10 @@ from worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOption
 from worker.formats.canonical import CanonicalScan
 from worker.tomography import air
 from worker.tomography.geometry import FloatArray
-from worker.tomography.missing_rows import RowShifts, aligned
-from worker.tomography.preparation import Measures, prepare_rows
-from worker.tomography.preprocess import line_integrals
-from worker.tomography.row_mass import RowMoments, shifts_by_mass
+from worker.tomography.preparing.missing_rows import RowShifts, aligned
+from worker.tomography.preparing.preparation import Measures, prepare_rows
+from worker.tomography.preparing.preprocess import line_integrals
+from worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
 
 Stack = NDArray[np.float32]
 
@@ -108,6 +108,6 @@ def _shifts(stack: Stack, angles_rad: FloatArray, way: RowAlignment, of_object: 
     if way is RowAlignment.PROFILE:
         return shifts_by_mass(RowMoments.of(stack, of_object), angles_rad)
     # OpenCV takes half a second to import, and few scans need it.
-    from worker.tomography.matched_rows import shifts_by_features  # noqa: PLC0415
+    from worker.tomography.preparing.matched_rows import shifts_by_features  # noqa: PLC0415
 
     return shifts_by_features(stack, angles_rad)

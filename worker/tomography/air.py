@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from worker.tomography.faulty_cells import Sinogram, middle_of_views
+from worker.tomography.preparing.faulty_cells import Sinogram, middle_of_views
 
 # The outermost cells, whose median is the level that the others are compared with.
 OUTERMOST = 8

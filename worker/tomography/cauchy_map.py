@@ -6,11 +6,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from worker.tomography.descent import Floats, Images, Indices, Progress
 from worker.tomography.geometry import GeometryError
-from worker.tomography.holding_out import HELD_SHARE, hold_out
-from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
-from worker.tomography.penalised import (
+from worker.tomography.iterative.descent import Floats, Images, Indices, Progress
+from worker.tomography.iterative.holding_out import HELD_SHARE, hold_out
+from worker.tomography.iterative.penalised import (
     FACTORS,
     Inside,
     Objective,
@@ -20,7 +19,8 @@ from worker.tomography.penalised import (
     typical_attenuation,
     widely,
 )
-from worker.tomography.posterior import posterior_deviation
+from worker.tomography.iterative.posterior import posterior_deviation
+from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.projector import Image, Projector
 
 # The density's exponent in the plane (design page, section 4).

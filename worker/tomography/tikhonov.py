@@ -8,8 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from worker.tomography.descent import Floats, Indices
 from worker.tomography.geometry import GeometryError
+from worker.tomography.iterative.descent import Floats, Indices
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.projector import Image, Projector
 

@@ -5,11 +5,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from worker.tomography.descent import Floats, Indices, Progress
 from worker.tomography.geometry import GeometryError
-from worker.tomography.holding_out import hold_out
+from worker.tomography.iterative.descent import Floats, Indices, Progress
+from worker.tomography.iterative.holding_out import hold_out
+from worker.tomography.iterative.penalised import (
+    Inside,
+    Objective,
+    Prior,
+    descend,
+    mean_along_rays,
+    typical_attenuation,
+)
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
-from worker.tomography.penalised import Inside, Objective, Prior, descend, mean_along_rays, typical_attenuation
 from worker.tomography.projector import Image, Projector
 
 # Differences below this share of the wood's attenuation are smoothed quadratically.

@@ -24,7 +24,7 @@ from worker.tomography.geometry import (
 )
 from worker.tomography.log_model import SAPWOOD_PER_MM
 from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.preprocess import line_integrals
+from worker.tomography.preparing.preprocess import line_integrals
 from worker.tomography.ray_error import predicted_ray_error, ray_error
 from worker.tomography.simulate import simulate_sinogram, simulate_stack
 from worker.tomography.tracing import trace

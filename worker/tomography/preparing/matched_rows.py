@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.tomography.geometry import TAU, FloatArray
-from worker.tomography.missing_rows import RowsError, RowShifts, Stack, check_certain, present_rows
+from worker.tomography.preparing.missing_rows import RowsError, RowShifts, Stack, check_certain, present_rows
 
 FEWEST_ROWS = 32
 MOST_FEATURES = 800

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.tomography import _descent_numba as kernels
+from worker.tomography.iterative import _descent_numba as kernels
 
 Images = NDArray[np.float32]
 Floats = NDArray[np.float64]

@@ -3,13 +3,13 @@ import pytest
 
 from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
-from worker.tomography.faulty_cells import middle_of_views
 from worker.tomography.fbp import fbp
 from worker.tomography.geometry import FanBeamGeometry
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.log_model import LogModel
+from worker.tomography.preparing.faulty_cells import middle_of_views
+from worker.tomography.preparing.ring_removal import remove_rings, stripes
 from worker.tomography.projector import Projector
-from worker.tomography.ring_removal import remove_rings, stripes
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from worker.tomography.faulty_cells import Sinogram
+from worker.tomography.preparing.faulty_cells import Sinogram
 
 # Of the median, in cells. The publication's 21 is for finer detectors: here it costs a log three times what 9 costs.
 WINDOW = 9

@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from worker.tomography.descent import Floats, Images
-from worker.tomography.penalised import FACTORS, Objective, descend, widely
+from worker.tomography.iterative.descent import Floats, Images
+from worker.tomography.iterative.penalised import FACTORS, Objective, descend, widely
 
 HELD_SHARE = 0.15
 ITERATIONS = 20

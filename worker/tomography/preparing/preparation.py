@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.tomography.air import Air, AirCorrection, find_air
-from worker.tomography.bridging import bridge
-from worker.tomography.faulty_cells import Sinogram, faulty_cells, middle_of_views
-from worker.tomography.ring_removal import WINDOW, remove_rings, stripes
+from worker.tomography.preparing.bridging import bridge
+from worker.tomography.preparing.faulty_cells import Sinogram, faulty_cells, middle_of_views
+from worker.tomography.preparing.ring_removal import WINDOW, remove_rings, stripes
 
 Stack = NDArray[np.float32]
 

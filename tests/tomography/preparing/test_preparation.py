@@ -6,7 +6,7 @@ from worker.tomography.air import AirCorrection
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.geometry import FanBeamGeometry
 from worker.tomography.log_model import LogModel
-from worker.tomography.preparation import Measures, prepare_rows
+from worker.tomography.preparing.preparation import Measures, prepare_rows
 
 VIEWS, ROWS = 60, 3
 NOISE = 0.005

@@ -11,7 +11,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from worker.tomography.geometry import FloatArray
-from worker.tomography.missing_rows import Rows, RowsError, RowShifts, Stack, check_certain, cubic_weights
+from worker.tomography.preparing.missing_rows import Rows, RowsError, RowShifts, Stack, check_certain, cubic_weights
 
 # Half of a view's rows at least must be found again in the others; fewer than so many rows have no profile.
 SHARE_FOUND, FEWEST_ROWS = 0.5, 16

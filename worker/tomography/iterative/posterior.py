@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from worker.tomography.descent import Floats, Images
-from worker.tomography.penalised import Prior
+from worker.tomography.iterative.descent import Floats, Images
+from worker.tomography.iterative.penalised import Prior
 from worker.tomography.projector import BLOCK, Image, Projector
 
 SAMPLES = 32

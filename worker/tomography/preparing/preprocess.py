@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.tomography.bridging import bridge
+from worker.tomography.preparing.bridging import bridge
 
 Stack = NDArray[np.float32]
 

@@ -8,10 +8,10 @@ import numpy as np
 from numba import get_num_threads
 from scipy.fft import fftfreq, irfft2, next_fast_len, rfft2, rfftfreq
 
-from worker.tomography import _prior_numba as kernels
-from worker.tomography.descent import Floats, Images, Indices, Minimum, Progress, minimise
 from worker.tomography.geometry import GeometryError
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative import _prior_numba as kernels
+from worker.tomography.iterative.descent import Floats, Images, Indices, Minimum, Progress, minimise
 from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
 

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography import preprocess
-from worker.tomography.preprocess import CountsError, line_integrals
+from worker.tomography.preparing import preprocess
+from worker.tomography.preparing.preprocess import CountsError, line_integrals
 
 VIEWS, ROWS, CELLS = 4, 3, 10
 DARK, AIR = 100.0, 40_000.0

@@ -1,0 +1,1 @@
+"""From a raw stack to sinograms: faulty cells, rings, and views that lost rows."""
