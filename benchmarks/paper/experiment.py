@@ -13,7 +13,7 @@ Values = dict[str, str]
 
 @dataclass(frozen=True)
 class Plan:
-    """How much of everything: the defaults take about twenty minutes on two idle cores, `FULL` takes hours.
+    """How much of everything: the defaults take about seven minutes on two idle cores, `FULL` takes hours.
 
     Attributes
     ----------
