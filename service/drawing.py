@@ -44,11 +44,7 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
         drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
         return drawn(record.answer, record.arrays)
 
-    path = store.files.results(JobKind.CALIBRATE, calibration_id) / picture
-    if path.is_file():  # what is there need not wait for what others draw
-        return path
-    with _DRAWING:
-        return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw)
+    return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
 
 def drawn_alpha_curve(columns: Mapping[str, NDArray[Any]]) -> bytes:

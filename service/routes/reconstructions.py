@@ -163,13 +163,14 @@ def get_slice(
     if index >= result.shape[0]:
         raise Refused(404, "slice-not-found", f"index must be below {result.shape[0]}, the slices, not {index}")
     path = store.files.volume(reconstruction_id)
-    read, usual = arrays.volume_slice, result.value_range
-    if query.show is Shown.DEVIATION:
-        read, usual = arrays.deviation_slice, window_of(arrays.deviation_slice(path, index).data)
-    window = _window(query, usual)
 
     def draw() -> bytes:
-        image = read(path, index)
+        if query.show is Shown.DEVIATION:
+            image = arrays.deviation_slice(path, index)
+            window = _window(query, window_of(image.data))
+        else:
+            image = arrays.volume_slice(path, index)
+            window = _window(query, result.value_range)
         if query.bits is Bits.SIXTEEN:
             return image_png16(image.data, window)
         return image_png(
@@ -180,7 +181,7 @@ def get_slice(
             color_map=query.color_map,
         )
 
-    return picture(request, etag(reconstruction_id, index, query, window), draw)
+    return picture(request, etag(reconstruction_id, index, query), draw)
 
 
 @router.get(
@@ -220,21 +221,20 @@ def get_side_view(
 ) -> Response:
     """The densest value behind each point of the log's side; the log runs to the right."""
     _result(store, reconstruction_id)
-    view = arrays.side_view(store.files.volume(reconstruction_id), query.along)
-    window = _window(query, window_of(view.data))
 
     def draw() -> bytes:
+        view = arrays.side_view(store.files.volume(reconstruction_id), query.along)
         return side_view_png(
             view.data,
             across_mm=view.across_mm,
             across=view.across,
             along_mm=view.along_mm,
             unit=view.unit,
-            window=window,
+            window=_window(query, window_of(view.data)),
             color_map=query.color_map,
         )
 
-    return picture(request, etag(reconstruction_id, "side", query, window), draw)
+    return picture(request, etag(reconstruction_id, "side", query), draw)
 
 
 @router.get(

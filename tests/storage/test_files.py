@@ -3,12 +3,16 @@ import errno
 import hashlib
 import os
 from pathlib import Path
+from threading import Lock
 
 import pytest
 
 from worker.contracts.jobs import JobKind
 from worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
 from worker.storage.files import FileStore
+
+
+LOCK = Lock()
 
 
 @pytest.fixture
@@ -30,17 +34,19 @@ def test_what_is_made_on_request_is_made_once_and_whole_or_not_at_all(files):
     folder = files.results(JobKind.CALIBRATE, "found")
     folder.mkdir()
     with pytest.raises(ZeroDivisionError):
-        files.kept(JobKind.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0))
+        files.kept(JobKind.CALIBRATE, "found", "report.png", lambda: bytes(1 // 0), one_at_a_time=LOCK)
     assert list(folder.iterdir()) == []
     for content in (b"drawn", b"drawn again"):
-        path = files.kept(JobKind.CALIBRATE, "found", "report.png", lambda content=content: content)
+        path = files.kept(
+            JobKind.CALIBRATE, "found", "report.png", lambda content=content: content, one_at_a_time=Lock()
+        )
         assert (path, path.read_bytes()) == (folder / "report.png", b"drawn")
     assert incoming(files) == []
 
 
 def test_what_is_made_for_a_removed_subject_is_not_kept(files):
     with pytest.raises(NotFound):
-        files.kept(JobKind.CALIBRATE, "gone", "report.png", lambda: b"drawn")
+        files.kept(JobKind.CALIBRATE, "gone", "report.png", lambda: b"drawn", one_at_a_time=LOCK)
     assert incoming(files) == []
 
 

@@ -24,7 +24,6 @@ Arrays = Mapping[str, NDArray[Any]]
 WIDTH_IN = 14.0
 LINE_IN = 0.27
 COLUMNS = 150
-NO_IMAGE = "no image: the views\ndo not go all round"
 ALARM = "#b71c1c"
 VERDICTS = {
     "pass": ("#2e7d32", "The geometry is known well enough to be used."),

@@ -15,6 +15,7 @@ import hashlib
 import os
 import re
 import shutil
+import threading
 import time
 from collections.abc import AsyncIterable, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -82,8 +83,12 @@ class FileStore:
             raise NotFound(name.replace(".", "-"), subject_id)
         return path
 
-    def kept(self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes]) -> Path:
+    def kept(
+        self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes], *, one_at_a_time: threading.Lock
+    ) -> Path:
         """A file of that folder which is made when it is first asked for; it is there whole or not at all.
+
+        What is there waits for nobody; what is not is made once, however many ask.
 
         Raises
         ------
@@ -93,8 +98,11 @@ class FileStore:
             The disk is full.
         """
         path = self.results(kind, subject_id) / name
-        if not path.is_file():
-            self._keep(make(), path)
+        if path.is_file():
+            return path
+        with one_at_a_time:
+            if not path.is_file():
+                self._keep(make(), path)
         return path
 
     def scan(self, scan_id: str) -> Path:

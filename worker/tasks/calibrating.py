@@ -10,10 +10,18 @@ from numpy.typing import NDArray
 
 from worker.contracts import calibrations as contracts
 from worker.contracts.base import Handedness, Rotation
-from worker.contracts.geometry import ScannerConstants, SourceFrameDeviation, ThetaBounds, ThetaDeviation
+from worker.contracts.geometry import ScannerConstants, ThetaBounds
 from worker.contracts.jobs import Progress
 from worker.contracts.phantoms import PhantomDrawing
-from worker.tasks.conversion import from_frame, from_theta, to_bounds, to_phantom, to_scanner
+from worker.tasks.conversion import (
+    from_deviation,
+    from_frame,
+    from_predicted,
+    from_theta,
+    to_bounds,
+    to_phantom,
+    to_scanner,
+)
 from worker.tomography import geometry
 from worker.tomography.calibration.adjust import Adjustment
 from worker.tomography.calibration.calibration import Calibration, CalibrationError
@@ -109,26 +117,18 @@ def run_calibration(
 
 def calibration_result(calibration: Calibration, given: CalibrationInput) -> contracts.CalibrationResult:
     """The answer as it crosses a boundary."""
-    predicted = calibration.predicted_ray_error
+    predicted, deviation = calibration.predicted_ray_error, calibration.frame_deviation
     return contracts.CalibrationResult(
         theta=from_theta(calibration.theta),
         theta_twin=None if calibration.theta_twin is None else from_theta(calibration.theta_twin),
         source_frame=from_frame(calibration.frame),
-        standard_deviation=_deviation(calibration),
+        standard_deviation=None if deviation is None else from_deviation(calibration.theta_deviation, deviation),
         covariance=None if calibration.covariance is None else calibration.covariance.tolist(),
         theta_covariance=None if calibration.theta_covariance is None else calibration.theta_covariance.tolist(),
         unconstrained_source_distance_mm=calibration.unconstrained_source_distance_mm,
         scale_uncertainty_mm=calibration.scale_uncertainty_mm,
         scale_ray_error_mm=calibration.scale_ray_error_mm,
-        predicted_ray_error_mm=None
-        if predicted is None
-        else contracts.PredictedRayError(
-            rms=predicted.rms_mm,
-            max=predicted.max_mm,
-            upper_95=predicted.upper_95_mm,
-            interval_95=predicted.interval_95_mm,
-            radius_mm=calibration.log_radius_mm,
-        ),
+        predicted_ray_error_mm=None if predicted is None else from_predicted(predicted, calibration.log_radius_mm),
         handedness=Handedness(calibration.handedness),
         rotation=Rotation(calibration.rotation),
         hypotheses=_hypotheses(calibration),
@@ -164,21 +164,3 @@ def _hypotheses(calibration: Calibration) -> list[contracts.Hypothesis]:
         )
         for report in calibration.hypotheses
     ]
-
-
-def _deviation(calibration: Calibration) -> contracts.StandardDeviation | None:
-    frame = calibration.frame_deviation
-    if frame is None:
-        return None
-    theta = calibration.theta_deviation
-    names = list(SourceFrameDeviation.model_fields)
-    return contracts.StandardDeviation(
-        theta=ThetaDeviation.model_validate(
-            dict.fromkeys(ThetaDeviation.model_fields)
-            if theta is None
-            else dict(zip(ThetaDeviation.model_fields, theta.tolist(), strict=True))
-        ),
-        source_frame=SourceFrameDeviation.model_validate(
-            {name: value if value > 0.0 else None for name, value in zip(names, frame.tolist(), strict=True)}
-        ),
-    )

@@ -1,9 +1,11 @@
 """From contracts to the science's value objects, and back."""
 
+from worker.contracts import calibrations
 from worker.contracts import geometry as contracts
 from worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
-from worker.tomography.geometry import Scanner, SourceFrame, Theta, ThetaBounds
+from worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from worker.tomography.ray_error import PredictedRayError
 
 
 def to_scanner(constants: contracts.ScannerConstants) -> Scanner:
@@ -34,6 +36,31 @@ def from_frame(frame: SourceFrame) -> contracts.SourceFrame:
 def to_frame(frame: contracts.SourceFrame) -> SourceFrame:
     """The source frame without its derived magnification."""
     return SourceFrame(**frame.model_dump(exclude={"magnification"}))
+
+
+def from_deviation(theta: FloatArray | None, frame: FloatArray) -> calibrations.StandardDeviation:
+    """Standard deviations of theta (5,) and of the source frame (6,); null where nothing is known, or was held."""
+    of_theta = [None] * len(contracts.ThetaDeviation.model_fields) if theta is None else theta.tolist()
+    of_frame = [value if value > 0.0 else None for value in frame.tolist()]
+    return calibrations.StandardDeviation(
+        theta=contracts.ThetaDeviation.model_validate(
+            dict(zip(contracts.ThetaDeviation.model_fields, of_theta, strict=True))
+        ),
+        source_frame=contracts.SourceFrameDeviation.model_validate(
+            dict(zip(contracts.SourceFrameDeviation.model_fields, of_frame, strict=True))
+        ),
+    )
+
+
+def from_predicted(predicted: PredictedRayError, radius_mm: float) -> calibrations.PredictedRayError:
+    """The ray error that a covariance predicts inside a disc, as it crosses a boundary."""
+    return calibrations.PredictedRayError(
+        rms=predicted.rms_mm,
+        max=predicted.max_mm,
+        upper_95=predicted.upper_95_mm,
+        interval_95=predicted.interval_95_mm,
+        radius_mm=radius_mm,
+    )
 
 
 def to_phantom(drawing: PhantomDrawing) -> Phantom:

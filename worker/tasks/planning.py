@@ -5,13 +5,12 @@ from importlib.metadata import version
 
 import numpy as np
 
-from worker.contracts.calibrations import PredictedRayError, StandardDeviation
-from worker.contracts.geometry import ScannerConstants, SourceFrameDeviation, Theta, ThetaDeviation
+from worker.contracts.geometry import ScannerConstants, Theta
 from worker.contracts.phantoms import PhantomDrawing
 from worker.contracts.plans import PlanOptions, PlanResult
-from worker.tasks.conversion import from_frame, to_phantom, to_scanner, to_theta
+from worker.tasks.conversion import from_deviation, from_frame, from_predicted, to_phantom, to_scanner, to_theta
 from worker.tomography.geometry import FanBeamGeometry
-from worker.tomography.planning import Plan, plan
+from worker.tomography.planning import plan
 
 
 @dataclass(frozen=True)
@@ -29,18 +28,12 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
     fan = FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles_rad)
     planned = plan(fan, to_phantom(given.drawing), noise=options.noise, log_radius_mm=given.log_radius_mm)
-    predicted = planned.predicted_ray_error
     return PlanResult(
         theta=given.theta,
         source_frame=from_frame(fan.frame),
-        standard_deviation=_deviation(planned),
+        standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
-        predicted_ray_error_mm=PredictedRayError(
-            rms=predicted.rms_mm,
-            max=predicted.max_mm,
-            upper_95=predicted.upper_95_mm,
-            radius_mm=given.log_radius_mm,
-        ),
+        predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, given.log_radius_mm),
         scale_uncertainty_mm=planned.scale_uncertainty_mm,
         scale_ray_error_mm=planned.scale_ray_error_mm,
         noise_mm=planned.noise,
@@ -50,14 +43,4 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
         views=options.views,
         noise=options.noise,
         software_version=version("sawmill-calibration"),
-    )
-
-
-def _deviation(planned: Plan) -> StandardDeviation:
-    theta = [None] * 5 if planned.theta_deviation is None else planned.theta_deviation.tolist()
-    return StandardDeviation(
-        theta=ThetaDeviation.model_validate(dict(zip(ThetaDeviation.model_fields, theta, strict=True))),
-        source_frame=SourceFrameDeviation.model_validate(
-            dict(zip(SourceFrameDeviation.model_fields, planned.frame_deviation.tolist(), strict=True))
-        ),
     )
