@@ -11,7 +11,6 @@ from worker.contracts.jobs import JobKind
 from worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
 from worker.storage.files import FileStore
 
-
 LOCK = Lock()
 
 
