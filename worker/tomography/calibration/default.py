@@ -172,7 +172,9 @@ def _find_valleys(
     report = SearchReport(
         "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
     )
-    return _with_other_turns(fits, misfit), report
+    rivals = {hypothesis: [fit] for hypothesis, fit in fits.items()}
+    _add_look_alikes(rivals, misfit)
+    return rivals, report
 
 
 def _improve(
@@ -192,23 +194,6 @@ def _improve(
             if fit is not None and (kept is None or fit.relative_residual < kept.relative_residual):
                 fits[handedness, rotation] = fit
                 SearchReport.note(history, misfit.evaluations, fit.relative_residual)
-
-
-def _with_other_turns(fits: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict[Hypothesis, list[Fit]]:
-    """Each hypothesis's fits at the first angles worth a look, best first: some bodies are nearly themselves turned."""
-    least = min((fit.relative_residual for fit in fits.values()), default=0.0)
-    turned = {}
-    for (handedness, rotation), fit in fits.items():
-        found = [fit]
-        if fit.relative_residual <= CONTENDER * least:
-            data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
-            for start in misfit.other_turns((handedness, rotation), fit.frame):
-                other = refine(misfit.phantoms[handedness], data, start, max_iterations=COARSE_ITERATIONS)
-                if other is not None:
-                    found.append(other)
-        turned[handedness, rotation] = sorted(found, key=lambda fit: fit.relative_residual)
-    _add_look_alikes(turned, misfit)
-    return turned
 
 
 def _add_look_alikes(fits: dict[Hypothesis, list[Fit]], misfit: CoarseMisfit) -> None:

@@ -25,7 +25,6 @@ from worker.tomography.geometry import (
     SourceFrame,
     Theta,
     ThetaBounds,
-    angle_difference,
     wrap_angle,
 )
 from worker.tomography.phantom import Phantom
@@ -98,25 +97,6 @@ class CoarseMisfit:
                 psi = float(self._turn[index]) * TAU / TURNS
                 candidates[handedness, rotation] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
         return candidates
-
-    def other_turns(self, hypothesis: Hypothesis, frame: SourceFrame) -> list[SourceFrame]:
-        """The frame at the first angles where its correlation peaks, best first, its own peak left out.
-
-        A body that is nearly itself after half a turn or a third has a valley at each of them.
-        """
-        handedness, rotation = hypothesis
-        model = analytic.project(self.phantoms[handedness], self.cells, replace(frame, psi_rad=0.0), self._table_rad)
-        sign = 1 if rotation is Rotation.AS_GIVEN else -1
-        rows = (np.arange(TURNS)[:, None] + sign * self._first) % TURNS
-        products = (self.sinogram - self.sinogram.mean()) @ model.T
-        sums, squares = model.sum(axis=1)[rows].sum(axis=1), (model**2).sum(axis=1)[rows].sum(axis=1)
-        spread = np.sqrt(np.maximum(squares - sums**2 / self.sinogram.size, 1e-300))
-        correlation = products[np.arange(len(self.sinogram)), rows].sum(axis=1) / spread
-        peaks = np.flatnonzero((correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1)))
-        angles = self._table_rad[peaks[np.argsort(-correlation[peaks])][:PEAKS]]
-        return [
-            replace(frame, psi_rad=float(psi)) for psi in angles if abs(angle_difference(psi, frame.psi_rad)) > OWN_PEAK
-        ]
 
     def look_alikes(self, found: Hypothesis, at: SourceFrame, position_mm: tuple[float, float]) -> list[Start]:
         """Where a body that is nearly itself turned, or seen from behind, would show the same: (frame, position).
