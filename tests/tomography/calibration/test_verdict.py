@@ -33,6 +33,8 @@ def judgement_of(*, fit=None, **changes):
         "inflation": 1.0,
         "widening": 1.0,
         "structure": None,
+        "unsteady": None,
+        "unsteady_mm": 0.0,
         "hypotheses": (RIGHT, second(0.3)),
         "turned": None,
         "turn_held": True,

@@ -24,6 +24,7 @@ from worker.tomography.calibration.refusals import refuse_unfound, refuse_unusab
 from worker.tomography.calibration.screening import Screening, screen
 from worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
 from worker.tomography.calibration.structure import find_structure
+from worker.tomography.calibration.unsteadiness import find_unsteadiness
 from worker.tomography.calibration.verdict import TurnedRival, judge
 from worker.tomography.geometry import (
     FloatArray,
@@ -235,8 +236,14 @@ def conclude(
     refined = time.perf_counter()
     explained_part = explained(phantom, data, fit)
     residual = data.sinogram - explained_part
-    spread = (replace(adjusted, fit=fit) if fixed else adjusted).spread
-    covariance = spread.covariance[:5, :5].copy()
+    held = replace(adjusted, fit=fit) if fixed else adjusted
+    spread = held.spread
+    usable = residual * (1.0 if data.weights is None else data.weights > 0.0)
+    unsteady = None
+    if spread.turn_held:
+        unsteady = find_unsteadiness(held.grams, data, fit, usable, radius_mm=phantom.radius_mm)
+    bias = np.zeros(5) if unsteady is None else unsteady.bias[:5]
+    covariance = spread.covariance[:5, :5] + np.outer(bias, bias)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     predicted = predicted_ray_error(task.scanner, fit.frame, covariance, radius_mm=task.log_radius_mm)
     hypotheses, turned_rival = _rivals(ranked)
@@ -252,9 +259,11 @@ def conclude(
         fit=fit,
         inflation=spread.inflation,
         widening=spread.widening,
-        structure=find_structure(residual * (1.0 if data.weights is None else data.weights > 0.0), explained_part)
-        if spread.structured
-        else None,
+        structure=find_structure(usable, explained_part) if spread.structured else None,
+        unsteady=unsteady,
+        unsteady_mm=predicted_ray_error(
+            task.scanner, fit.frame, np.outer(bias, bias), radius_mm=task.log_radius_mm
+        ).rms_mm,
         hypotheses=hypotheses,
         turned=turned_rival,
         turn_held=spread.turn_held,

@@ -50,10 +50,17 @@ class Structure:
 
 def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
     """Of a residual (views, cells) beside the model sinogram that left it; 0 where nothing may be used."""
-    # Noise is not shared by neighbours, whatever its size here and there; what a model lacks is.
-    shared = max(_beyond_chance(residual[:, 1:] * residual[:, :-1]), _beyond_chance(residual[1:] * residual[:-1]), 0.0)
+    shared = shared_power(residual)
     spread = float(model.std())
     return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
+
+
+def shared_power(residual: FloatArray) -> float:
+    """Mean square of what a residual (views, cells) holds beside noise, whatever the noise's size here and there.
+
+    Noise is not shared by neighbours; what a model lacks is.
+    """
+    return max(_beyond_chance(residual[:, 1:] * residual[:, :-1]), _beyond_chance(residual[1:] * residual[:-1]), 0.0)
 
 
 def _beyond_chance(products: FloatArray) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from worker.tomography.calibration.calibration import HypothesisReport, Status
 from worker.tomography.calibration.refine import Fit
 from worker.tomography.calibration.structure import Place, Structure
+from worker.tomography.calibration.unsteadiness import Change, Unsteadiness
 
 # Beyond this many times the tolerance a calibration fails; between, it is to be watched.
 FAIL_FACTOR = 2.5
@@ -16,6 +17,9 @@ DECISIVE = 10.0
 TOLD, STRUCTURED = 0.001, 0.005
 # Error bars that the residual widened by more than this are wide because of the model, not of the noise.
 WIDENED = 2.0
+# What changed during the scan is told; where it puts the rays off by more than this share of the tolerance, the scan is
+# to be repeated.
+UNSTEADY = 0.2
 # A free source distance that falls short of source_to_cor_mm by more standard deviations is no noise.
 SHORT = 4.0
 
@@ -55,6 +59,8 @@ def judge(
     inflation: float,
     widening: float,
     structure: Structure | None,
+    unsteady: Unsteadiness | None,
+    unsteady_mm: float,
     hypotheses: tuple[HypothesisReport, ...],
     turned: TurnedRival | None,
     turn_held: bool,
@@ -66,11 +72,16 @@ def judge(
     source_to_cor_mm: float,
     scale_ray_error_mm: float,
 ) -> Judgement:
-    """Status, verdict and reasons; `structure` is None where the residual is noise."""
+    """Status, verdict and reasons; `structure` is None where the residual is noise, `unsteady` where nothing changed.
+
+    `unsteady_mm` is what the change puts the rays off by.
+    """
     found = _Findings()
     if not fit.converged:
         cure = "repeat it with more views or another seed" if turn_held else "use a phantom with corners"
         found.fail(f"the fit did not converge: {cure}", Status.NOT_CONVERGED)
+    if unsteady is not None:
+        _judge_unsteady(found, unsteady, unsteady_mm, tolerance_mm)
     _judge_rivals(found, hypotheses, turned, samples / inflation, turn_held=turn_held)
     if predicted_mm > tolerance_mm:
         imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED)
@@ -78,7 +89,7 @@ def judge(
             found.fail(imprecise, Status.IMPRECISE)
         else:
             found.watch(imprecise, Status.IMPRECISE)
-    if structure is not None and structure.share > TOLD:
+    if structure is not None and structure.share > TOLD and unsteady is None:
         told = (
             f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
             f"it {CAUSES[structure.place]}"
@@ -182,9 +193,44 @@ def _judge_short_distance(
         )
 
 
+def _judge_unsteady(found: _Findings, unsteady: Unsteadiness, unsteady_mm: float, tolerance_mm: float) -> None:
+    told = f"{_change(unsteady)}; this puts the rays off by {unsteady_mm:.2g} mm, which the error bars include"
+    if unsteady_mm > FAIL_FACTOR * tolerance_mm:
+        found.fail(told, Status.IMPRECISE)
+    elif unsteady_mm > UNSTEADY * tolerance_mm:
+        found.watch(told)
+    else:
+        found.note(told)
+
+
+def _change(unsteady: Unsteadiness) -> str:
+    """What changed, and what to do."""
+    match unsteady.change:
+        case Change.PHANTOM:
+            return (
+                f"the phantom moved at view {unsteady.view}, by {unsteady.by_mm:.2g} mm and {unsteady.by_deg:.2g} "
+                "degrees: fasten it on the turntable and repeat the scan"
+            )
+        case Change.ANGLES:
+            return (
+                f"the angles jump at view {unsteady.view}, by {unsteady.by_deg:.2g} degrees: the drive or its encoder "
+                "lost steps there, or the phantom turned in its place; look at them and repeat the scan"
+            )
+        case Change.PACE:
+            return (
+                f"the turntable turns {unsteady.pace:.4f} times as far as the angles say: check the angles' step and "
+                "the encoder's counts in a turn"
+            )
+        case Change.SWING:
+            return (
+                f"the angles are ahead and behind once a turn, by {unsteady.by_deg:.2g} degrees: the encoder is off "
+                "its axis, or the turntable's drive slips and catches; look at them"
+            )
+
+
 def _imprecise(predicted_mm: float, tolerance_mm: float, *, of_the_model: bool) -> str:
     cure = (
-        "the model is not the scan's, as said below, and more views alone will not help"
+        "the model is not the scan's, as is said beside this, and more views alone will not help"
         if of_the_model
         else "use more views, more rows or a longer exposure"
     )
