@@ -1,6 +1,7 @@
 """The embedded worker: claims jobs from the database by itself, no broker. `python -m worker.execution.poller`."""
 
 import argparse
+import os
 import signal
 import threading
 from collections.abc import Sequence
@@ -67,18 +68,28 @@ def main(arguments: Sequence[str] | None = None) -> None:
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
     stop, wake = threading.Event(), threading.Event()
-
-    def end(*_: object) -> None:
-        stop.set()
-        wake.set()
-
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, end)
+    _end_on_signals(stop, wake)
     if options.watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     store = Store.open(StorageSettings())
     run_worker(store, settings, stop, wake=wake)
     store.close()
+
+
+def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
+    """Set both at the first signal to stop; in a thread, for a handler interrupts whoever holds an event's lock."""
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+
+    def listen() -> None:
+        os.read(told, 1)
+        stop.set()
+        wake.set()
+
+    threading.Thread(target=listen, daemon=True).start()
 
 
 def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
