@@ -27,7 +27,8 @@ from worker.contracts.phantoms import PhantomDrawing
 from worker.contracts.scanners import ScannerSpec
 from worker.contracts.schedules import ScheduleSpec
 from worker.execution.settings import ExecutionSettings
-from worker.formats.reading import read_scan
+from worker.formats.reading import reading_scan
+from worker.formats.result_files import new_reconstruction
 from worker.storage.settings import StorageSettings
 from worker.tomography.geometry import Scanner, SourceFrame, Theta
 from worker.tomography.ray_error import ray_error
@@ -180,13 +181,56 @@ def test_the_command_line_block_works(tmp_path):
 
 
 def test_the_files_that_the_formats_page_makes_can_be_read(tmp_path):
-    for block in blocks((ROOT / "docs/formats.md").read_text(), "python"):
+    for block in blocks(sections(ROOT / "docs/formats.md")["What can be read"], "python"):
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True)
-    compressed, nxtomo = (read_scan(tmp_path / name, counts=True) for name in ("scan.npz", "scan.h5"))
-    assert (compressed.format, nxtomo.format) == ("npz", "hdf5-nxtomo")
-    assert nxtomo.detector_pitch_mm == pytest.approx(1.502864583)
-    for part in ("projections", "flats", "darks", "angles_rad"):
-        assert np.array_equal(getattr(compressed, part), getattr(nxtomo, part)), part
+    with (
+        reading_scan(tmp_path / "scan.npz", counts=True) as compressed,
+        reading_scan(tmp_path / "scan.h5", counts=True) as nxtomo,
+    ):
+        assert (compressed.format, nxtomo.format) == ("npz", "hdf5-nxtomo")
+        assert nxtomo.detector_pitch_mm == pytest.approx(1.502864583)
+        for one, other in zip(compressed.blocks(2**20), nxtomo.blocks(2**20), strict=True):
+            assert np.array_equal(one.samples, other.samples)
+        for part in ("flats", "darks", "angles_rad"):
+            assert np.array_equal(getattr(compressed, part), getattr(nxtomo, part)), part
+
+
+# napari brings a graphical toolkit: what it is given is looked at instead.
+NAPARI = """
+class Viewer:
+    def add_image(self, data, *, scale, translate, axis_labels, units):
+        print(data.shape, *scale, *translate, axis_labels, units)
+
+
+def run():
+    pass
+"""
+
+
+def test_a_volume_opens_as_the_formats_page_says(tmp_path):
+    with new_reconstruction(
+        tmp_path / "volume.h5",
+        (3, 6, 6),
+        pixel_mm=1.5,
+        row_pitch_mm=20.0,
+        unit="1/mm",
+        geometry={},
+        parameters={},
+        software_version="0",
+        input_sha256="0",
+        centre_mm=(10.0, -30.0),
+        first_slice_mm=100.0,
+    ) as volume:
+        volume.write(0, np.ones((3, 6, 6), np.float32))
+    (tmp_path / "napari.py").write_text(NAPARI)
+    told = [
+        subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
+        for block in blocks(sections(ROOT / "docs/formats.md")["Opening a volume"], "python")
+    ]
+    assert told == [
+        "(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n",
+        "(6, 6) 1/mm 120.0\n",
+    ]
 
 
 # CIL is not to be had from the registry that the rest is installed from: its signatures, after its documentation.

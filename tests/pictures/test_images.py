@@ -52,6 +52,14 @@ def test_scale_bar_has_the_length_it_says(rng):
     assert bar == 128  # 100 mm at 400 mm over 512 pixels
 
 
+@pytest.mark.parametrize("side", [256, 2048])
+def test_the_longest_unit_stands_whole_on_the_page(side):
+    page = np.asarray(decoded(image_png(np.zeros((side, side)), pixel_mm=None, unit="line integral/mm", window=(0, 1))))
+    right_of_the_bar = page[page.shape[0] // 4 : page.shape[0] * 3 // 4, page.shape[1] * 19 // 20 :]
+    assert (right_of_the_bar < 255).any()
+    assert (right_of_the_bar[:, -3:] == 255).all()
+
+
 def test_colours_are_those_of_the_map():
     image = np.array([[0.0, 1.0], [2.0, 3.0]])
     page = decoded(image_png(image, pixel_mm=None, unit="1", window=(0, 3), color_map=ColorMap.INFERNO))

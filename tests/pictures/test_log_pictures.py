@@ -54,7 +54,7 @@ def test_slices_stand_in_reading_order():
     assert tops[3] - tops[0] > TILE_PX
 
 
-@pytest.mark.parametrize(("size", "side"), [(128, 256), (100, 200), (256, 256)])
+@pytest.mark.parametrize(("size", "side"), [(128, 256), (100, 300), (256, 256)])
 def test_small_slices_are_enlarged_by_whole_factors_and_row_is_x(size, side):
     page = mosaic([marked(size, size // 4, size - 1)])
     ((top, left),) = tiles_of(page)
@@ -77,9 +77,20 @@ def test_large_slices_are_averaged():
 
 def test_the_scale_bar_of_a_mosaic_is_that_of_a_tile():
     page = mosaic([np.zeros((100, 100), np.float32)] * 2)
-    # 100 mm of 400 mm over 200 pixels.
-    assert max(int(np.argmax(row != 20)) for row in page[240:, 15:]) == 50
-    assert (mosaic([np.zeros((100, 100), np.float32)] * 2, pixel_mm=None)[260:, :60] == 255).all()
+    # 100 mm of 400 mm over 300 pixels.
+    assert max(int(np.argmax(row != 20)) for row in page[340:, 15:]) == 75
+    assert (mosaic([np.zeros((100, 100), np.float32)] * 2, pixel_mm=None)[360:, :80] == 255).all()
+
+
+@pytest.mark.parametrize("size", [129, 255, 256, 300])
+def test_the_scale_bar_of_a_lone_slice_stands_clear_of_the_orientation(size):
+    # 400 mm: the bar is the longest there is, a quarter.
+    page = mosaic([np.ones((size, size), np.float32)])
+    below = page[-36:]
+    # The bar and its length are darker than the orientation; letters have soft edges, two pixels wide.
+    end = int(np.flatnonzero((below < 100).any(axis=0)).max()) + 3
+    assert (below[:, end : end + 5] == 255).all()
+    assert (below[:, end + 5 :] < 255).any()
 
 
 def test_a_mosaic_can_have_colours_and_a_title():

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from worker.formats.atomic import whole_hdf5
 from worker.formats.nexus import PACKED, PROGRAM, new_entry, new_group, write_mapping, write_scalar
 from worker.formats.packing import write_packed
+from worker.formats.vtk_hdf import add_values, describe_image
 
 # Slices a chunk of the side views: about as many as are written at a time.
 SIDE_VIEW_ROWS = 64
@@ -42,18 +43,20 @@ class NewVolume:
 
     def write_deviation(self, first: int, slices: NDArray[np.float32]) -> None:
         """Write the standard deviation of each pixel of slices (slices, x, y)."""
-        group = self._entry["reconstruction"]
+        group = self._entry["data"]
         if "data_errors" not in group:
-            _new_pixels(group, "data_errors", self._volume.shape, self._volume.attrs["units"])
+            errors = _new_pixels(group, "data_errors", self._volume.shape, self._volume.attrs["units"])
+            self._entry["reconstruction/data_errors"] = errors
+            add_values(errors, "standard_deviation")
         _write_slices(group["data_errors"], first, slices)
 
     def note_method(self, report: Mapping[str, Any]) -> None:
         """Write down what the method did; JSON-able, the units in the names."""
-        write_mapping(self._entry["process"], "method", report)
+        write_mapping(self._entry["reconstruction"], "method", report)
 
     def note_alpha_curve(self, columns: Mapping[str, NDArray[np.float64]]) -> None:
         """Write down what a rule for Tikhonov's alpha saw, a column each."""
-        group = new_group(self._entry["process"], "alpha_curve", "NXcollection")
+        group = new_group(self._entry["reconstruction"], "alpha_curve", "NXcollection")
         for name, values in columns.items():
             group[name] = values
 
@@ -78,8 +81,9 @@ def new_reconstruction(
     centre_mm: tuple[float, float] = (0.0, 0.0),
     first_slice_mm: float = 0.0,
 ) -> Iterator[NewVolume]:
-    """Yield what writes slices of a volume into /entry/reconstruction/data, laid out as NXtomoproc.
+    """Yield what writes slices of a volume into /entry/reconstruction/data, laid out as NXtomoproc and as VTKHDF.
 
+    The volume is stored once: in /entry/data, where NXtomoproc wants it; /VTKHDF has a virtual dataset of it.
     The file is there when the block has ended well, and not before.
 
     Parameters
@@ -108,20 +112,24 @@ def new_reconstruction(
     """
     with whole_hdf5(path) as file:
         entry = new_entry(file, "NXtomoproc")
-        entry.attrs["default"] = "reconstruction"
-        axes_mm = [_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True)]
-        z_mm = None if row_pitch_mm is None else first_slice_mm + np.arange(shape[0], dtype=np.float64) * row_pitch_mm
-        dataset = _new_volume(entry, shape, unit, axes_mm, z_mm)
-        writing = NewVolume(entry, dataset)
-        # NXtomoproc has its volume in /entry/data: the same group by another name.
-        entry["data"] = entry["reconstruction"]
         entry["title"] = "Attenuation of a log, in slices {} x {} x {}".format(*shape)
+        x_mm, y_mm = (_centres_mm(size, pixel_mm) + middle for size, middle in zip(shape[1:], centre_mm, strict=True))
+        along = np.arange(shape[0], dtype=np.float64)
+        if row_pitch_mm is not None:
+            along = first_slice_mm + along * row_pitch_mm
+        volume = _new_volume(entry, unit, along, x_mm, y_mm, spaced=row_pitch_mm is not None)
+        spacing_mm = (row_pitch_mm or 1.0, pixel_mm, pixel_mm)
+        describe_image(volume, "attenuation", (along, x_mm, y_mm), spacing_mm)
         _write_origin(entry)
-        _write_process(entry, software_version, input_sha256)
+        process = _write_process(entry, "reconstruction", software_version, input_sha256)
         # The scan's file had a name where it came from; here it is known by its checksum.
-        write_mapping(entry["process"], "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
-        entry["process/parameters"].attrs["NX_class"] = "NXparameters"
+        write_mapping(process, "parameters", {**parameters, "raw_file": f"sha256:{input_sha256}"})
+        process["parameters"].attrs["NX_class"] = "NXparameters"
+        for name in ("data", *entry["data"].attrs["axes"]):
+            process[name] = entry["data"][name]
+        entry["process"] = process
         write_mapping(entry, "geometry", geometry)
+        writing = NewVolume(entry, volume)
         yield writing
 
 
@@ -152,7 +160,7 @@ def write_calibration(
     text = json.dumps(result, allow_nan=False)
     with whole_hdf5(path) as file:
         entry = new_entry(file)
-        _write_process(entry, software_version, input_sha256)
+        _write_process(entry, "process", software_version, input_sha256)
         entry["calibration_json"] = text
         write_mapping(entry, "calibration", result)
         group = new_group(entry, "arrays", "NXcollection")
@@ -163,25 +171,36 @@ def write_calibration(
 
 def _new_volume(
     entry: h5py.Group,
-    shape: tuple[int, int, int],
     unit: str,
-    axes_mm: list[NDArray[np.float64]],
-    z_mm: NDArray[np.float64] | None,
+    along: NDArray[np.float64],
+    x_mm: NDArray[np.float64],
+    y_mm: NDArray[np.float64],
+    *,
+    spaced: bool,
 ) -> h5py.Dataset:
-    data = new_group(entry, "reconstruction", "NXdata")
+    data = new_group(entry, "data", "NXdata")
+    entry.attrs["default"] = "data"
     data.attrs["signal"] = "data"
-    data.attrs["axes"] = ["z" if z_mm is not None else "slice", "x", "y"]
-    volume = _new_pixels(data, "data", shape, unit)
-    for name, centres_mm in zip("xy", axes_mm, strict=True):
-        write_scalar(data, name, centres_mm, "mm")
-    if z_mm is not None:
-        write_scalar(data, "z", z_mm, "mm")
+    data.attrs["axes"] = ["z" if spaced else "slice", "x", "y"]
+    data["title"] = entry["title"]
+    volume = _new_pixels(data, "data", (len(along), len(x_mm), len(y_mm)), unit)
+    volume.attrs["long_name"] = f"attenuation ({unit})"
+    # NXtomoproc asks, in texts, how values became numbers: they are stored as they are.
+    volume.attrs["transform"], volume.attrs["offset"], volume.attrs["scaling"] = "none", "0", "1"
+    write_scalar(data, "x", x_mm, "mm")
+    write_scalar(data, "y", y_mm, "mm")
+    if spaced:
+        write_scalar(data, "z", along, "mm")
+        data["z"].attrs["long_name"] = "z, along the log (mm)"
     else:
-        write_scalar(data, "slice", np.arange(shape[0]), "1")
+        write_scalar(data, "slice", along, "1")
+        data["slice"].attrs["long_name"] = "slice"
+        # NXtomoproc requires a z, in whatever unit.
+        data["z"] = data["slice"]
     return volume
 
 
-def _new_pixels(group: h5py.Group, name: str, shape: tuple[int, int, int], unit: str) -> h5py.Dataset:
+def _new_pixels(group: h5py.Group, name: str, shape: tuple[int, ...], unit: str) -> h5py.Dataset:
     volume: h5py.Dataset = group.create_dataset(
         name, shape, np.float32, chunks=(1, *shape[1:]), **PACKED, fletcher32=True
     )
@@ -191,7 +210,7 @@ def _new_pixels(group: h5py.Group, name: str, shape: tuple[int, int, int], unit:
 
 def _new_side_views(entry: h5py.Group) -> list[h5py.Dataset]:
     """The maximum of each slice along x, (slice, y), and along y, (slice, x), still to be written."""
-    volume = entry["reconstruction"]
+    volume = entry["data"]
     slice_axis, x, y = volume.attrs["axes"]
     views = new_group(entry, "side_view", "NXcollection")
     datasets = []
@@ -199,12 +218,14 @@ def _new_side_views(entry: h5py.Group) -> list[h5py.Dataset]:
         view = new_group(views, f"along_{along}", "NXdata")
         view.attrs["signal"] = "data"
         view.attrs["axes"] = [slice_axis, across]
+        view["title"] = f"Densest along {along}"
         for axis in (slice_axis, across):
             view[axis] = volume[axis]
         shape = len(volume[slice_axis]), len(volume[across])
         chunks = min(shape[0], SIDE_VIEW_ROWS), shape[1]
         data = view.create_dataset("data", shape, np.float32, chunks=chunks, **PACKED, fletcher32=True)
-        data.attrs["units"] = volume["data"].attrs["units"]
+        for name in ("units", "long_name"):
+            data.attrs[name] = volume["data"].attrs[name]
         datasets.append(data)
     return datasets
 
@@ -221,8 +242,9 @@ def _write_origin(entry: h5py.Group) -> None:
     new_group(entry, "sample", "NXsample")["name"] = "log"
 
 
-def _write_process(entry: h5py.Group, software_version: str, input_sha256: str) -> None:
-    process = new_group(entry, "process", "NXprocess")
+def _write_process(entry: h5py.Group, name: str, software_version: str, input_sha256: str) -> h5py.Group:
+    process = new_group(entry, name, "NXprocess")
     process["program"], process["version"] = PROGRAM, software_version
     process["date"] = datetime.now(UTC).isoformat(timespec="seconds")
     process["input_sha256"] = input_sha256
+    return process

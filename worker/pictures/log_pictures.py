@@ -52,7 +52,7 @@ def mosaic_png(
 ) -> bytes:
     """Slices beside and below one another, in reading order, all in one window.
 
-    Slices of more than 256 pixels are averaged down to 256 along each side, smaller ones enlarged.
+    Slices of more than 256 pixels are averaged down to 256 along each side, smaller ones enlarged to 256 or more.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def _tile(image: NDArray[np.floating[Any]]) -> NDArray[np.floating[Any]]:
     if image.ndim != 2 or image.shape[0] != image.shape[1] or not image.size:
         raise ValueError(f"a mosaic needs square slices, not one of shape {image.shape}")
     if len(image) <= TILE_PX:
-        factor = TILE_PX // len(image)
+        factor = -(-TILE_PX // len(image))
         return image.repeat(factor, axis=0).repeat(factor, axis=1)
     whole = Image.fromarray(image.astype(np.float32, copy=False))
     return np.asarray(whole.resize((TILE_PX, TILE_PX), Image.Resampling.BOX))

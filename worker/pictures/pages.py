@@ -40,7 +40,8 @@ class Layout:
         top = round(2.4 * font_px) if title else font_px
         return cls(
             panel=panel.size,
-            width=left + panel.width + round(8.5 * font_px),
+            # Wide enough for the longest unit, that of line integrals.
+            width=left + panel.width + round(10.4 * font_px),
             height=top + panel.height + round(3.4 * font_px),
             left=left,
             top=top,
@@ -96,8 +97,8 @@ def draw_color_bar(
 
 
 def draw_scale_bar(draw: Drawing, layout: Layout, mm_per_px: float, across_px: int | None = None) -> None:
-    """A round length below the panel, a third of the panel or of so many pixels at most."""
-    length_mm = round_length((across_px or layout.panel[0]) * mm_per_px / 3)
+    """A round length below the panel, a quarter of the panel or of so many pixels at most."""
+    length_mm = round_length((across_px or layout.panel[0]) * mm_per_px / 4)
     length, thickness = round(length_mm / mm_per_px), max(4, layout.font_px // 3)
     middle = layout.top + layout.panel[1] + round(1.7 * layout.font_px)
     draw.rectangle((layout.left, middle - thickness // 2, layout.left + length - 1, middle + thickness // 2), fill=INK)
