@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-seeds bench-drift bench-speed bench-http bench-fbp paper bench-preparing bench-iterative bench-choosing clean
+.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -48,6 +48,9 @@ bench-speed: install-dev
 bench-fbp: install-dev
 	@$(BIN)/python benchmarks/reconstruction_speed.py
 
+bench-memory: install-dev
+	@$(BIN)/python benchmarks/memory.py
+
 bench-http: install-dev
 	@$(BIN)/python benchmarks/http_latency.py
 
@@ -77,7 +80,8 @@ bench-iterative: install-dev
 	@$(BIN)/python benchmarks/iterative.py
 
 bench-choosing: install-dev
-	@$(BIN)/python benchmarks/choosing.py --logs 14 --seed 5000
+	@$(BIN)/python benchmarks/choosing.py
+	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9100
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

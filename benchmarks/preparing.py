@@ -28,7 +28,7 @@ Stack = NDArray[np.float32]
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
 ROWS, ROW_PITCH_MM, MOST_LOST = 120, 2.0, 10
 WAYS: dict[str, Callable[[Stack, FloatArray], RowShifts]] = {
-    "profile": lambda stack, angles: shifts_by_mass(RowMoments.of(stack), angles),
+    "profile": lambda stack, angles: shifts_by_mass(RowMoments.of(stack, np.ones(stack.shape[2], bool)), angles),
     "features": shifts_by_features,
 }
 

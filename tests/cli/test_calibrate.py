@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from worker.commands import scan_rows
 from worker.contracts.calibrations import CalibrationFile
 from worker.tasks.conversion import to_frame
 from worker.tomography.built_in import L_SHAPE
@@ -160,6 +161,14 @@ def test_a_verdict_of_fail_is_an_answer(run, phantom_scan, tmp_path):
     document = calibrated(run, phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
     assert document["verdict"] != "pass"
     assert document["reasons"]
+
+
+def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, monkeypatch):
+    # 60 views, 2 rows and 256 cells of 4 bytes, and nine tenths of what is free.
+    monkeypatch.setattr(scan_rows, "memory_available", lambda: 136_000)
+    told = failure("calibrate", phantom_scan, *KNOWN, *L)
+    assert told["code"] == "too-large"
+    assert told["detail"] == "2 rows need 122880 bytes in memory and 122400 are free; ask for fewer with --rows"
 
 
 def test_without_an_answer_the_object_says_why(failure, bare_scan, phantom_scan, tmp_path):

@@ -9,6 +9,10 @@ import pytest
 from PIL import Image
 
 from worker.commands import scan_rows
+from worker.commands.options import ScanSaid
+from worker.commands.scan_rows import open_rows
+from worker.contracts.base import DataKind
+from worker.contracts.jobs import Progress
 from worker.tomography.built_in import L_SHAPE
 from worker.tomography.log_model import LogModel
 
@@ -46,10 +50,30 @@ def test_the_product_s_own_scan_is_read_row_by_row(run, phantom_scan, bare_scan,
     flags = ("--data", "line-integrals", "--rows", "1:2", *THETA)
     more = ("--angles-deg", "3:6", "--detector-pitch-mm", 4.508593749)
     run("reconstruct", bare_scan, *flags, *more, "-o", tmp_path / "whole.h5")
-    monkeypatch.delattr(scan_rows, "load")
+    monkeypatch.delattr(scan_rows, "prepare_scan")
     run("reconstruct", phantom_scan, *flags, "-o", tmp_path / "rows.h5")
     # The pitch that is given has ten digits, the file's all of them.
     assert relative_error(volume(tmp_path / "rows.h5"), volume(tmp_path / "whole.h5")) < 1e-4
+
+
+def test_a_foreign_scan_is_prepared_beside_the_output_and_nothing_of_it_stays(run, stack, bare_scan, tmp_path):
+    seen = []
+
+    def report(progress):
+        seen.append((progress.stage, progress.fraction, [path.name for path in tmp_path.glob(".sawmill-*/*")]))
+
+    said = ScanSaid(stack, DataKind.COUNTS, None, None, None, None, None, None)
+    with open_rows(said, source_to_cor_mm=859.46, report=report, beside=tmp_path / "out.h5") as rows:
+        assert rows.stack().shape == (60, 4, 256)
+        rows.report(Progress(fraction=0.5, stage="reconstruct"))
+    fractions = [fraction for _, fraction, _ in seen]
+    assert fractions == sorted(fractions)
+    assert [(stage, fraction) for stage, fraction, _ in seen[-2:]] == [("read", 0.5), ("reconstruct", 0.75)]
+    assert seen[-1][2] == ["scan.h5"]
+    assert list(tmp_path.iterdir()) == []
+    flags = ("--data", "line-integrals", "--angles-deg", "3:6", *THETA, "-o", tmp_path / "out.h5")
+    run("reconstruct", bare_scan, *flags, code=1)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_value_that_is_no_number_is_told_when_its_row_is_read(failure, phantom_scan, tmp_path):

@@ -1,6 +1,7 @@
 """Every format that can be read gives back what was put into it."""
 
 import shutil
+from dataclasses import replace
 from io import BytesIO
 from zipfile import ZIP_DEFLATED, ZipFile
 
@@ -12,9 +13,16 @@ import tifffile
 
 from worker.formats.angles import AngleList, AngleSteps
 from worker.formats.errors import UnreadableScan
-from worker.formats.reading import read_scan
+from worker.formats.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
+
+
+def read_scan(path, **said):
+    """A scan with all of its projections in memory."""
+    with reading_scan(path, **said) as scan:
+        (block,) = scan.blocks(2**30)
+        return replace(scan, projections=block.samples)
 
 
 def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_deg):

@@ -6,11 +6,11 @@ import numpy as np
 
 from worker.commands.options import PhantomSaid, ScanSaid
 from worker.commands.phantoms import drawing_of
-from worker.commands.scan_input import ScanInput, load
+from worker.commands.scan_rows import open_rows
 from worker.commands.terminal import Report
 from worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationResult
-from worker.contracts.jobs import Progress
 from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
+from worker.tasks.preparing import Stack
 from worker.tomography.calibration.calibration import Calibration
 
 
@@ -25,10 +25,10 @@ def calibrate_scan(
 ) -> CalibrationResult:
     """Read, calibrate, and draw the report where one is asked for."""
     drawing = drawing_of(phantom)
-    report(Progress(fraction=0.0, stage="read"))
-    used = load(said, source_to_cor_mm=source_to_cor_mm)
+    with open_rows(said, source_to_cor_mm=source_to_cor_mm, report=report) as used:
+        stack = used.stack()
     given = CalibrationInput(
-        sinogram=used.stack.mean(axis=1, dtype=np.float64),
+        sinogram=stack.mean(axis=1, dtype=np.float64),
         angles_rad=used.angles_rad,
         rows=used.rows,
         scanner=used.scanner,
@@ -38,20 +38,25 @@ def calibrate_scan(
         from_counts=used.counts,
     )
     if said.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
-        given = with_phantom_rows(given, used.stack, options)
-    calibration, result = run_calibration(given, options, report)
+        given = with_phantom_rows(given, stack, options)
+    calibration, result = run_calibration(given, options, used.report)
     if picture is not None:
-        _draw(picture, used, given, calibration, result)
+        _draw(picture, stack, used.rows, given, calibration, result)
     return result
 
 
 def _draw(
-    picture: Path, used: ScanInput, given: CalibrationInput, calibration: Calibration, result: CalibrationResult
+    picture: Path,
+    stack: Stack,
+    rows: tuple[int, int],
+    given: CalibrationInput,
+    calibration: Calibration,
+    result: CalibrationResult,
 ) -> None:
     # Imported here because it brings the reconstruction along, for which an answer need not wait.
     from worker.tasks.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
     from worker.tasks.log_comparison import log_images, log_row_beside  # noqa: PLC0415
 
-    log = log_row_beside(given, used.rows, lambda row: used.stack[:, row - used.rows[0]].astype(np.float64))
+    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
     images = None if log is None else log_images(log, given, result, None)
     write_report_png(picture, result, calibration_arrays(calibration, given, images))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from worker.commands.options import CalibrationSaid, ScanSaid
-from worker.commands.reconstruct import load_with_calibration
+from worker.commands.reconstruct import open_with_calibration
 from worker.commands.terminal import Report
 from worker.contracts.drifts import DriftResult
 from worker.contracts.jobs import Progress
@@ -14,11 +14,11 @@ from worker.tasks.drifting import DriftInput, run_drift
 
 def look_for_drift(said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: Report) -> DriftResult:
     """Read, pair opposite rays, compare."""
-    report(Progress(fraction=0.0, stage="read"))
-    known, used = load_with_calibration(said, calibration)
-    report(Progress(fraction=0.5, stage="pair rays"))
+    with open_with_calibration(said, calibration, report=report) as (known, used):
+        sinogram = used.stack().mean(axis=1, dtype=np.float64)
+    used.report(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
-        sinogram=used.stack.mean(axis=1, dtype=np.float64),
+        sinogram=sinogram,
         angles_rad=used.angles_rad,
         rows=used.rows,
         calibration=known,

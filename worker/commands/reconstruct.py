@@ -8,13 +8,11 @@ from pathlib import Path
 
 from worker.commands.options import CalibrationSaid, PicturesSaid, ScanSaid, ThetaSaid
 from worker.commands.result_file import read_calibration
-from worker.commands.scan_input import ScanInput, load
 from worker.commands.scan_rows import ScanRows, open_rows
 from worker.commands.terminal import Report
 from worker.contracts.base import Handedness, Rotation
 from worker.contracts.calibrations import CalibrationResult
 from worker.contracts.geometry import ScannerConstants, Theta
-from worker.contracts.jobs import Progress
 from worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from worker.pictures.images import image_png
 from worker.pictures.log_pictures import mosaic_png, side_view_png, spread
@@ -35,9 +33,8 @@ def reconstruct_scan(
     report: Report,
 ) -> ReconstructionResult:
     """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
-    report(Progress(fraction=0.0, stage="read"))
-    with _given(said, geometry) as given:
-        result = run_reconstruction(given, options, output, report)
+    with _open(said, geometry, output, report) as (used, given):
+        result = run_reconstruction(given, options, output, used.report)
     drawings = (
         (pictures.middle, _middle),
         (pictures.mosaic, _mosaic),
@@ -75,23 +72,26 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
 
 
 @contextmanager
-def _given(said: ScanSaid, geometry: ThetaSaid | CalibrationSaid) -> Iterator[ReconstructionInput]:
+def _open(
+    said: ScanSaid, geometry: ThetaSaid | CalibrationSaid, output: Path, report: Report
+) -> Iterator[tuple[ScanRows, ReconstructionInput]]:
     if isinstance(geometry, ThetaSaid):
-        with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm) as used:
-            yield _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
+        with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm, report=report, beside=output) as used:
+            yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
         return
-    known, said = _calibrated(said, geometry)
-    with open_rows(said, source_to_cor_mm=known.scanner.source_to_cor_mm) as used:
-        _check_same_detector(known, used.scanner)
-        yield _input(used, known.theta, known.rotation, known.handedness)
+    with open_with_calibration(said, geometry, report=report, beside=output) as (known, used):
+        yield used, _input(used, known.theta, known.rotation, known.handedness)
 
 
-def load_with_calibration(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanInput]:
+@contextmanager
+def open_with_calibration(
+    said: ScanSaid, geometry: CalibrationSaid, *, report: Report, beside: Path | None = None
+) -> Iterator[tuple[CalibrationResult, ScanRows]]:
     """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
     known, said = _calibrated(said, geometry)
-    used = load(said, source_to_cor_mm=known.scanner.source_to_cor_mm)
-    _check_same_detector(known, used.scanner)
-    return known, used
+    with open_rows(said, source_to_cor_mm=known.scanner.source_to_cor_mm, report=report, beside=beside) as used:
+        _check_same_detector(known, used.scanner)
+        yield known, used
 
 
 def _calibrated(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanSaid]:

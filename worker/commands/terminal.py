@@ -17,6 +17,16 @@ from worker.tasks.failures import JobFailure, input_errors_translated
 Report = Callable[[jobs.Progress], None]
 
 
+def part_of(report: Report, start: float, stop: float) -> Report:
+    """Tells the progress of a part of the work as that of all of it, from one fraction of it to another."""
+
+    def told(progress: jobs.Progress) -> None:
+        fraction = start + (stop - start) * progress.fraction
+        report(progress.model_copy(update={"fraction": fraction}))
+
+    return told
+
+
 def say(sentence: str, *, trouble: str | None = None) -> None:
     """Tell the person at the terminal, in one line; the name of a trouble stands out before it."""
     text = Text(sentence) if trouble is None else Text.assemble((f"{trouble}: ", "bold red"), sentence)

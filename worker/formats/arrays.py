@@ -54,11 +54,6 @@ def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
         return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def as_stack(projections: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(views, detector) as (views, 1, detector); a stack as it is."""
-    return projections[:, np.newaxis, :] if projections.ndim == 2 else projections
-
-
 def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
     """Flat or dark fields as (n, rows, detector), beside projections of so many dimensions (2 or 3).
 
@@ -72,4 +67,4 @@ def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float3
             f"the flat or dark fields have the shape {fields.shape} beside projections of {dimensions} dimensions; "
             "give (n, rows, detector) or (rows, detector)",
         )
-    return as_stack(fields)
+    return fields[:, np.newaxis, :] if dimensions == 2 else fields

@@ -26,9 +26,15 @@ def whole_hdf5(path: Path) -> Iterator[h5py.File]:
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.part")
     try:
         with _DeafFile(temporary, "x+") as disk:
-            with h5py.File(disk, "w") as file:
-                yield file
-            disk.settle(path.name)
+            try:
+                with h5py.File(disk, "w") as file:
+                    yield file
+            except Exception:
+                # What was read back after a failed write is wrong: the write is what there is to tell of.
+                disk.complain(path.name)
+                raise
+            disk.complain(path.name)
+            os.fsync(disk.fileno())
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -62,11 +68,10 @@ class _DeafFile(io.FileIO):
             self.failure = self.failure or error
             return self.tell() if size is None else size
 
-    def settle(self, name: str) -> None:
-        """Speak up about the failure, if there was one; else wait until the disk has everything."""
+    def complain(self, name: str) -> None:
+        """Speak up about the failure, if there was one."""
         if self.failure is not None:
             raise OSError(self.failure.errno, f"{name} could not be written: {self.failure.strerror}")
-        os.fsync(self.fileno())
 
 
 def _flush_folder(folder: Path) -> None:

@@ -1,10 +1,12 @@
 """The one form every readable file is brought into."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from worker.formats.contents import Projections
 from worker.formats.errors import UnreadableScan
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
@@ -13,11 +15,11 @@ SAME_DIRECTION_RAD = np.deg2rad(1e-6)
 
 @dataclass(frozen=True, eq=False)
 class CanonicalScan:
-    """A scan that was checked when it was made.
+    """A scan in a file that is open: checked when it was made, its projections as they are read.
 
     Attributes
     ----------
-    projections : (views, rows, detector) float32
+    projections : Projections
         Counts or line integrals, as `counts` says.
     angles_rad : (views,) float64
         Each view's own angle. The same direction may come again in a later turn, never in two successive views.
@@ -40,7 +42,7 @@ class CanonicalScan:
         When the parts do not agree with each other.
     """
 
-    projections: NDArray[np.float32]
+    projections: Projections
     angles_rad: NDArray[np.float64]
     counts: bool
     flats: NDArray[np.float32] | None
@@ -54,24 +56,109 @@ class CanonicalScan:
     def __post_init__(self) -> None:
         check_scan(self)
 
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(views, rows, detector)."""
+        views, *rows, cells = self.projections.shape
+        return views, rows[0] if rows else 1, cells
+
+    def block_shape(self, window_bytes: int) -> tuple[int, int]:
+        """Of how many views and rows a block is that fills a window of memory.
+
+        All views of some rows where the file can be read so, else whole views, else a few of both: in whole pieces as
+        the file stores them, and never less than one.
+        """
+        views, rows, cells = self.shape
+        piece_views, piece_rows = (
+            min(n, most) for n, most in zip(self.projections.together, (views, rows), strict=True)
+        )
+        room = max(1, window_bytes // (4 * cells))
+        if views * piece_rows <= room:
+            return views, min(rows, _whole(room // views, piece_rows))
+        if piece_views * rows <= room:
+            return min(views, _whole(room // rows, piece_views)), rows
+        return min(views, max(piece_views, _whole(room // piece_rows, piece_views))), piece_rows
+
+    def blocks(self, window_bytes: int) -> Iterator["Block"]:
+        """Every sample once, checked, in blocks of `block_shape`, rows before views.
+
+        A block is let go of here when it is handed over, so that there is one in memory where its user does the same.
+
+        Raises
+        ------
+        UnreadableScan
+            Where the next block cannot be read or holds what no scan can, and after the last one where rows are missing
+            that cannot be.
+        """
+        views, rows, _ = self.shape
+        step_views, step_rows = self.block_shape(window_bytes)
+        missing = np.zeros((views, rows), bool)
+        for first_view in range(0, views, step_views):
+            for first_row in range(0, rows, step_rows):
+                at = slice(first_view, min(first_view + step_views, views))
+                across = slice(first_row, min(first_row + step_rows, rows))
+                yield self._block(at, across, missing)
+        for view in np.flatnonzero(missing.any(axis=1)):
+            _check_ends(int(view), missing[view])
+
+    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_]) -> "Block":
+        samples = self.projections.read(views, rows)
+        if self.counts and self.rows_missing:
+            samples[~samples.any(axis=2)] = np.nan
+        missing[views, rows] = self._missing_rows(samples, views.start, rows.start)
+        return Block(views, rows, samples)
+
+    def _missing_rows(self, samples: NDArray[np.float32], first_view: int, first_row: int) -> NDArray[np.bool_]:
+        """Which rows (views, rows) of a block are NaN in every cell, all else being finite."""
+        missing = np.zeros(samples.shape[:2], bool)
+        for view, frame in enumerate(samples):
+            unusable = ~np.isfinite(frame).all(axis=1)
+            if not unusable.any():
+                continue
+            missing[view, unusable] = np.isnan(frame[unusable]).all(axis=1)
+            if missing[view].any() and not self.rows_missing:
+                raise self._lacking(first_view + view, first_row, missing[view])
+            there = np.where(missing[view][:, np.newaxis], np.float32(0.0), frame)
+            _check_frame("view", first_view + view, there, first_row)
+        return missing
+
+    def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
+        if missing.size == self.shape[1] and missing.all():
+            return _lacking_throughout(view)
+        return UnreadableScan(
+            "not-finite",
+            f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lost rows, ask "
+            "for align_rows (--align-rows), which lays them over one another",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Some views and rows of a scan, and their samples (views, rows, detector) float32."""
+
+    views: slice
+    rows: slice
+    samples: NDArray[np.float32]
+
+
+def _whole(room: int, piece: int) -> int:
+    return room // piece * piece
+
 
 def check_scan(scan: CanonicalScan) -> None:
     """Refuse a scan whose parts do not agree, with one sentence that names the first thing wrong."""
     _check_shapes(scan)
     _check_angles(scan.angles_rad)
     _check_kind(scan)
-    _check_views(scan)
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
             _check_finite(name, fields)
 
 
 def _check_shapes(scan: CanonicalScan) -> None:
-    if scan.projections.ndim != 3 or 0 in scan.projections.shape:
-        raise UnreadableScan(
-            "wrong-shape", f"projections must be (views, rows, detector), not of shape {scan.projections.shape}"
-        )
-    views, *frame = scan.projections.shape
+    if 0 in scan.shape:
+        raise UnreadableScan("wrong-shape", f"projections must be (views, rows, detector), not of shape {scan.shape}")
+    views, *frame = scan.shape
     if views < 3:
         raise UnreadableScan("wrong-shape", f"a scan needs at least 3 views and this one has {views}")
     if scan.angles_rad.shape != (views,):
@@ -117,24 +204,10 @@ def _check_kind(scan: CanonicalScan) -> None:
         )
 
 
-def _check_views(scan: CanonicalScan) -> None:
-    for view, frame in enumerate(scan.projections):
-        missing = np.isnan(frame).all(axis=1)
-        if missing.any():
-            _check_missing(view, missing, allowed=scan.rows_missing)
-        _check_frame("view", view, np.where(missing[:, np.newaxis], np.float32(0.0), frame) if missing.any() else frame)
-
-
-def _check_missing(view: int, missing: NDArray[np.bool_], *, allowed: bool) -> None:
+def _check_ends(view: int, missing: NDArray[np.bool_]) -> None:
     there = np.flatnonzero(~missing)
     if not there.size:
-        raise UnreadableScan("not-finite", f"view {view} is NaN throughout; leave it out, with its angle")
-    if not allowed:
-        raise UnreadableScan(
-            "not-finite",
-            f"view {view}, row {int(missing.argmax())} is NaN in every cell; where views lost rows, ask for align_rows "
-            "(--align-rows), which lays them over one another",
-        )
+        raise _lacking_throughout(view)
     between = missing[there[0] : there[-1]]
     if between.any():
         raise UnreadableScan(
@@ -144,17 +217,21 @@ def _check_missing(view: int, missing: NDArray[np.bool_], *, allowed: bool) -> N
         )
 
 
+def _lacking_throughout(view: int) -> UnreadableScan:
+    return UnreadableScan("not-finite", f"view {view} is NaN throughout; leave it out, with its angle")
+
+
 def _check_finite(name: str, stack: NDArray[np.float32]) -> None:
     for index, frame in enumerate(stack):
         _check_frame(name, index, frame)
 
 
-def _check_frame(name: str, index: int, frame: NDArray[np.float32]) -> None:
+def _check_frame(name: str, index: int, frame: NDArray[np.float32], first_row: int = 0) -> None:
     finite = np.isfinite(frame)
     if not finite.all():
         row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), frame.shape))
         raise UnreadableScan(
             "not-finite",
-            f"{name} {index}, row {row}, cell {cell} is {frame[row, cell]}; every value must be a finite number "
-            "that fits into 32-bit floating point",
+            f"{name} {index}, row {first_row + row}, cell {cell} is {frame[row, cell]}; every value must be a finite "
+            "number that fits into 32-bit floating point",
         )

@@ -1,9 +1,38 @@
 """What one file says by itself, before it is held against what its uploader says."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+ReadBlock = Callable[[slice, slice], NDArray[np.float32]]
+
+
+@dataclass(frozen=True, eq=False)
+class Projections:
+    """The projections of a file that is open, read block by block.
+
+    Attributes
+    ----------
+    shape : (views, rows, detector) or (views, detector)
+        As stored.
+    read : callable
+        Of a slice of views and one of rows (of a sinogram the one row), each with its start and stop inside the shape:
+        (views, rows, detector) float32, contiguous and the caller's own.
+    together : (views, rows)
+        What the file stores in one piece: blocks of whole pieces read it once.
+    """
+
+    shape: tuple[int, ...]
+    read: ReadBlock
+    together: tuple[int, int]
+
+
+def held(array: NDArray[np.float32]) -> Projections:
+    """Projections (views, rows, detector) or (views, detector) that are in memory as a whole."""
+    stack = array[:, np.newaxis, :] if array.ndim == 2 else array
+    return Projections(array.shape, lambda views, rows: stack[views, rows].copy(), (1, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -14,7 +43,7 @@ class FileContents:
     ----------
     format : str
         What the file turned out to be.
-    projections : (views, rows, detector) or (views, detector) float32
+    projections : Projections
         As stored: counts or line integrals, which no file says reliably.
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
     angles_deg : (views,) float64, degrees
@@ -27,7 +56,7 @@ class FileContents:
     """
 
     format: str
-    projections: NDArray[np.float32]
+    projections: Projections
     flats: NDArray[np.float32] | None = None
     darks: NDArray[np.float32] | None = None
     angles_deg: NDArray[np.float64] | None = None

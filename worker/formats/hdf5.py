@@ -1,5 +1,6 @@
 """Any HDF5 file: which layout it has, and plain datasets where it has none (MATLAB 7.3 files among them)."""
 
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -7,32 +8,33 @@ from typing import Any
 import h5py
 from numpy.typing import NDArray
 
-from worker.formats.contents import FileContents
+from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.hdf5_exchange import DATA as EXCHANGE_DATA
 from worker.formats.hdf5_exchange import is_exchange, read_exchange
 from worker.formats.hdf5_guard import attribute_text, check_dataset, datasets, find, open_hdf5, read_float32
 from worker.formats.hdf5_nxtomo import DATA as NXTOMO_DATA
 from worker.formats.hdf5_nxtomo import find_entries, read_nxtomo
+from worker.formats.hdf5_projections import all_views, transposed
 from worker.formats.mat import MATLAB_NUMBERS
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 
 
-def read_hdf5(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
-    """Read an HDF5 file of any layout.
+def read_hdf5(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+    """Read an HDF5 file of any layout, which stays open for its projections.
 
     Raises
     ------
     UnreadableScan
         When the file has no scan, several without a choice, or one that must not be read.
     """
-    with open_hdf5(path) as file:
-        entry = _choose_entry(file, dataset)
-        if entry is not None:
-            return read_nxtomo(entry, max_bytes)
-        if is_exchange(file) and (dataset is None or dataset.strip("/") == EXCHANGE_DATA):
-            return read_exchange(file, max_bytes)
-        return _read_plain(file, dataset, max_bytes)
+    file = files.enter_context(open_hdf5(path))
+    entry = _choose_entry(file, dataset)
+    if entry is not None:
+        return read_nxtomo(entry, max_bytes)
+    if is_exchange(file) and (dataset is None or dataset.strip("/") == EXCHANGE_DATA):
+        return read_exchange(file, max_bytes)
+    return _read_plain(file, dataset, max_bytes)
 
 
 def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
@@ -60,6 +62,7 @@ def _read_plain(file: h5py.File, dataset: str | None, max_bytes: int) -> FileCon
         format="mat-v7.3" if matlab else "hdf5",
         infos={name: _info(node) for name, node in found.items()},
         load=partial(_load, found, max_bytes),
+        projections=partial(_projections, found, max_bytes),
     )
     remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
     return read_named_arrays(arrays, dataset, remarks)
@@ -72,10 +75,20 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric)
 
 
-def _load(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> NDArray[Any]:
+def _checked(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> h5py.Dataset:
     node, where = found[name], repr(quoted(name))
     check_dataset(where, node, max_bytes)
     if node.attrs.get("MATLAB_empty"):
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
+    return node
+
+
+def _projections(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> Projections:
+    node = _checked(found, max_bytes, name)
+    return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
+
+
+def _load(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> NDArray[Any]:
+    node = _checked(found, max_bytes, name)
     values = node.astype("f8")[()] if name in {"angles_deg", "angles_rad"} else read_float32(node)
     return values.T if "MATLAB_class" in node.attrs else values

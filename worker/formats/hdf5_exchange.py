@@ -9,6 +9,7 @@ from worker.formats.contents import FileContents
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.hdf5_fields import read_angles, read_pitch
 from worker.formats.hdf5_guard import attribute_text, find, numbers, read_float32
+from worker.formats.hdf5_projections import all_views
 
 DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"
@@ -41,7 +42,7 @@ def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
     row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", max_bytes)
     return FileContents(
         format="hdf5-data-exchange",
-        projections=read_float32(dataset),
+        projections=all_views(dataset),
         flats=_optional(file, "exchange/data_white", max_bytes),
         darks=_optional(file, "exchange/data_dark", max_bytes),
         angles_deg=angles_deg,

@@ -154,17 +154,24 @@ def _check_storage(where: str, dataset: h5py.Dataset) -> None:
             )
 
 
-def read_float32(dataset: h5py.Dataset, frames: NDArray[np.intp] | None = None) -> NDArray[np.float32]:
-    """Read a checked dataset, or the frames of it that are named in rising order, run by run as float32."""
-    if frames is None or not dataset.ndim:
-        result = np.empty(dataset.shape, dtype=np.float32)
-        dataset.read_direct(result)
-        return result
-    result = np.empty((len(frames), *dataset.shape[1:]), dtype=np.float32)
+def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
+    """Read a checked dataset as float32; where parts are named, those of its axes, from the first on."""
+    result = np.empty(_shape_of(dataset, parts), dtype=np.float32)
+    dataset.read_direct(result, parts or None)
+    return result
+
+
+def read_frames(dataset: h5py.Dataset, frames: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
+    """The frames that are named in rising order, run by run as float32, and of their axes the parts that are named."""
+    result = np.empty((len(frames), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
     for start, stop in _runs(frames):
         first = int(frames[start])
-        dataset.read_direct(result, np.s_[first : first + stop - start], np.s_[start:stop])
+        dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])
     return result
+
+
+def _shape_of(dataset: h5py.Dataset, parts: tuple[slice, ...]) -> tuple[int, ...]:
+    return (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) :])
 
 
 def _runs(frames: NDArray[np.intp]) -> Iterator[tuple[int, int]]:

@@ -10,7 +10,8 @@ from worker.formats.arrays import check_scan_dimensions
 from worker.formats.contents import FileContents
 from worker.formats.errors import UnreadableScan
 from worker.formats.hdf5_fields import read_angles, read_pitch
-from worker.formats.hdf5_guard import Node, children, numbers, read_float32, read_text
+from worker.formats.hdf5_guard import Node, children, numbers, read_frames, read_text
+from worker.formats.hdf5_projections import chosen_views
 
 DATA = "instrument/detector/data"
 IMAGE_KEY = "instrument/detector/image_key"
@@ -52,7 +53,7 @@ def read_nxtomo(entry: h5py.Group, max_bytes: int) -> FileContents:
     row_pitch_mm, remarks_y = read_pitch(entry, "instrument/detector/y_pixel_size", max_bytes)
     return FileContents(
         format="hdf5-nxtomo",
-        projections=read_float32(dataset, np.flatnonzero(keys.values == PROJECTION)),
+        projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
         flats=_fields(dataset, keys.values, FLAT),
         darks=_fields(dataset, keys.values, DARK),
         angles_deg=None if angles_deg is None else angles_deg[keys.values == PROJECTION],
@@ -93,4 +94,4 @@ def _read_image_key(entry: h5py.Group, frames: int, max_bytes: int) -> _ImageKey
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int) -> NDArray[np.float32] | None:
     frames = np.flatnonzero(keys == key)
-    return read_float32(dataset, frames) if len(frames) else None
+    return read_frames(dataset, frames) if len(frames) else None

@@ -1,5 +1,6 @@
 """MATLAB files of version 5 (7.3 is HDF5)."""
 
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,8 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from worker.formats.arrays import check_number_type, check_size
-from worker.formats.contents import FileContents
+from worker.formats.arrays import as_float32, check_number_type, check_size
+from worker.formats.contents import FileContents, held
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 
@@ -18,7 +19,7 @@ MATLAB_NUMBERS = frozenset(
 )
 
 
-def read_mat5(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+def read_mat5(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> FileContents:
     """Read the variables that are needed, and no others.
 
     Raises
@@ -29,10 +30,12 @@ def read_mat5(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
     classes: dict[str, tuple[tuple[int, ...], str]] = {
         name: (tuple(int(n) for n in shape), kind) for name, shape, kind in scipy.io.whosmat(str(path), appendmat=False)
     }
+    load = partial(_load, path, classes, max_bytes)
     arrays = NamedArrays(
         format="mat-v5",
         infos={name: ArrayInfo(shape, kind in MATLAB_NUMBERS) for name, (shape, kind) in classes.items()},
-        load=partial(_load, path, classes, max_bytes),
+        load=load,
+        projections=lambda name: held(as_float32(load(name))),
     )
     return read_named_arrays(arrays, dataset)
 

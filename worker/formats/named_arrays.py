@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.arrays import as_float32, check_scan_dimensions
-from worker.formats.contents import FileContents
+from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, quoted
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
@@ -36,11 +36,14 @@ class NamedArrays:
         Every array, in the axis order in which `load` gives it.
     load : function of a name
         Reads one array after having checked its type and its size.
+    projections : function of a name
+        The same for the projections, which need not be read as a whole.
     """
 
     format: str
     infos: Mapping[str, ArrayInfo]
     load: Callable[[str], NDArray[Any]]
+    projections: Callable[[str], Projections]
 
 
 def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[str, ...] = ()) -> FileContents:
@@ -55,7 +58,7 @@ def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[s
     check_scan_dimensions(repr(quoted(name)), arrays.infos[name].shape)
     return FileContents(
         format=arrays.format,
-        projections=as_float32(arrays.load(name)),
+        projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
         angles_deg=_angles(arrays),

@@ -1,10 +1,11 @@
 """NumPy's own files, never with pickled objects, their headers held against what is really there."""
 
 import math
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 from zipfile import ZipFile
 
 import numpy as np
@@ -13,9 +14,12 @@ from numpy.typing import NDArray
 
 from worker.formats.archives import members
 from worker.formats.arrays import as_float32, check_number_type, check_scan_dimensions, check_size
-from worker.formats.contents import FileContents
+from worker.formats.contents import FileContents, Projections, held
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+
+# Of a file, mapped at a time.
+PIECE_BYTES = 16 * 2**20
 
 
 @dataclass(frozen=True)
@@ -32,7 +36,7 @@ class NpyHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_npy(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+def read_npy(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> FileContents:
     """Read a NPY file.
 
     Raises
@@ -50,15 +54,29 @@ def read_npy(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
     present = path.stat().st_size - offset
     _check_header("the array", header, present, max_bytes)
     check_scan_dimensions("the array", header.shape)
-    stored = np.memmap(
-        path,
-        dtype=header.dtype,
-        mode="r",
-        offset=offset,
-        shape=header.shape,
-        order="F" if header.fortran_order else "C",
-    )
-    return FileContents(format="npy", projections=as_float32(stored))
+    return FileContents(format="npy", projections=_projections(path, header, offset))
+
+
+def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
+    order: Literal["F", "C"] = "F" if header.fortran_order else "C"
+    views, *rows, cells = header.shape
+    shape, slowest = (views, rows[0] if rows else 1, cells), 2 if header.fortran_order else 0
+
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        wanted = [views, rows, slice(0, cells)]
+        block = np.empty([part.stop - part.start for part in wanted], dtype=np.float32)
+        first, length = wanted[slowest].start, block.shape[slowest]
+        step = max(1, PIECE_BYTES * length // max(1, block.size * header.dtype.itemsize))
+        for start in range(0, length, step):
+            at = slice(start, min(start + step, length))
+            wanted[slowest] = slice(first + at.start, first + at.stop)
+            # Mapped anew for each piece: what was read stays in the process's memory as long as the mapping does.
+            stored = np.memmap(path, header.dtype, "r", offset, shape, order)
+            with np.errstate(over="ignore"):
+                block[(slice(None),) * slowest + (at,)] = stored[tuple(wanted)]
+        return block
+
+    return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
 
 
 def read_npz(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
@@ -74,10 +92,12 @@ def read_npz(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
         for info in members(archive, max_bytes):
             with archive.open(info) as stream:
                 headers[info.filename.removesuffix(".npy")] = read_header(stream)
+        load = partial(_load, archive, headers, max_bytes)
         arrays = NamedArrays(
             format="npz",
             infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
-            load=partial(_load, archive, headers, max_bytes),
+            load=load,
+            projections=lambda name: held(as_float32(load(name))),
         )
         return read_named_arrays(arrays, dataset)
 

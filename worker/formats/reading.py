@@ -1,16 +1,17 @@
 """The one way in: any file, and what its uploader says of it, to a canonical scan."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.angles import AnglesGiven
-from worker.formats.arrays import MAX_BYTES, as_fields, as_stack
+from worker.formats.arrays import MAX_BYTES, as_fields
 from worker.formats.canonical import CanonicalScan
-from worker.formats.contents import FileContents
+from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, library_errors_translated
 from worker.formats.hdf5 import read_hdf5
 from worker.formats.mat import read_mat5
@@ -23,20 +24,21 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand bef
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
-# Of the free memory, for the stack; the rest is for its fields, a block of rows at a time, and the libraries.
+# Of the free memory, for the stack; the rest is for its fields, a block at a time, and the libraries.
 MEMORY_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class _Format:
     name: str
-    read: Callable[[Path, str | None, int], FileContents]
-    read_twice: bool = False  # whether the stack is in memory twice for a moment, packed and unpacked or in parts
+    read: Callable[[Path, str | None, int, ExitStack], FileContents]
+    unpacked_whole: bool = False  # then the stack is in memory, twice for a moment: as stored and as float32
 
 
 _HDF5 = _Format("HDF5", read_hdf5)
-_MAT = _Format("MAT", read_mat5, read_twice=True)
-_ZIP = _Format("ZIP", read_zip, read_twice=True)
+_MAT = _Format("MAT", read_mat5, unpacked_whole=True)
+_NPZ = _Format("NPZ", read_zip, unpacked_whole=True)
+_ZIP = _Format("ZIP", read_zip)
 MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
 _BY_FIRST_BYTES = (
     (b"\x93NUMPY", _Format("NPY", read_npy)),
@@ -49,7 +51,8 @@ _BY_FIRST_BYTES = (
 )
 
 
-def read_scan(
+@contextmanager
+def reading_scan(
     path: Path,
     *,
     counts: bool,
@@ -60,8 +63,10 @@ def read_scan(
     rows_missing: bool = False,
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
-) -> CanonicalScan:
-    """Read a scan from a file of any supported format, recognised by its content and never by its name.
+) -> Iterator[CanonicalScan]:
+    """Open a scan's file of any supported format, recognised by its content and never by its name.
+
+    The file stays open meanwhile: its projections are read by `CanonicalScan.blocks`.
 
     Parameters
     ----------
@@ -78,9 +83,9 @@ def read_scan(
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     max_bytes : int
-        Largest size in memory of one array.
+        Largest size of one array, as float32.
     free_bytes : int, optional
-        The machine's free memory: what cannot be read and prepared in it is refused before its data are read.
+        The machine's free memory: what has to be unpacked as a whole and does not fit is refused before it is read.
 
     Raises
     ------
@@ -88,40 +93,50 @@ def read_scan(
         When the file cannot be read, is not a scan, or contradicts what was said of it.
     """
     recognised = _recognise(path)
-    if free_bytes is not None:
-        # Views laid over one another are a stack of their own.
-        stacks = 1 + recognised.read_twice + rows_missing
-        max_bytes = min(max_bytes, int(MEMORY_SHARE * free_bytes) // stacks)
-    with library_errors_translated(recognised.name):
-        contents = recognised.read(path, dataset, max_bytes)
-    dimensions = contents.projections.ndim
-    projections = as_stack(contents.projections)
-    if rows_missing and counts:
-        projections = _with_missing_rows(projections)
-    angles, remarks = _agree_on_angles(contents, angles_deg, len(projections))
-    if counts and contents.darks is None:
-        remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
-    return CanonicalScan(
-        projections=projections,
-        angles_rad=np.deg2rad(angles),
-        counts=counts,
-        flats=None if contents.flats is None else as_fields(contents.flats, dimensions),
-        darks=None if contents.darks is None else as_fields(contents.darks, dimensions),
-        detector_pitch_mm=_agree_on_pitch("detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm),
-        row_pitch_mm=_agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
-        format=contents.format,
-        remarks=(*contents.remarks, *remarks),
-        rows_missing=rows_missing,
-    )
+    if free_bytes is not None and recognised.unpacked_whole:
+        max_bytes = min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
+    with ExitStack() as files:
+        with library_errors_translated(recognised.name):
+            contents = recognised.read(path, dataset, max_bytes, files)
+            if free_bytes is not None:
+                _check_piece(contents.projections, int(MEMORY_SHARE * free_bytes) // 2)
+        projections = _translated(contents.projections, recognised.name)
+        dimensions = len(projections.shape)
+        angles, remarks = _agree_on_angles(contents, angles_deg, projections.shape[0])
+        if counts and contents.darks is None:
+            remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
+        yield CanonicalScan(
+            projections=projections,
+            angles_rad=np.deg2rad(angles),
+            counts=counts,
+            flats=None if contents.flats is None else as_fields(contents.flats, dimensions),
+            darks=None if contents.darks is None else as_fields(contents.darks, dimensions),
+            detector_pitch_mm=_agree_on_pitch("detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm),
+            row_pitch_mm=_agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
+            format=contents.format,
+            remarks=(*contents.remarks, *remarks),
+            rows_missing=rows_missing,
+        )
 
 
-def _with_missing_rows(counts: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Rows of zeros become NaN, in place where that is possible."""
-    missing = ~counts.any(axis=2)
-    if missing.any():
-        counts = counts if counts.flags.writeable else counts.copy()
-        counts[missing] = np.nan
-    return counts
+def _check_piece(projections: Projections, most_bytes: int) -> None:
+    """Refuse what the file stores in pieces that cannot be in memory twice, as stored and as float32."""
+    views, rows = (min(n, most) for n, most in zip(projections.together, projections.shape, strict=False))
+    needed = 4 * views * rows * projections.shape[-1]
+    if needed > most_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"the file stores its projections in pieces of {needed} bytes, where pieces of {most_bytes} fit into the "
+            "free memory; store them in smaller chunks",
+        )
+
+
+def _translated(projections: Projections, what: str) -> Projections:
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        with library_errors_translated(what):
+            return projections.read(views, rows)
+
+    return replace(projections, read=read)
 
 
 def _recognise(path: Path) -> _Format:
@@ -133,6 +148,8 @@ def _recognise(path: Path) -> _Format:
         return _HDF5
     if head[124:128] in MAT_VERSIONS:
         return _MAT
+    if head.startswith(b"PK\x03\x04") and _first_member(head).endswith(b".npy"):
+        return _NPZ
     for first_bytes, known in _BY_FIRST_BYTES:
         if head.startswith(first_bytes):
             return known
@@ -141,6 +158,11 @@ def _recognise(path: Path) -> _Format:
         "the file is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT; "
         "export it as one of them",
     )
+
+
+def _first_member(head: bytes) -> bytes:
+    """The name of an archive's first file (APPNOTE.TXT 4.3.7: its length at byte 26, itself from byte 30 on)."""
+    return head[30 : 30 + int.from_bytes(head[26:28], "little")]
 
 
 def _agree_on_angles(

@@ -43,6 +43,82 @@ class StoredScan:
     row_pitch_mm: float | None
 
 
+@dataclass(frozen=True, eq=False)
+class NewScan:
+    """A scan's file that is being written.
+
+    Attributes
+    ----------
+    data : dataset (views, rows, detector) float32
+        The line integrals, to be written and read in blocks.
+    """
+
+    data: h5py.Dataset
+    _entry: h5py.Group
+
+    def keep_rows(self, rows: int) -> None:
+        """Forget all rows but the first `rows`."""
+        self.data.resize(rows, axis=1)
+
+    def note(
+        self,
+        *,
+        air_level: NDArray[np.float32] | None,
+        provenance: Mapping[str, str],
+        row_shifts: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Say what is known when all line integrals are there; the parameters are those of `write_scan`."""
+        if air_level is not None:
+            write_scalar(self.data.parent, "air_level", air_level.astype(np.float32), "counts")
+        group = new_group(self._entry, PROVENANCE, "NXcollection")
+        for name, text in provenance.items():
+            group[name] = text
+        if row_shifts is not None:
+            write_scalar(group, "row_shifts", row_shifts, "row")
+
+
+@contextmanager
+def new_scan(
+    path: Path,
+    shape: tuple[int, int, int],
+    *,
+    angles_rad: NDArray[np.float64],
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+    views_together: int | None = None,
+) -> Iterator[NewScan]:
+    """A new scan (views, rows, detector) of line integrals, one row of which can be read alone; whole or not at all.
+
+    Parameters
+    ----------
+    views_together : int, optional
+        Of how many views a row is stored in one piece: all, by default.
+
+    Raises
+    ------
+    OSError
+        When the file cannot be written.
+    """
+    views, _, detector = shape
+    within_chunk = max(1, CHUNK_BYTES // (4 * detector))
+    with whole_hdf5(path) as file:
+        entry = _new_frames(
+            file,
+            shape,
+            np.dtype(np.float32),
+            chunks=(min(views_together or views, views, within_chunk), 1, detector),
+            units="1",
+            image_key=np.zeros(views, dtype=np.uint8),
+            angles_deg=np.rad2deg(angles_rad),
+            pitches_mm=(detector_pitch_mm, row_pitch_mm),
+            # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
+            storage={"fletcher32": True},
+        )
+        data = file[f"{DETECTOR}/data"]
+        data.attrs["long_name"] = LINE_INTEGRALS
+        yield NewScan(data, entry)
+
+
 def write_scan(
     path: Path,
     *,
@@ -54,7 +130,7 @@ def write_scan(
     provenance: Mapping[str, str],
     row_shifts: NDArray[np.float64] | None = None,
 ) -> None:
-    """Write a scan of line integrals so that the sinogram of one row can be read alone.
+    """Write a scan of line integrals that are in memory.
 
     Parameters
     ----------
@@ -77,32 +153,22 @@ def write_scan(
         When the file cannot be written.
     """
     _check_stack("line_integrals", line_integrals, angles_rad)
-    views, _, detector = line_integrals.shape
-    with whole_hdf5(path) as file:
-        entry = _write_frames(
-            file,
-            line_integrals.astype(np.float32, copy=False),
-            chunks=(_within_chunk(views, detector), 1, detector),
-            units="1",
-            image_key=np.zeros(views, dtype=np.uint8),
-            angles_deg=np.rad2deg(angles_rad),
-            pitches_mm=(detector_pitch_mm, row_pitch_mm),
-            # Packing the noise of line integrals saves a fifth of the disk, and takes longer than reconstructing them.
-            storage={"fletcher32": True},
-        )
-        file[f"{DETECTOR}/data"].attrs["long_name"] = LINE_INTEGRALS
-        if air_level is not None:
-            write_scalar(file[DETECTOR], "air_level", air_level.astype(np.float32), "counts")
-        group = new_group(entry, PROVENANCE, "NXcollection")
-        for name, text in provenance.items():
-            group[name] = text
-        if row_shifts is not None:
-            write_scalar(group, "row_shifts", row_shifts, "row")
+    views, rows, detector = line_integrals.shape
+    scan = new_scan(
+        path,
+        (views, rows, detector),
+        angles_rad=angles_rad,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+    )
+    with scan as written:
+        written.data[...] = line_integrals
+        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
 
 
 @dataclass(frozen=True, eq=False)
 class OpenScan:
-    """A file of `write_scan` held open: what it says, and its rows as they are needed.
+    """A file of `new_scan` held open: what it says, and its rows as they are needed.
 
     Attributes
     ----------
@@ -124,14 +190,14 @@ class OpenScan:
 
     def rows(self, wanted: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Line integrals (views, rows, detector) float32 of some rows, and of some views or all."""
-        # Chunks span the views, so reading all of a row's views and choosing afterwards costs nothing.
+        # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
         stack: NDArray[np.float32] = self.data[:, slice(wanted.start, wanted.stop, wanted.step), :]
         return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
 @contextmanager
 def open_scan(path: Path) -> Iterator[OpenScan]:
-    """Open a file that this product wrote; uploads go through `read_scan`."""
+    """Open a file that this product wrote; uploads go through `reading_scan`."""
     with open_hdf5(path) as file:
         detector = file[DETECTOR]
         yield OpenScan(
@@ -145,7 +211,7 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
 
 
 def is_own_scan(path: Path) -> bool:
-    """Whether a file of any kind is one of `write_scan`, all of its data in it.
+    """Whether a file of any kind is one of `new_scan`, all of its data in it.
 
     Raises
     ------
@@ -164,12 +230,12 @@ def is_own_scan(path: Path) -> bool:
 
 
 def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
-    """Read a file of `write_scan`, or part of it.
+    """Read a file of `new_scan`, or part of it.
 
     Parameters
     ----------
     path : Path
-        A file that this product wrote; uploads go through `read_scan`.
+        A file that this product wrote; uploads go through `reading_scan`.
     rows : slice, optional
         Detector rows, with step 1; all by default.
     views : (n,) integers, optional
@@ -216,9 +282,10 @@ def write_raw_scan(
     fields = len(darks) + len(flats)
     keys = [DARK] * len(darks) + [FLAT] * len(flats) + [PROJECTION] * len(counts)
     with whole_hdf5(path) as file:
-        _write_frames(
+        _new_frames(
             file,
-            np.concatenate([darks, flats, counts]),
+            (len(keys), *counts.shape[1:]),
+            counts.dtype,
             chunks=(1, *counts.shape[1:]),
             units="counts",
             image_key=np.array(keys, dtype=np.uint8),
@@ -226,6 +293,10 @@ def write_raw_scan(
             pitches_mm=(detector_pitch_mm, row_pitch_mm),
             storage=PACKED,
         )
+        data, first = file[f"{DETECTOR}/data"], 0
+        for frames in (darks, flats, counts):
+            data[first : first + len(frames)] = frames
+            first += len(frames)
 
 
 def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:
@@ -236,13 +307,10 @@ def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], ang
         )
 
 
-def _within_chunk(views: int, detector: int) -> int:
-    return min(views, max(1, CHUNK_BYTES // (4 * detector)))
-
-
-def _write_frames(
+def _new_frames(
     file: h5py.File,
-    frames: NDArray[np.uint16] | NDArray[np.float32],
+    shape: tuple[int, ...],
+    dtype: np.dtype[Any],
     *,
     chunks: tuple[int, int, int],
     units: str,
@@ -253,7 +321,7 @@ def _write_frames(
 ) -> h5py.Group:
     entry = new_entry(file, "NXtomo")
     detector = new_group(new_group(entry, "instrument", "NXinstrument"), "detector", "NXdetector")
-    detector.create_dataset("data", data=frames, chunks=chunks, **storage).attrs["units"] = units
+    detector.create_dataset("data", shape, dtype, chunks=chunks, **storage).attrs["units"] = units
     detector["image_key"] = image_key
     for name, pitch_mm in zip(("x_pixel_size", "y_pixel_size"), pitches_mm, strict=True):
         if pitch_mm is not None:

@@ -2,6 +2,9 @@
 
 import math
 import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -10,7 +13,7 @@ import tifffile
 from numpy.typing import NDArray
 
 from worker.formats.arrays import as_float32, check_number_type, check_size
-from worker.formats.contents import FileContents
+from worker.formats.contents import FileContents, Projections, held
 from worker.formats.errors import UnreadableScan, quoted
 
 MOST_PAGES = 100_000
@@ -18,8 +21,28 @@ UNCOMPRESSED = 1
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, 8, 32946, 32773})  # none, both deflates, PackBits
 
 
-def read_tiff(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
-    """Read a TIFF file; a single page is the sinogram of one row.
+@dataclass(frozen=True, eq=False)
+class TiffPages:
+    """The pages of an open file, all checked and of one size; they are read when they are asked for.
+
+    Attributes
+    ----------
+    shape : (pages, rows, detector)
+    """
+
+    shape: tuple[int, int, int]
+    tiff: tifffile.TiffFile
+
+    def read(self, wanted: slice, rows: slice) -> NDArray[np.float32]:
+        """(pages, rows, detector) float32 of some pages and some of their rows."""
+        block = np.empty((wanted.stop - wanted.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
+        for index, frame in enumerate(block, wanted.start):
+            frame[:] = as_float32(self.tiff.pages[index].asarray(maxworkers=1)[rows])
+        return block
+
+
+def read_tiff(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
 
     Raises
     ------
@@ -28,14 +51,17 @@ def read_tiff(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
     """
     if dataset is not None:
         raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")
-    pages = read_pages(path, "the file", path.stat().st_size, max_bytes)
-    if len(pages) == 1:
-        return FileContents("tiff", pages[0], remarks=("The single page was read as the sinogram of one row.",))
-    return FileContents("tiff", pages)
+    pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, max_bytes))
+    count, rows, _ = pages.shape
+    if count == 1:
+        sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
+        return FileContents("tiff", sinogram, remarks=("The single page was read as the sinogram of one row.",))
+    return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)))
 
 
-def read_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: int) -> NDArray[np.float32]:
-    """All pages of one TIFF as (pages, rows, detector) float32.
+@contextmanager
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: int) -> Iterator[TiffPages]:
+    """Open one TIFF and check all of its pages.
 
     Only pages are looked at, never the series of OME or other dialects: those may name other files.
     """
@@ -54,10 +80,8 @@ def read_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: i
         )
         for index, page in enumerate(tiff.pages):
             _check_page(page, f"page {index} of {name}", first.shape, size_bytes)
-        stack = np.empty((count, *first.shape), dtype=np.float32)
-        for index, page in enumerate(tiff.pages):
-            stack[index] = as_float32(page.asarray(maxworkers=1))
-        return stack
+        rows, cells = first.shape
+        yield TiffPages((count, rows, cells), tiff)
 
 
 def _check_last_page(tiff: tifffile.TiffFile, name: str) -> None:

@@ -1,6 +1,9 @@
 """ZIP archives of TIFF files, one or more views each, flat and dark fields told by their names."""
 
+import math
 import re
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from zipfile import ZipFile, ZipInfo
@@ -9,33 +12,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.archives import members
-from worker.formats.contents import FileContents
+from worker.formats.arrays import MAX_BYTES
+from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.npy import read_npz
-from worker.formats.tiff import read_pages
+from worker.formats.tiff import TiffPages, open_pages
 
 TIFF_SUFFIXES = frozenset({".tif", ".tiff"})
 # Views whose heights differ by more than this factor are no views of one log.
 MOST_LOST = 0.5
 
 
-def read_zip(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
-    """Read a NPZ file or a ZIP of TIFF files, whichever the members' names say.
+@dataclass(frozen=True, eq=False)
+class _Member:
+    """A TIFF file of the archive, unpacked when its pages are asked for."""
+
+    info: ZipInfo
+    shape: tuple[int, int, int]
+
+
+def read_zip(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+    """Read a NPZ file or a ZIP of TIFF files, whichever the members' names say; the latter stays open for its views.
 
     Raises
     ------
     UnreadableScan
         When the archive is unsafe to unpack, or holds neither.
     """
-    with ZipFile(path) as archive:
-        infos = members(archive, max_bytes)
-        if infos and all(info.filename.endswith(".npy") for info in infos):
-            return read_npz(path, dataset, max_bytes)
-        if dataset is not None:
-            raise UnreadableScan(
-                "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(dataset)!r}"
-            )
-        return _read_tiffs(archive, infos, max_bytes)
+    archive = files.enter_context(ZipFile(path))
+    infos = members(archive, max_bytes)
+    if infos and all(info.filename.endswith(".npy") for info in infos):
+        return read_npz(path, dataset, max_bytes)
+    if dataset is not None:
+        raise UnreadableScan(
+            "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(dataset)!r}"
+        )
+    return _read_tiffs(archive, infos, max_bytes)
 
 
 def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], max_bytes: int) -> FileContents:
@@ -45,15 +57,15 @@ def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], max_bytes: int) -> FileC
         kinds[frame_kind(info.filename)].append(info)
     if not kinds["view"]:
         raise UnreadableScan("unknown-format", "the archive holds no TIFF files of views; pack the views as .tif files")
-    views = _read_frames(archive, kinds["view"], max_bytes, rows_lost=True)
-    flats, darks = (_fields(_read_frames(archive, kinds[kind], max_bytes)) for kind in ("flat", "dark"))
+    views = _looked_through(archive, kinds["view"], max_bytes, rows_lost=True)
+    flats, darks = (_fields(archive, kinds[kind], max_bytes) for kind in ("flat", "dark"))
     ignored = len(infos) - len(frames)
     remarks = [f"{ignored} files that are no TIFFs were ignored."] if ignored else []
-    if len({stack.shape[1] for stack in views}) > 1:
-        rows = max(stack.shape[1] for stack in (*views, *([] if flats is None else [flats])))
-        views = [_with_missing_rows(stack, rows) for stack in views]
+    rows = max(member.shape[1] for member in views)
+    if any(member.shape[1] < rows for member in views):
+        rows = max(rows, 0 if flats is None else flats.shape[1])
         remarks.append(f"Views of fewer than {rows} rows were read as lacking rows at the bottom.")
-    return FileContents("zip-of-tiffs", np.concatenate(views), flats, darks, remarks=tuple(remarks))
+    return FileContents("zip-of-tiffs", _projections(archive, views, rows), flats, darks, remarks=tuple(remarks))
 
 
 def frame_kind(name: str) -> str:
@@ -78,32 +90,58 @@ def _is_tiff(name: str) -> bool:
     return path.suffix.lower() in TIFF_SUFFIXES and not path.name.startswith(".") and "__MACOSX" not in path.parts
 
 
-def _read_frames(
+def _looked_through(
     archive: ZipFile, infos: list[ZipInfo], max_bytes: int, *, rows_lost: bool = False
-) -> list[NDArray[np.float32]]:
-    """Each file's pages, all of one size; views may have lost rows."""
-    stacks: list[NDArray[np.float32]] = []
+) -> list[_Member]:
+    """Each file's pages checked, all of one size; views may have lost rows."""
+    found: list[_Member] = []
     for info in infos:
-        data = archive.read(info)
-        name = repr(quoted(info.filename))
-        stack = read_pages(BytesIO(data), name, len(data), max_bytes - sum(s.nbytes for s in stacks))
-        first = (stacks or [stack])[0]
-        rows, rows_before = stack.shape[1], first.shape[1]
-        alike = rows == rows_before or (rows_lost and MOST_LOST * max(rows, rows_before) <= min(rows, rows_before))
-        if stack.shape[2] != first.shape[2] or not alike:
-            raise UnreadableScan(
-                "wrong-shape",
-                f"{name} has (rows, detector) = {stack.shape[1:]} and the files before it {first.shape[1:]}; "
-                "all must be of one size",
-            )
-        stacks.append(stack)
-    return stacks
+        before = sum(4 * math.prod(member.shape) for member in found)
+        with _unpacked(archive, info, max_bytes - before) as pages:
+            member = _Member(info, pages.shape)
+        _check_like(member, (found or [member])[0], rows_lost=rows_lost)
+        found.append(member)
+    return found
 
 
-def _fields(stacks: list[NDArray[np.float32]]) -> NDArray[np.float32] | None:
-    return np.concatenate(stacks) if stacks else None
+def _unpacked(archive: ZipFile, info: ZipInfo, max_bytes: int) -> AbstractContextManager[TiffPages]:
+    data = archive.read(info)
+    return open_pages(BytesIO(data), repr(quoted(info.filename)), len(data), max_bytes)
 
 
-def _with_missing_rows(views: NDArray[np.float32], rows: int) -> NDArray[np.float32]:
-    lost = ((0, 0), (0, rows - views.shape[1]), (0, 0))
-    return np.pad(views, lost, constant_values=np.nan)
+def _check_like(member: _Member, first: _Member, *, rows_lost: bool) -> None:
+    (_, rows, cells), (_, rows_before, cells_before) = member.shape, first.shape
+    alike = rows == rows_before or (rows_lost and MOST_LOST * max(rows, rows_before) <= min(rows, rows_before))
+    if cells != cells_before or not alike:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{quoted(member.info.filename)!r} has (rows, detector) = {member.shape[1:]} and the files before it "
+            f"{first.shape[1:]}; all must be of one size",
+        )
+
+
+def _projections(archive: ZipFile, files: list[_Member], rows: int) -> Projections:
+    """All pages of the files, those of fewer rows filled with NaN at the bottom."""
+    ends = np.cumsum([member.shape[0] for member in files])
+    cells = files[0].shape[2]
+
+    def read(views: slice, wanted: slice) -> NDArray[np.float32]:
+        block = np.full((views.stop - views.start, wanted.stop - wanted.start, cells), np.nan, np.float32)
+        for member, end in zip(files, ends.tolist(), strict=True):
+            first = end - member.shape[0]
+            start, stop, bottom = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
+            if start < stop and wanted.start < bottom:
+                with _unpacked(archive, member.info, MAX_BYTES) as pages:
+                    part = pages.read(slice(start - first, stop - first), slice(wanted.start, bottom))
+                block[start - views.start : stop - views.start, : bottom - wanted.start] = part
+        return block
+
+    return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
+
+
+def _fields(archive: ZipFile, infos: list[ZipInfo], max_bytes: int) -> NDArray[np.float32] | None:
+    if not infos:
+        return None
+    files = _looked_through(archive, infos, max_bytes)
+    fields = _projections(archive, files, files[0].shape[1])
+    return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))

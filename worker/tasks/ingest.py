@@ -8,11 +8,10 @@ from worker.contracts.preparing import RowAlignment
 from worker.contracts.scans import ScanReading, ScanShape
 from worker.formats.angles import parse_angles
 from worker.formats.canonical import CanonicalScan
-from worker.formats.reading import read_scan
-from worker.formats.scan_file import write_scan
+from worker.formats.reading import reading_scan
 from worker.tasks.attempt import Attempt
 from worker.tasks.failures import refused
-from worker.tasks.line_integrals import as_line_integrals
+from worker.tasks.preparing import prepare_scan
 from worker.tasks.room import memory_available
 
 
@@ -21,8 +20,8 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
     store = attempt.store
     scan = store.scans.get(attempt.job.subject_id)
     constants = store.scanners.get(scan.scanner_id).constants
-    attempt.say(0.05, "read")
-    read = read_scan(
+    attempt.say(0.0, "read")
+    reading = reading_scan(
         store.files.upload(attempt.job.kind, scan.id),
         counts=scan.data is DataKind.COUNTS,
         dataset=scan.dataset,
@@ -32,21 +31,17 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
         rows_missing=scan.align_rows is not RowAlignment.OFF,
         free_bytes=memory_available(),
     )
-    _check_detector(read, constants.num_detector_pixels)
-    attempt.say(0.4, "line integrals")
-    prepared = as_line_integrals(read, scan)
-    attempt.say(0.7, "write")
-    write_scan(
-        attempt.output / "scan.h5",
-        line_integrals=prepared.stack,
-        angles_rad=read.angles_rad,
-        detector_pitch_mm=constants.detector_pitch_mm,
-        row_pitch_mm=read.row_pitch_mm,
-        air_level=prepared.air_level,
-        provenance={"format": read.format, "input_sha256": scan.sha256, "remarks": "\n".join(prepared.remarks)},
-        row_shifts=prepared.row_shifts,
-    )
-    views, rows, detector = prepared.stack.shape
+    with reading as read:
+        _check_detector(read, constants.num_detector_pixels)
+        prepared = prepare_scan(
+            read,
+            scan,
+            attempt.output / "scan.h5",
+            detector_pitch_mm=constants.detector_pitch_mm,
+            report=attempt.report,
+            provenance={"format": read.format, "input_sha256": scan.sha256},
+        )
+    views, rows, detector = prepared.shape
     return ScanReading(
         format=read.format,
         shape=ScanShape(views=views, rows=rows, detector=detector),
@@ -56,9 +51,9 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
 
 
 def _check_detector(read: CanonicalScan, cells: int) -> None:
-    if read.projections.shape[2] != cells:
+    if read.shape[2] != cells:
         raise refused(
             "wrong-shape",
-            f"the file has {read.projections.shape[2]} detector cells (of views, rows, cells = "
-            f"{read.projections.shape}), but the scanner has num_detector_pixels {cells}",
+            f"the file has {read.shape[2]} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
+            f"num_detector_pixels {cells}",
         )

@@ -1,5 +1,6 @@
 """What the machine has left, and refusing what cannot fit before any time is spent on it."""
 
+import math
 import shutil
 from pathlib import Path
 
@@ -40,12 +41,23 @@ def check_memory(needed_bytes: int, available_bytes: int) -> None:
 
 def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
     """Refuse a volume (slice, x, y) that does not fit on the disk of its folder: `disk-full`."""
+    slices, size_x, size_y = shape
+    instead = "ask for fewer rows or a smaller size"
+    _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, instead)
+
+
+def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
+    """Refuse a scan (views, rows, detector) that does not fit on the disk of its folder: `disk-full`."""
+    views, rows, cells = shape
+    _check_free(folder, f"a scan of {views} x {rows} x {cells}", 4 * math.prod(shape), "give fewer rows")
+
+
+def _check_free(folder: Path, what: str, needed_bytes: int, instead: str) -> None:
     free = shutil.disk_usage(folder).free
     if needed_bytes > free:
-        slices, size_x, size_y = shape
         raise JobFailure(
             FailureKind.PASSING,
             "disk-full",
-            f"a volume of {slices} x {size_x} x {size_y} needs up to {needed_bytes / GIGABYTE:.3g} GB and "
-            f"{free / GIGABYTE:.3g} GB are free in {folder}: make room, or ask for fewer rows or a smaller size",
+            f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {free / GIGABYTE:.3g} GB are free in {folder}: "
+            f"make room, or {instead}",
         )

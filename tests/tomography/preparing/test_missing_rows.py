@@ -11,7 +11,7 @@ from worker.tomography.image_grid import ImageGrid
 from worker.tomography.log_model import LogModel
 from worker.tomography.preparing import missing_rows
 from worker.tomography.preparing.matched_rows import shifts_by_features
-from worker.tomography.preparing.missing_rows import RowsError, RowShifts, aligned, present_rows
+from worker.tomography.preparing.missing_rows import CommonRows, RowsError, RowShifts, present_rows
 from worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
 from worker.tomography.projector import Projector
 
@@ -48,6 +48,15 @@ def lose_rows(stack, seed):
     return lost, top
 
 
+def moments(stack):
+    return RowMoments.of(stack, np.ones(stack.shape[2], bool))
+
+
+def aligned(stack, shifts):
+    common = CommonRows.of(present_rows(stack), shifts)
+    return np.stack([common.of_view(view, image) for view, image in enumerate(stack)])
+
+
 def even(mass):
     """Row sums of a log on the rotation axis."""
     return RowMoments(mass, np.zeros_like(mass))
@@ -78,7 +87,7 @@ class TestByMass:
     def test_whole_lost_rows_are_found_exactly(self, sparse, seed):
         stack, angles = sparse
         lost, truth = lose_rows(noisy(stack, seed), seed)
-        shifts = shifts_by_mass(RowMoments.of(lost), angles)
+        shifts = shifts_by_mass(moments(lost), angles)
         assert shifts.whole
         np.testing.assert_array_equal(shifts.rows, truth - truth.min())
         # What it says of itself before it knew that rows are whole.
@@ -88,7 +97,7 @@ class TestByMass:
         stack = noisy(sparse[0], 14)
         lost, _ = lose_rows(stack, 14)
         in_place = np.where(np.isnan(np.roll(lost, 3, axis=1)), np.nan, stack)
-        assert not shifts_by_mass(RowMoments.of(in_place), sparse[1]).rows.any()
+        assert not shifts_by_mass(moments(in_place), sparse[1]).rows.any()
 
     def test_fractions_of_a_row_are_found_to_a_tenth(self):
         rng = np.random.default_rng(15)
@@ -98,7 +107,7 @@ class TestByMass:
         stack = np.concatenate(
             [project(heights + ROW_PITCH_MM * truth[view], angles[view : view + 1]) for view in range(views)]
         )
-        shifts = shifts_by_mass(RowMoments.of(noisy(stack, 16)), angles)
+        shifts = shifts_by_mass(moments(noisy(stack, 16)), angles)
         assert not shifts.whole
         error = apart(shifts, truth)
         assert np.sqrt(np.mean(error**2)) < 0.1
@@ -108,7 +117,7 @@ class TestByMass:
         clean, angles = sparse
         stack = noisy(clean, 17)
         lost, truth = lose_rows(stack, 17)
-        mended = aligned(lost, shifts_by_mass(RowMoments.of(lost), angles))
+        mended = aligned(lost, shifts_by_mass(moments(lost), angles))
         assert not np.isnan(mended).any()
         # In the middle of a whorl of knots; not mended, the row there is off by five on the average.
         row = 12

@@ -6,7 +6,7 @@ from worker.tomography.air import AirCorrection
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.geometry import FanBeamGeometry
 from worker.tomography.log_model import LogModel
-from worker.tomography.preparing.preparation import Measures, prepare_rows
+from worker.tomography.preparing.preparation import Measures, Preparation
 
 VIEWS, ROWS = 60, 3
 NOISE = 0.005
@@ -22,6 +22,12 @@ def clean(scanner, theta, full_turn):
         for row in range(ROWS)
     ]
     return np.stack(rows, axis=1).astype(np.float32)
+
+
+def prepare_rows(stack, measures):
+    preparation = Preparation(measures, *stack.shape[1:])
+    preparation.treat(stack)
+    return preparation.done()
 
 
 def noisy(clean, seed):
@@ -45,13 +51,19 @@ def test_a_drifting_source_and_faulty_cells_are_mended_and_told(clean):
     assert done.air_cells.sum() > 200
 
 
-def test_a_row_is_prepared_as_in_the_whole_stack(clean):
+def test_rows_are_prepared_one_by_one_as_in_the_whole_stack(clean):
     stack = noisy(clean, 54) + np.float32(0.03)
-    alone = stack[:, 1:2].copy()
+    stack[:, 2, 300] = 9.0
+    apart = stack.copy()
     measures = Measures(AirCorrection.VIEWS, remove_rings=True)
-    prepare_rows(stack, measures)
-    prepare_rows(alone, measures)
-    np.testing.assert_array_equal(stack[:, 1:2], alone)
+    done = prepare_rows(stack, measures)
+    preparation = Preparation(measures, *stack.shape[1:])
+    for row in range(ROWS):
+        preparation.treat(apart[:, row : row + 1], row)
+    np.testing.assert_array_equal(apart, stack)
+    np.testing.assert_array_equal(preparation.done().faulty, done.faulty)
+    np.testing.assert_array_equal(preparation.done().air_cells, done.air_cells)
+    assert preparation.done().remarks == done.remarks
 
 
 def test_missing_rows_stay_missing_and_spoil_nothing(clean):

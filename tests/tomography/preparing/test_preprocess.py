@@ -3,8 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography.preparing import preprocess
-from worker.tomography.preparing.preprocess import CountsError, line_integrals
+from worker.tomography.preparing.preprocess import CountsError, Exposure, line_integrals
 
 VIEWS, ROWS, CELLS = 4, 3, 10
 DARK, AIR = 100.0, 40_000.0
@@ -85,15 +84,14 @@ def test_the_counts_are_left_as_they_came():
     np.testing.assert_array_equal(counts, before)
 
 
-def test_the_counts_may_be_overwritten_block_by_block(monkeypatch):
-    integrals = np.random.default_rng(703).uniform(-0.1, 5.0, (VIEWS, ROWS, CELLS))
-    counts = counts_of(integrals)
+def test_counts_are_overwritten_some_rows_at_a_time():
+    counts = counts_of(np.random.default_rng(703).uniform(-0.1, 5.0, (VIEWS, ROWS, CELLS)))
     counts[1, 2, 3] = counts[2, 0, 7] = DARK
-    whole = line_integrals(counts, *fields())
-    monkeypatch.setattr(preprocess, "BLOCK_BYTES", 2 * 4 * VIEWS * CELLS)
-    in_place = line_integrals(counts, *fields(), out=counts)
-    assert in_place.stack is counts
-    assert in_place.remarks == whole.remarks
+    flats, darks = fields()
+    flats[:, 1, 4] = DARK
+    whole, exposure = line_integrals(counts, flats, darks), Exposure.of(flats, darks)
+    starved = sum(exposure.to_line_integrals(counts[:, row : row + 1], row) for row in range(ROWS))
+    assert exposure.remarks(starved) == whole.remarks
     np.testing.assert_array_equal(counts, whole.stack)
 
 

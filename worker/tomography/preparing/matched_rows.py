@@ -6,6 +6,7 @@ shifts along the log the one with most followers is taken, as RANSAC does, with 
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -34,8 +35,9 @@ CONTRADICTING, ROUNDS = 0.25, 10
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Of one view: positions (n, 2) as cell and row, and descriptors (n, 128)."""
+    """Of one view of so many cells: positions (n, 2) as cell and row, and descriptors (n, 128)."""
 
+    cells: int
     at: NDArray[np.float32]
     descriptors: NDArray[np.float32]
 
@@ -50,12 +52,12 @@ class _Pair:
     standard_deviation: float
 
 
-def shifts_by_features(stack: Stack, angles_rad: FloatArray) -> RowShifts:
+def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowShifts:
     """Each view's shift from features matched between neighbouring views.
 
     Parameters
     ----------
-    stack : (views, rows, cells) float32
+    images : all views' images (rows, cells) float32, one after the other
         Line integrals; missing rows are NaN.
     angles_rad : (views,) float64
 
@@ -64,24 +66,21 @@ def shifts_by_features(stack: Stack, angles_rad: FloatArray) -> RowShifts:
     RowsError
         Where a view shares too few features with its neighbours.
     """
-    present = present_rows(stack)
-    if present.sum(axis=1).min() < FEWEST_ROWS:
-        view = int(present.sum(axis=1).argmin())
-        raise RowsError(f"view {view} has {int(present[view].sum())} rows; features need at least {FEWEST_ROWS}")
     detector = cv2.SIFT.create(nfeatures=MOST_FEATURES, contrastThreshold=CONTRAST)
-    features = [_features(detector, stack[view], present[view]) for view in range(len(stack))]
-    furthest = FURTHEST_ACROSS * stack.shape[2]
-    pairs = [_matched(features, one, other, furthest) for one, other in _neighbours(angles_rad)]
-    return _solved([pair for pair in pairs if pair is not None], len(stack))
+    features = [_features(detector, view, image) for view, image in enumerate(images)]
+    pairs = [_matched(features, one, other) for one, other in _neighbours(angles_rad)]
+    return _solved([pair for pair in pairs if pair is not None], len(features))
 
 
-def _features(detector: "cv2.Feature2D", image: Stack, present: NDArray[np.bool_]) -> _Features:
-    rows = np.flatnonzero(present)
+def _features(detector: "cv2.Feature2D", view: int, image: Stack) -> _Features:
+    rows, cells = np.flatnonzero(present_rows(image)), image.shape[1]
+    if rows.size < FEWEST_ROWS:
+        raise RowsError(f"view {view} has {rows.size} rows; features need at least {FEWEST_ROWS}")
     points, descriptors = detector.detectAndCompute(_grey(image[rows]), None)
     if not points:
-        return _Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
+        return _Features(cells, np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
     at = np.asarray(cv2.KeyPoint.convert(points), np.float32) + np.array([0.0, rows[0]], np.float32)
-    return _Features(at, np.asarray(descriptors, np.float32))
+    return _Features(cells, at, np.asarray(descriptors, np.float32))
 
 
 def _grey(image: Stack) -> NDArray[np.uint8]:
@@ -102,7 +101,7 @@ def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
     return pairs
 
 
-def _matched(features: list[_Features], first: int, second: int, furthest: float) -> _Pair | None:
+def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
     """The shift that most matches agree on; None where too few do."""
     one, other = features[first], features[second]
     if min(len(one.at), len(other.at)) < FEWEST_AGREEING:
@@ -115,7 +114,7 @@ def _matched(features: list[_Features], first: int, second: int, furthest: float
     if not best:
         return None
     across, along = (one.at[[m.queryIdx for m in best]] - other.at[[m.trainIdx for m in best]]).T
-    along = along[np.abs(across) <= furthest]
+    along = along[np.abs(across) <= FURTHEST_ACROSS * one.cells]
     if not along.size:
         return None
     agreeing = np.abs(along[:, None] - along) <= AGREEING_ROWS

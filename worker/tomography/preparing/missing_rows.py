@@ -54,8 +54,8 @@ class RowShifts:
 
 
 def present_rows(stack: Stack) -> Rows:
-    """Which rows (views, rows) of a stack (views, rows, cells) are there: a missing row is NaN in every cell."""
-    return ~np.isnan(stack[:, :, 0])
+    """Which rows (..., rows) of images (..., rows, cells) are there: a missing row is NaN in every cell."""
+    return ~np.isnan(stack[..., 0])
 
 
 def check_certain(standard_deviation: FloatArray, why: str) -> None:
@@ -68,33 +68,53 @@ def check_certain(standard_deviation: FloatArray, why: str) -> None:
         )
 
 
-def aligned(stack: Stack, shifts: RowShifts) -> Stack:
-    """The stack (views, rows, cells) with each view moved by its shift, only the rows that all views have.
+@dataclass(frozen=True, eq=False)
+class CommonRows:
+    """The rows of the log that all views have, and where each view has them.
 
-    Whole shifts move rows; others resample them by cubic convolution.
-
-    Raises
-    ------
-    RowsError
-        Where the views have no row in common.
+    Attributes
+    ----------
+    shifts : RowShifts
+    begin, end : int
+        The common rows, counted along the log.
+    first, last : (views,) integers
+        The first and the last row of each view that is there.
     """
-    present = present_rows(stack)
-    first = present.argmax(axis=1)
-    last = present.shape[1] - 1 - present[:, ::-1].argmax(axis=1)
-    begin = int(np.ceil((first + shifts.rows).max() - 1e-9))
-    end = int(np.floor((last + shifts.rows).min() + 1e-9)) + 1
-    if end <= begin:
-        raise RowsError("the views have no row of the log in common: leave out the views that lost most rows")
-    out = np.empty((len(stack), end - begin, stack.shape[2]), np.float32)
-    for view, shift in enumerate(shifts.rows):
-        if shifts.whole:
-            start = begin - int(shift)
-            out[view] = stack[view, start : start + end - begin]
-        else:
-            out[view] = _resampled(
-                stack[view, first[view] : last[view] + 1], np.arange(begin, end) - shift - first[view]
-            )
-    return out
+
+    shifts: RowShifts
+    begin: int
+    end: int
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, present: Rows, shifts: RowShifts) -> "CommonRows":
+        """From the rows (views, rows) that are there.
+
+        Raises
+        ------
+        RowsError
+            Where the views have no row in common.
+        """
+        first = present.argmax(axis=1)
+        last = present.shape[1] - 1 - present[:, ::-1].argmax(axis=1)
+        begin = int(np.ceil((first + shifts.rows).max() - 1e-9))
+        end = int(np.floor((last + shifts.rows).min() + 1e-9)) + 1
+        if end <= begin:
+            raise RowsError("the views have no row of the log in common: leave out the views that lost most rows")
+        return cls(shifts, begin, end, first, last)
+
+    def of_view(self, view: int, image: Stack) -> Stack:
+        """The common rows of a view's image (rows, cells), moved by its shift.
+
+        Whole shifts move rows; others resample them by cubic convolution.
+        """
+        shift = self.shifts.rows[view]
+        if self.shifts.whole:
+            start = self.begin - int(shift)
+            return image[start : start + self.end - self.begin]
+        there = image[self.first[view] : self.last[view] + 1]
+        return _resampled(there, np.arange(self.begin, self.end) - shift - self.first[view])
 
 
 def _resampled(image: Stack, at: FloatArray) -> Stack:

@@ -72,18 +72,27 @@ class _Findings:
     stripes: list[tuple[float, float, bool]] = field(default_factory=list)
 
 
-def prepare_rows(stack: Stack, measures: Measures) -> PreparedRows:
-    """Prepare a stack (views, rows, cells) of line integrals in place; missing rows are NaN and stay so.
+class Preparation:
+    """A stack (views, rows, cells) of line integrals being prepared, some rows at a time.
 
-    Each row is treated by itself, so that a part of a stack is prepared as the whole is.
+    Each row is treated by itself, so that it does not matter which rows come together.
     """
-    _, rows, cells = stack.shape
-    found = _Findings(np.zeros((rows, cells), bool), np.ones(cells, bool))
-    for row in range(rows):
-        there = ~np.isnan(stack[:, row, 0])
-        if there.any():
-            stack[there, row] = _prepared(np.ascontiguousarray(stack[there, row]), measures, found, row)
-    return PreparedRows(found.faulty, found.air_cells, _remarks(found, measures))
+
+    def __init__(self, measures: Measures, rows: int, cells: int) -> None:
+        self._measures = measures
+        self._found = _Findings(np.zeros((rows, cells), bool), np.ones(cells, bool))
+
+    def treat(self, stack: Stack, first_row: int = 0) -> None:
+        """Prepare rows from `first_row` on (views, rows, cells) in place; missing rows are NaN and stay so."""
+        for row in range(stack.shape[1]):
+            there = ~np.isnan(stack[:, row, 0])
+            if there.any():
+                sinogram = np.ascontiguousarray(stack[there, row])
+                stack[there, row] = _prepared(sinogram, self._measures, self._found, first_row + row)
+
+    def done(self) -> PreparedRows:
+        """What was done to the rows that were treated."""
+        return PreparedRows(self._found.faulty, self._found.air_cells, _remarks(self._found, self._measures))
 
 
 def _prepared(sinogram: Sinogram, measures: Measures, found: _Findings, row: int) -> Sinogram:

@@ -4,6 +4,7 @@ The sum over a detector row is the mass of that slice of the log, which hardly c
 profile of sums is the others' profile, shifted.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,11 +45,12 @@ class RowMoments:
     first: FloatArray
 
     @classmethod
-    def of(cls, stack: Stack, cells: NDArray[np.bool_] | None = None) -> "RowMoments":
-        """Of a stack (views, rows, cells), over some of its cells: air adds but noise."""
-        over = np.ones(stack.shape[2], np.float32) if cells is None else cells.astype(np.float32)
+    def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":
+        """Of all views' images (rows, cells), over some of the cells: air adds but noise."""
+        over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
-        mass, first = np.moveaxis((stack @ weights).astype(np.float64), 2, 0)
+        sums = np.stack([image @ weights for image in images])
+        mass, first = np.moveaxis(sums.astype(np.float64), 2, 0)
         centroid = np.nansum(first) / (np.nansum(mass) or 1.0)
         return cls(mass, (first - centroid * mass) * max(over.size - 1, 1))
 
