@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from worker.tomography.filters import FilterName, filter_rows, ramp_response
+from worker.tomography.filters import FilterName, RowFilter, ramp_response
 from worker.tomography.geometry import GeometryError
 
 PITCH = 1.5
@@ -39,10 +39,14 @@ def test_the_ramp_is_the_frequency_in_cycles_per_mm():
     assert 0.0 < response[0] < 1e-3
 
 
+def filtered(row, pitch, name):
+    return RowFilter.of(np.ones(row.shape[-1]), pitch, name, 1.0)(row)
+
+
 def test_the_kernel_is_that_of_kak_and_slaney():
     row = np.zeros((1, 65), np.float32)
     row[0, 32] = 1.0
-    kernel = filter_rows(row, PITCH, FilterName.RAM_LAK, 1.0)[0]
+    kernel = filtered(row, PITCH, FilterName.RAM_LAK)[0]
     n = np.arange(65) - 32
     # Eq. 3.61 times the cell's width; single precision relative to the peak.
     expected = np.where(n % 2 == 1, -1.0 / (np.pi * np.where(n == 0, 1, n) * PITCH) ** 2, 0.0) * PITCH
@@ -57,8 +61,8 @@ def test_filtering_is_the_convolution_with_zeros_outside(name):
     row = rng.standard_normal((2, 40)).astype(np.float32)
     wide = np.zeros((2, 400), np.float32)
     wide[:, :40] = row
-    short = filter_rows(row, PITCH, name, 1.0)
-    long = filter_rows(wide, PITCH, name, 1.0)[:, :40]
+    short = filtered(row, PITCH, name)
+    long = filtered(wide, PITCH, name)[:, :40]
     # A window's own tail is cut by the padding: a thousandth of the peak.
     np.testing.assert_allclose(short, long, atol=2e-3 * np.abs(long).max())
 
@@ -67,13 +71,21 @@ def test_filtering_is_the_convolution_with_zeros_outside(name):
 def test_a_smooth_row_is_filtered_alike_by_every_window(name):
     x = np.arange(301) - 150.0
     row = np.exp(-0.5 * (x / 30.0) ** 2)[None].astype(np.float32)
-    filtered = filter_rows(row, 1.0, name, 1.0)[0]
-    ramp = filter_rows(row, 1.0, FilterName.RAM_LAK, 1.0)[0]
+    smooth = filtered(row, 1.0, name)[0]
+    ramp = filtered(row, 1.0, FilterName.RAM_LAK)[0]
     # The row's frequencies end near 1 / 60 of the cut-off, where every window is 1 to a hundredth.
-    np.testing.assert_allclose(filtered, ramp, atol=0.01 * np.abs(ramp).max())
+    np.testing.assert_allclose(smooth, ramp, atol=0.01 * np.abs(ramp).max())
 
 
 @pytest.mark.parametrize("scaling", [0.0, -0.5, 1.01, float("nan")])
 def test_a_cut_off_outside_the_detector_s_frequencies_is_refused(scaling):
     with pytest.raises(GeometryError, match="frequency_scaling must be above 0 and at most 1"):
         ramp_response(64, PITCH, FilterName.HANN, scaling)
+
+
+def test_the_weight_comes_before_the_ramp():
+    rng = np.random.default_rng(402)
+    rows, weight = rng.standard_normal((3, 33)).astype(np.float32), rng.uniform(0.5, 1.0, 33)
+    both = RowFilter.of(weight, PITCH, FilterName.HANN, 1.0)(rows)
+    expected = filtered((rows * weight).astype(np.float32), PITCH, FilterName.HANN)
+    np.testing.assert_allclose(both, expected, atol=1e-6 * np.abs(expected).max())

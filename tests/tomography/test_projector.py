@@ -95,6 +95,41 @@ def test_a_block_is_its_slices_one_by_one(projector, name, slices):
 
 
 @every_geometry
+@pytest.mark.parametrize("sense", [1, -1])
+# One, four and sixteen lanes hold them; more than eight slices are not turned.
+@pytest.mark.parametrize("slices", [1, 3, 5, 9])
+def test_views_a_quarter_turn_apart_are_views_like_any_other(projector, full_turn, name, sense, slices):
+    rng = np.random.default_rng(307)
+    angles, order = sense * full_turn(12), rng.permutation(12)
+    geometry, grid = projector(name, 33).geometry, ImageGrid(33, 400.0)
+    shared, any_order = (Projector(geometry.with_angles(chosen), grid) for chosen in (angles, angles[order]))
+    assert (shared.quarter_turn, any_order.quarter_turn) == (sense, 0)
+    images = rng.standard_normal((slices, 33, 33)).astype(np.float32)
+    sinograms = rng.standard_normal((slices, *shared.geometry.sinogram_shape)).astype(np.float32)
+    forward, back = shared.forward(images), shared.adjoint(sinograms)
+    # The turned views' angles are exact to 1e-15; the order of summation differs.
+    others = any_order.forward(images)
+    assert np.linalg.norm(forward[:, order] - others) < 1e-6 * np.linalg.norm(others)
+    others = any_order.adjoint(sinograms[:, order])
+    assert np.linalg.norm(back - others) < 1e-6 * np.linalg.norm(others)
+
+
+def test_quarter_turns_need_the_centre_of_rotation_in_the_middle_and_views_that_repeat(projector, full_turn):
+    geometry = projector("straight", 16).geometry
+
+    def of(angles, centre_mm=(0.0, 0.0)):
+        return Projector(geometry.with_angles(angles), ImageGrid(16, 200.0, centre_mm)).quarter_turn
+
+    assert of(full_turn(20)) == 1
+    assert of(full_turn(20), (10.0, 0.0)) == 0
+    assert of(full_turn(18)) == 0
+    # A view that is off by more than the edge of a log could show.
+    angles = full_turn(20)
+    angles[7] += 1e-5
+    assert of(angles) == 0
+
+
+@every_geometry
 @every_size
 def test_forward_agrees_with_astra(projector, oracle, name, size):
     a = projector(name, size)

@@ -15,32 +15,35 @@ from numba import njit, prange
 _FAST = {"contract", "nsz", "arcp", "reassoc"}
 # Pixels along a side of a tile: the cells under it, for 64 slices and four views, stay in the second-level cache.
 _TILE = 16
+# Slices laid out at a time, the lanes of a vector: columns of more evict one another from the first-level cache.
+_TOGETHER = 16
 # Only an index whose sign bit is known to be clear is gathered with 32 bits.
 _UNSIGNED = np.uint32(0x7FFFFFFF)
 
 
 @njit(inline="always")
-def _tabulate(x, y, first, count, c, s, base, live, frame, at, left, right, g, p):
-    """Write the cells under the pixels first..first + count of the line that begins at (x, y), from [g, p] on."""
+def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g):
+    """Write the cells under pixels so many steps along x and y from the one at (x, y) to [g]."""
     big_r, c_tau, s_tau, scale, offset, top, pixel, power = frame
     # q = Rot(-beta) (x, y) + (0, R), its x component and its component along the detector normal.
     qx = c * x + s * y
     qy = c * y - s * x + big_r
-    across, across_step = np.float32(qx) * scale, np.float32(s * pixel) * scale
+    across, across_x, across_y = np.float32(qx) * scale, np.float32(c * pixel) * scale, np.float32(s * pixel) * scale
     depth = np.float32(qy * c_tau - qx * s_tau)
-    depth_step = np.float32((c * c_tau - s * s_tau) * pixel)
+    depth_x = np.float32(-(s * c_tau + c * s_tau) * pixel)
+    depth_y = np.float32((c * c_tau - s * s_tau) * pixel)
     zero, one = np.float32(0.0), np.float32(1.0)
-    for j in range(count):
-        step = np.float32(first + j)
-        inverse = one / (depth + step * depth_step)
-        t = (across + step * across_step) * inverse + offset
+    for p in range(along_x.size):
+        i, j = along_x[p], along_y[p]
+        inverse = one / (depth + i * depth_x + j * depth_y)
+        t = (across + i * across_x + j * across_y) * inverse + offset
         t = min(max(t, zero), top)
         cell = np.int32(t)
         weight = live * inverse * (inverse if power == 2 else one)
         share = weight * (t - np.float32(cell))
-        at[g, p + j] = base + np.uint32(cell)
-        left[g, p + j] = weight - share
-        right[g, p + j] = share
+        at[g, p] = base + np.uint32(cell)
+        left[g, p] = weight - share
+        right[g, p] = share
 
 
 @njit(inline="always")
@@ -64,6 +67,7 @@ def back_project(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, 
         i = np.int64(ii)
         x = low_x + (i + 0.5) * pixel
         line = np.zeros(size, np.float32)
+        none, along = np.zeros(size, np.float32), np.arange(size).astype(np.float32)
         at = np.empty((4, size), np.uint32)
         left = np.empty((4, size), np.float32)
         right = np.empty((4, size), np.float32)
@@ -72,7 +76,7 @@ def back_project(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, 
                 view = min(k + g, views - 1)
                 live = np.float32(k + g < views)
                 base = np.uint32(view * padded)
-                _tabulate(x, y, 0, size, cosine[view], sine[view], base, live, frame, at, left, right, g, 0)
+                _tabulate(x, y, none, along, cosine[view], sine[view], base, live, frame, at, left, right, g)
             for j in range(size):
                 a, b = flat[at[0, j] & _UNSIGNED], flat[at[1, j] & _UNSIGNED]
                 c, d = flat[at[2, j] & _UNSIGNED], flat[at[3, j] & _UNSIGNED]
@@ -108,12 +112,13 @@ def back_project_quarters(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y
         i = np.int64(ii)
         x = low_x + (i + 0.5) * pixel
         lines = np.zeros((4, size), np.float32)
+        none, along = np.zeros(size, np.float32), np.arange(size).astype(np.float32)
         at = np.empty((1, size), np.uint32)
         left = np.empty((1, size), np.float32)
         right = np.empty((1, size), np.float32)
         for k in range(quarter):
             base, live = np.uint32(k * padded), np.float32(1.0)
-            _tabulate(x, y, 0, size, cosine[k], sine[k], base, live, frame, at, left, right, 0, 0)
+            _tabulate(x, y, none, along, cosine[k], sine[k], base, live, frame, at, left, right, 0)
             for j in range(size):
                 near, far, here = left[0, j], right[0, j], at[0, j]
                 a = flat[here & _UNSIGNED]
@@ -141,26 +146,26 @@ def back_project_block(rows, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pi
     cosine, sine = np.cos(beta), np.sin(beta)
     frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
     slices, size = out.shape[0], out.shape[1]
-    y = low_y + 0.5 * pixel
-    tiles = (size + _TILE - 1) // _TILE
+    across = (size + _TILE - 1) // _TILE
     one_cell = np.uint64(lanes)
-    for tt in prange(tiles * tiles):
+    along_x = (np.arange(_TILE * _TILE) // _TILE).astype(np.float32)
+    along_y = (np.arange(_TILE * _TILE) % _TILE).astype(np.float32)
+    for tt in prange(across * across):
         tile = np.int64(tt)
-        i0, j0 = tile // tiles * _TILE, tile % tiles * _TILE
-        wide, high = min(_TILE, size - i0), min(_TILE, size - j0)
         total = np.zeros(_TILE * _TILE * lanes, np.float32)
         at = np.empty((4, _TILE * _TILE), np.uint32)
         left = np.empty((4, _TILE * _TILE), np.float32)
         right = np.empty((4, _TILE * _TILE), np.float32)
+        i0, j0 = tile // across * _TILE, tile % across * _TILE
+        x, y = low_x + (i0 + 0.5) * pixel, low_y + (j0 + 0.5) * pixel
         for k in range(0, views, 4):
             for g in range(4):
                 view = min(k + g, views - 1)
                 live = np.float32(k + g < views)
                 base, c, s = np.uint32(view * padded), cosine[view], sine[view]
-                for i in range(wide):
-                    x = low_x + (i0 + i + 0.5) * pixel
-                    _tabulate(x, y, j0, high, c, s, base, live, frame, at, left, right, g, i * high)
-            for p in range(wide * high):
+                _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g)
+            # Pixels of the tile beyond the image, too: they are added up and left there.
+            for p in range(_TILE * _TILE):
                 here = np.uint64(p) * one_cell
                 a0, b0 = np.uint64(at[0, p]) * one_cell, np.uint64(at[1, p]) * one_cell
                 c0, d0 = np.uint64(at[2, p]) * one_cell, np.uint64(at[3, p]) * one_cell
@@ -180,36 +185,38 @@ def back_project_block(rows, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pi
                     far += right_d * flat[d1 + n]
                     total[here + n] = near + far
         for n in range(slices):
-            for i in range(wide):
-                for j in range(high):
-                    out[n, i0 + i, j0 + j] = total[(i * high + j) * lanes + n]
+            for i in range(min(_TILE, size - i0)):
+                for j in range(min(_TILE, size - j0)):
+                    out[n, i0 + i, j0 + j] = total[(i * _TILE + j) * lanes + n]
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def lay_out(filtered, view_weight, cell_weight, rows):
     """Weigh filtered rows (views, slices, cells) into rows (views, cells + 2, lanes), the slices innermost."""
     views, slices, cells = filtered.shape
     lanes = rows.shape[2]
     zero = np.float32(0.0)
-    for kk in prange(views):
-        k = np.int64(kk)
+    weight = np.empty(cells, np.float32)
+    for k in range(views):
         for m in range(cells):
-            weight = np.float32(view_weight[k] * cell_weight[m])
-            for n in range(slices):
-                rows[k, m + 1, n] = weight * filtered[k, n, m]
-            for n in range(slices, lanes):
-                rows[k, m + 1, n] = zero
+            weight[m] = view_weight[k] * cell_weight[m]
+        for first in range(0, slices, _TOGETHER):
+            stop = min(first + _TOGETHER, slices)
+            for m in range(cells):
+                for n in range(first, stop):
+                    rows[k, m + 1, n] = weight[m] * filtered[k, n, m]
+                for n in range(stop, first + _TOGETHER):
+                    rows[k, m + 1, n] = zero
         for n in range(lanes):
             rows[k, 0, n] = rows[k, cells + 1, n] = zero
 
 
-@njit(parallel=True, cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def pair_up(filtered, view_weight, cell_weight, pairs):
     """Weigh filtered rows (views, cells) into pairs (views, cells + 2, 2): a cell and its right neighbour."""
     views, cells = filtered.shape
     zero = np.float32(0.0)
-    for kk in prange(views):
-        k = np.int64(kk)
+    for k in range(views):
         before = zero
         for m in range(cells):
             value = np.float32(view_weight[k] * cell_weight[m]) * filtered[k, m]

@@ -1,28 +1,25 @@
 """Filtered back-projection with the exact fan-beam weights for any shift and tilt, at any explicit angles."""
 
-import math
-from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numba import get_num_threads
 from numpy.typing import ArrayLike, NDArray
 
 from worker.tomography import _fbp_numba as kernels
-from worker.tomography.filters import FilterName, filter_rows
+from worker.tomography.filters import FilterName, RowFilter
 from worker.tomography.geometry import FloatArray, GeometryError, view_weights
 from worker.tomography.projector import Image, Projector
 
 Weighting = Literal["exact", "none"]
 Block = NDArray[np.float32]
 
-# Slices are handled in vectors of so many; a block of fewer than LEAST_BLOCK is faster one by one.
+# Slices are handled in vectors of so many.
 LANES = 16
-LEAST_BLOCK = 5
-# Filtered at a time: few enough to stay near the processor.
-_FILTERED_BYTES = 2 * 2**20
-# Views a quarter turn apart to this share their tables: 0.2 micrometres at the edge of a log.
-_SAME_ANGLE_RAD = 1e-6
+# Filtered at a time: few enough to stay near the processor, in memory that is not given back in between.
+_FILTERED_BYTES = 2**19
 
 
 def fbp(
@@ -60,12 +57,12 @@ def fbp(
     prepared = Preparation.of(projector, weighting, filter_name, frequency_scaling)
     views, cells = data.shape
     pairs = np.empty((views, cells + 2, 2), np.float32)
-    kernels.pair_up(prepared.filtered(data), prepared.view_weight, prepared.cell_weight, pairs)
+    for part in _parts(views, cells):
+        kernels.pair_up(prepared.filtered(data[part]), prepared.view_weight[part], prepared.cell_weight, pairs[part])
     gathered = pairs.view(np.uint64)[..., 0]
     size = projector.grid.size
     image: Image
-    # Quarter turns of the image onto itself need the centre of rotation in its middle.
-    sense = _quarter_turn(projector.geometry.angles_rad) if projector.grid.is_centred else 0
+    sense = projector.quarter_turn
     if sense == 0:
         image = np.empty((size, size), np.float32)
         kernels.back_project(gathered, *prepared.frame, image)
@@ -92,7 +89,7 @@ def fbp_block(
     Parameters
     ----------
     stack : (views, slices, detector) float
-        Line integrals. Multiples of 16 slices, up to 64, are fastest.
+        Line integrals. Multiples of 16 slices, up to 64, are fastest; a few cost as much as 16.
 
     Returns
     -------
@@ -114,24 +111,23 @@ def fbp_block(
     views, slices, cells = data.shape
     size = projector.grid.size
     volume = np.empty((slices, size, size), np.float32)
-    if slices < LEAST_BLOCK:
-        for n in range(slices):
-            volume[n] = fbp(
-                projector,
-                data[:, n],
-                filter_name=filter_name,
-                frequency_scaling=frequency_scaling,
-                weighting=weighting,
-            )
-        return volume
     prepared = Preparation.of(projector, weighting, filter_name, frequency_scaling)
     rows = np.empty((views, cells + 2, lanes_of(slices)), np.float32)
-    step = max(1, _FILTERED_BYTES // (4 * slices * cells))
-    for first in range(0, views, step):
-        part = slice(first, first + step)
+
+    def lay_out(part: slice) -> None:
         kernels.lay_out(prepared.filtered(data[part]), prepared.view_weight[part], prepared.cell_weight, rows[part])
+
+    # Each thread takes what is next: views have nothing to wait for.
+    with ThreadPoolExecutor(get_num_threads()) as pool:
+        list(pool.map(lay_out, _parts(views, slices * cells)))
     kernels.back_project_block(rows, *prepared.frame, volume)
     return volume
+
+
+def _parts(views: int, values: int) -> list[slice]:
+    """The views, of so many values each, a few at a time."""
+    step = max(1, _FILTERED_BYTES // (4 * values))
+    return [slice(first, first + step) for first in range(0, views, step)]
 
 
 def lanes_of(slices: int) -> int:
@@ -160,14 +156,14 @@ class Preparation:
 
     Attributes
     ----------
-    filtered : callable
-        (..., cells) float32 to the same: what comes before the filter, and the filter.
+    filtered : RowFilter
+        With what comes before the filter.
     view_weight, cell_weight : (views,), (cells,) float64
         Their product weighs what is filtered.
     frame : _Frame
     """
 
-    filtered: Callable[[NDArray[np.float32]], NDArray[np.float32]]
+    filtered: RowFilter
     view_weight: FloatArray
     cell_weight: FloatArray
     frame: _Frame
@@ -183,32 +179,16 @@ class Preparation:
         # The ray to cell m from the source: a = (w cos tau, SDD + w sin tau).
         w = geometry.scanner.cell_centres_mm - u_c
         length = np.hypot(w * np.cos(tau), sdd + w * np.sin(tau))
-        cosine = (r * (sdd + w * np.sin(tau)) / length).astype(np.float32)
         exact = weighting == "exact"
         # A pixel shows the mean over its area: its shadow at the COR is averaged, or its noise would be a point's.
         shadow = grid.pixel_mm * frame.magnification
-
-        def filtered(rows: NDArray[np.float32]) -> NDArray[np.float32]:
-            weighted = rows * cosine if exact else rows
-            return filter_rows(weighted, pitch, filter_name, frequency_scaling, aperture_mm=shadow)
+        before = r * (sdd + w * np.sin(tau)) / length if exact else np.ones(w.size)
 
         # The plain adjoint counts lengths: the density of rays at a pixel is |a| / (n.(x - S)).
         beta, power = geometry.angles_rad + frame.psi_rad, 2 if exact else 1
         return cls(
-            filtered,
+            RowFilter.of(before, pitch, filter_name, frequency_scaling, aperture_mm=shadow),
             0.5 * view_weights(geometry.angles_rad),
             np.full(w.size, sdd * np.cos(tau)) if exact else length,
             _Frame(beta, r, sdd, u_c, tau, pitch, *grid.low_mm, grid.pixel_mm, power),
         )
-
-
-def _quarter_turn(angles_rad: FloatArray) -> int:
-    """The sense, 1 or -1, in which view k + views / 4 is a quarter turn after view k; 0 where it is not."""
-    if angles_rad.size % 4:
-        return 0
-    turned = np.roll(angles_rad, -(angles_rad.size // 4)) - angles_rad
-    for sense in (1, -1):
-        off = np.remainder(turned - sense * 0.5 * math.pi + math.pi, 2.0 * math.pi) - math.pi
-        if np.abs(off).max() < _SAME_ANGLE_RAD:
-            return sense
-    return 0

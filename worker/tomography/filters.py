@@ -1,5 +1,6 @@
 """The ramp filter of filtered back-projection and its windows."""
 
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -65,18 +66,43 @@ def ramp_response(
     return ramp * _window(name, relative) * mean, length
 
 
-def filter_rows(
-    rows: NDArray[np.float32],
-    pitch_mm: float,
-    name: FilterName,
-    frequency_scaling: float,
-    *,
-    aperture_mm: float = 0.0,
-) -> NDArray[np.float32]:
-    """Each row (..., cells) convolved with the windowed ramp, zero padded; in the rows' unit per mm."""
-    cells = rows.shape[-1]
-    response, length = ramp_response(cells, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
-    spectrum = scipy.fft.rfft(rows, n=length, workers=-1)
-    spectrum *= response.astype(np.float32)
-    filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=length, workers=-1, overwrite_x=True)[..., :cells]
-    return filtered
+@dataclass(frozen=True, eq=False)
+class RowFilter:
+    """A weight for each cell, and then the windowed ramp over the row.
+
+    Attributes
+    ----------
+    weight : (cells,) float32
+    response : (length // 2 + 1,) float32
+        Of `ramp_response`.
+    length : int
+        Of a row padded with zeros.
+    """
+
+    weight: NDArray[np.float32]
+    response: NDArray[np.float32]
+    length: int
+
+    @classmethod
+    def of(
+        cls,
+        weight: FloatArray,
+        pitch_mm: float,
+        name: FilterName,
+        frequency_scaling: float,
+        *,
+        aperture_mm: float = 0.0,
+    ) -> "RowFilter":
+        """As `ramp_response`."""
+        response, length = ramp_response(weight.size, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
+        return cls(weight.astype(np.float32), response.astype(np.float32), length)
+
+    def __call__(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Each row (..., cells) float32, in its unit per mm."""
+        cells = self.weight.size
+        padded = np.zeros((*rows.shape[:-1], self.length), np.float32)
+        np.multiply(rows, self.weight, out=padded[..., :cells])
+        spectrum = scipy.fft.rfft(padded, overwrite_x=True)
+        spectrum *= self.response
+        filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=self.length, overwrite_x=True)[..., :cells]
+        return filtered

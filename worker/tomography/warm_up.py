@@ -6,7 +6,7 @@ from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
 from worker.tomography.built_in import L_SHAPE
 from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.fbp import LEAST_BLOCK, fbp, fbp_block
+from worker.tomography.fbp import fbp, fbp_block
 from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.projector import Projector
@@ -21,6 +21,6 @@ def warm_up() -> None:
     calibrate(CalibrationTask(scanner, L_SHAPE, sinogram, angles))
     projector = Projector(geometry, ImageGrid(16, 400.0))
     fbp(projector, sinogram)
-    fbp_block(projector, np.repeat(sinogram[:, None], LEAST_BLOCK, axis=1))
+    fbp_block(projector, sinogram[:, None])
     # A view less, and none is a quarter turn from another.
     fbp(Projector(geometry.with_angles(angles[1:]), projector.grid), sinogram[1:])

@@ -96,3 +96,34 @@ def test_a_first_guess_of_the_curvature_saves_iterations():
     # The exact inverse needs one step, and then the spell that shows that nothing is left to gain.
     assert found(Inverse()).values[0] == pytest.approx(1.0, abs=1e-6)
     assert found(Inverse()).iterations[0] < 0.5 * found(None).iterations[0]
+
+
+def test_a_problem_among_others_takes_the_steps_that_it_takes_alone():
+    """Each has its own history, step length and end, whichever of the others shorten their steps or are done."""
+    rng = np.random.default_rng(1005)
+    centre = rng.standard_normal((3, 8, 8)).astype(np.float32)
+    stiffness = (np.geomspace(1.0, 300.0, 64).reshape(8, 8) * np.array([1.0, 1e-3, 50.0])[:, None, None]).astype(
+        np.float32
+    )
+
+    def objective(images, which):
+        # Not convex: steps are shortened.
+        off = stiffness[which] * (images - centre[which])
+        value = np.sum(np.log1p(off**2), axis=(1, 2), dtype=np.float64)
+        return value, 2.0 * stiffness[which] * off / (1.0 + off**2)
+
+    def found(which):
+        return minimise(
+            lambda images, inner: objective(images, which[inner]),
+            np.zeros((which.size, 8, 8), np.float32),
+            lower=0.0,
+            iterations=60,
+            tolerance=1e-3,
+        )
+
+    together = found(np.arange(3))
+    assert len(set(together.iterations.tolist())) > 1
+    for problem in range(3):
+        alone = found(np.array([problem]))
+        assert alone.iterations[0] == together.iterations[problem]
+        np.testing.assert_array_equal(alone.images[0], together.images[problem])

@@ -1,4 +1,8 @@
-"""Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel), one thread each."""
+"""Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel), one thread each.
+
+`which` names the problems that a call is about; arrays (named, pixels) have a row for each of them, arrays (problems,
+pixels) one for every problem there is. A pixel is held where it is at the bound and its gradient pushes outwards.
+"""
 
 import numpy as np
 from numba import njit, prange
@@ -17,20 +21,26 @@ def _add_then_dot(q, factor, vector, other):
     return total
 
 
+@njit(inline="always")
+def _held(x, gradient, low):
+    return x <= low and gradient > np.float32(0.0)
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def towards_first_guess(which, gradient, held, shares, steps, changes, products, used, newest, taken, out):
+def towards_first_guess(which, x, gradient, lower, shares, steps, changes, products, used, newest, taken, out):
     """The first half of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times shares, into out.
 
-    gradient, held and out are (named, pixels), shares (problems, pixels); the histories steps and changes
-    (problems, memory, pixels) are rings, with products (problems, memory) = s . y. Fills taken (problems, memory).
+    x, gradient and shares are (problems, pixels), out (named, pixels); the histories steps and changes (problems,
+    memory, pixels) are rings, with products (problems, memory) = s . y. Fills taken (problems, memory).
     """
     memory = steps.shape[1]
+    low = np.float32(lower)
     for bb in prange(which.size):
         b = np.int64(bb)
         w = which[b]
         q, s, y = out[b], steps[w], changes[w]
         for p in range(q.size):
-            q[p] = np.float32(0.0) if held[b, p] else gradient[b, p]
+            q[p] = np.float32(0.0) if _held(x[w, p], gradient[w, p], low) else gradient[w, p]
         count = used[w]
         h = newest[w]
         dot = _add_then_dot(q, 0.0, q, s[h])
@@ -45,9 +55,10 @@ def towards_first_guess(which, gradient, held, shares, steps, changes, products,
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def directions(which, held, shares, scales, steps, changes, products, used, newest, taken, out):
+def directions(which, x, gradient, lower, shares, scales, steps, changes, products, used, newest, taken, out):
     """The second half, in place, from what the first guess of H made of the first half: -H g, zero where held."""
     memory = steps.shape[1]
+    low = np.float32(lower)
     for bb in prange(which.size):
         b = np.int64(bb)
         w = which[b]
@@ -64,40 +75,43 @@ def directions(which, held, shares, scales, steps, changes, products, used, newe
             dot = _add_then_dot(q, taken[w, h] - dot / products[w, h], s[h], y[following])
             h = following
         for p in range(q.size):
-            q[p] = np.float32(0.0) if held[b, p] else -q[p]
+            q[p] = np.float32(0.0) if _held(x[w, p], gradient[w, p], low) else -q[p]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def move(x, direction, gradient, lengths, lower, out):
-    """Fill out with max(x + length direction, lower); returns gradient . (out - x) of each problem."""
-    gains = np.zeros(lengths.size)
-    for bb in prange(lengths.size):
+def move(which, rows, x, direction, gradient, lengths, lower, out):
+    """Fill out (named, pixels) with max(x + length direction[row], lower); returns gradient . (out - x) of each."""
+    gains = np.zeros(which.size)
+    low = np.float32(lower)
+    for bb in prange(which.size):
         b = np.int64(bb)
-        length, low = np.float32(lengths[b]), np.float32(lower)
+        w, row, length = which[b], rows[b], np.float32(lengths[b])
         total = 0.0
         for p in range(x.shape[1]):
-            new = max(x[b, p] + length * direction[b, p], low)
-            total += gradient[b, p] * (new - x[b, p])
+            new = max(x[w, p] + length * direction[row, p], low)
+            total += gradient[w, p] * (new - x[w, p])
             out[b, p] = new
         gains[b] = total
     return gains
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def remember(which, x, x_new, gradient, gradient_new, newest, steps, changes, products, used):
-    """Put each problem's step and change of gradient into its history, where they show upward curvature."""
+def accept(which, rows, moved, slope, x, gradient, newest, steps, changes, products, used):
+    """Go to moved[row], where the gradient is slope[row]; the step becomes history where it shows upward curvature."""
     memory = steps.shape[1]
     for bb in prange(which.size):
         b = np.int64(bb)
-        w = which[b]
+        w, row = which[b], rows[b]
         h = (newest[w] + 1) % memory
         s, y = steps[w, h], changes[w, h]
         sy, yy = 0.0, 0.0
         for p in range(s.size):
-            s[p] = x_new[b, p] - x[b, p]
-            y[p] = gradient_new[b, p] - gradient[b, p]
+            s[p] = moved[row, p] - x[w, p]
+            y[p] = slope[row, p] - gradient[w, p]
             sy += s[p] * y[p]
             yy += y[p] * y[p]
+            x[w, p] = moved[row, p]
+            gradient[w, p] = slope[row, p]
         if sy > 1e-10 * yy and sy > 0.0:
             products[w, h] = sy
             newest[w], used[w] = h, min(used[w] + 1, memory)

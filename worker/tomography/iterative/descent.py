@@ -139,15 +139,10 @@ def minimise(
             history.shares[active] = guess.shares(x[active].reshape(-1, n, n), active).reshape(active.size, -1)
         if guess is None or iteration % REFRESH == 0:
             history.scale(guess, active)
-        moved, value, slope = _step(objective, guess, history, x, gradient, values, active, lower)
-        kernels.remember(
-            active, x[active], moved, gradient[active], slope, history.newest, history.steps, history.changes,
-            history.products, history.used,
-        )  # fmt: skip
-        x[active], gradient[active], values[active] = moved, slope, value
+        _step(objective, guess, history, x, gradient, values, active, lower)
         done[active] = iteration + 1
         earlier = past[(iteration + 1) % SPELL, active]
-        converged[active] = earlier - value < tolerance * np.abs(value)
+        converged[active] = earlier - values[active] < tolerance * np.abs(values[active])
         if progress is not None:
             progress(iteration + 1, iterations)
     return Minimum(x.reshape(start.shape), values, done, converged)
@@ -167,25 +162,28 @@ def _step(
     values: Floats,
     active: Indices,
     lower: float,
-) -> tuple[Images, Floats, Images]:
-    """One accepted step of each active problem: images, objectives and gradients there."""
-    here, slope = x[active], gradient[active]
-    held = (here <= lower) & (slope > 0.0)
-    direction = np.empty_like(here)
+) -> None:
+    """One accepted step of each active problem, to new images, gradients and values."""
     rings = history.steps, history.changes, history.products, history.used, history.newest, history.taken
-    kernels.towards_first_guess(active, slope, held, history.shares, *rings, direction)
+    direction = np.empty((active.size, x.shape[1]), np.float32)
+    kernels.towards_first_guess(active, x, gradient, lower, history.shares, *rings, direction)
     if guess is not None:
         direction = guess.smoothed(direction.reshape(-1, history.n, history.n), active).reshape(direction.shape)
-    kernels.directions(active, held, history.shares, history.scales, *rings, direction)
+    kernels.directions(active, x, gradient, lower, history.shares, history.scales, *rings, direction)
     lengths = np.ones(active.size)
-    moved, value, new_slope = np.empty_like(here), np.empty(active.size), np.empty_like(here)
     trying = np.arange(active.size)
     while trying.size:
-        trial = np.empty((trying.size, here.shape[1]), np.float32)
-        promised = kernels.move(here[trying], direction[trying], slope[trying], lengths[trying], lower, trial)
-        value[trying], new_slope[trying] = _evaluate(objective, trial, active[trying], history.n)
-        moved[trying] = trial
-        enough = values[active[trying]] + ARMIJO * promised + ROUNDING * np.abs(values[active[trying]])
+        which = active[trying]
+        trial = np.empty((trying.size, x.shape[1]), np.float32)
+        promised = kernels.move(which, trying, x, direction, gradient, lengths[trying], lower, trial)
+        value, slope = _evaluate(objective, trial, which, history.n)
+        enough = values[which] + ARMIJO * promised + ROUNDING * np.abs(values[which])
         lengths[trying] *= SHRINK
-        trying = trying[(value[trying] > enough) & (lengths[trying] > SHORTEST)]
-    return moved, value, new_slope
+        short = (value > enough) & (lengths[trying] > SHORTEST)
+        taken = np.flatnonzero(~short)
+        kernels.accept(
+            which[taken], taken, trial, slope, x, gradient, history.newest, history.steps, history.changes,
+            history.products, history.used,
+        )  # fmt: skip
+        values[which[taken]] = value[taken]
+        trying = trying[short]

@@ -43,7 +43,7 @@ class Prior:
         bands = np.empty((len(images), -(-images.shape[1] // kernels.BAND)))
         kernel = kernels.cauchy if self.kind == "cauchy" else kernels.total_variation
         kernel(images, self.scale[which], self.strength[which], gradient, bands)
-        corner, strength = images[:, -1, -1].astype(np.float64), self.strength[which]
+        corner, strength = images[:, -1, -1].astype(np.float64), self.corner_strength()[which]
         square = self.corner[which] ** 2
         gradient[:, -1, -1] += strength * 2.0 * corner / (square + corner**2)
         return np.asarray(bands.sum(axis=1) + strength * np.log1p(corner**2 / square))
@@ -51,6 +51,10 @@ class Prior:
     def stiffest(self) -> Floats:
         """Curvature over a difference of 0, for each image."""
         return np.asarray(2.0 * self.strength / self.scale**2 if self.kind == "cauchy" else self.strength / self.scale)
+
+    def corner_strength(self) -> Floats:
+        """Of the hold of the corner pixel; a pure number, as an objective is."""
+        return self.strength if self.kind == "cauchy" else self.strength * self.scale
 
     def only(self, index: int) -> "Prior":
         """One image's."""
@@ -166,11 +170,19 @@ def descend(
     )
 
 
-def widely(objective: Objective, start: Images, factor: float, *, non_negative: bool, tolerance: float) -> Images:
+def widely(
+    objective: Objective,
+    start: Images,
+    factor: float,
+    *,
+    non_negative: bool,
+    tolerance: float,
+    progress: Progress | None = None,
+) -> Images:
     """Some iterations with the prior widened."""
     wide = replace(objective, prior=objective.prior.widened(factor))
     lower = 0.0 if non_negative else -np.inf
-    return minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance).images
+    return minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance, progress=progress).images
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,8 +219,12 @@ class Inside:
             for low in grid.low_mm
         ]
         ends = [(max(low, 0), min(high, grid.size)) for low, high in ends]
-        size = min(next_fast_len(max(1, *(high - low for low, high in ends)), real=True), grid.size)
-        low_x, low_y = (min(max(low, 0), grid.size - size) for low, _ in ends)
+        size = next_fast_len(max(1, *(high - low for low, high in ends)), real=True)
+        # Around the middle of a field around the COR, where views a quarter turn apart are faster.
+        while (grid.size - size) % 2:
+            size = next_fast_len(size + 1, real=True)
+        size = min(size, grid.size)
+        low_x, low_y = (min(max((low + high - size) // 2, 0), grid.size - size) for low, high in ends)
         field = size * grid.pixel_mm
         centre = (
             grid.low_mm[0] + low_x * grid.pixel_mm + 0.5 * field,

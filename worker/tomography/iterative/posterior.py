@@ -4,6 +4,7 @@ import numpy as np
 
 from worker.tomography.iterative.descent import Floats, Images
 from worker.tomography.iterative.penalised import Prior
+from worker.tomography.iterative.telling import Told, part_of
 from worker.tomography.projector import BLOCK, Image, Projector
 
 SAMPLES = 32
@@ -21,6 +22,7 @@ def posterior_deviation(
     non_negative: bool,
     samples: int = SAMPLES,
     iterations: int = ITERATIONS,
+    told: Told | None = None,
 ) -> Image:
     """Standard deviation of each pixel of images (slices, n, n), in their unit.
 
@@ -28,7 +30,8 @@ def posterior_deviation(
     curvature that the prior's reweighted quadratic has at the image. Its samples are H^-1 (A^T W^1/2 e + G^T C^1/2 e')
     with white noise e, e' (Papandreou and Yuille 2010); each pixel's spread over 32 of them is right to 12 per cent.
     Pixels at the bound 0 have none. It says how far noise alone moves a pixel between edges that stay where they are:
-    not the error of a wrong geometry, nor that an edge may be elsewhere.
+    not the error of a wrong geometry, nor that an edge may be elsewhere. `told` is told the share of the work that is
+    done, after every few samples.
     """
     rng = np.random.default_rng(SEED)
     out = np.empty_like(images)
@@ -39,6 +42,7 @@ def posterior_deviation(
         for start in range(0, samples, BLOCK):
             drawn = precision.sample(rng, min(BLOCK, samples - start), iterations)
             total += np.square(drawn, dtype=np.float64).sum(axis=0)
+            part_of(told, s / len(images), 1.0 / len(images))(min(start + BLOCK, samples) / samples)
         out[s] = np.sqrt(total / samples)
     return out
 
@@ -58,7 +62,7 @@ class _Precision:
         else:
             curvature = prior.strength[0] / prior.scale[0] / np.sqrt(square)
         self.curvature = curvature.astype(np.float32)
-        self.corner = float(2.0 * prior.strength[0] / (prior.corner[0] ** 2 + float(image[-1, -1]) ** 2))
+        self.corner = float(2.0 * prior.corner_strength()[0] / (prior.corner[0] ** 2 + float(image[-1, -1]) ** 2))
 
     def __call__(self, images: Images) -> Images:
         out: Images = self.projector.adjoint(self.projector.forward(images) * self.weights)
