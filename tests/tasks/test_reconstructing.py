@@ -52,6 +52,23 @@ def test_a_volume_of_several_blocks_says_its_range_and_how_long_it_takes(given, 
     assert [progress.fraction for progress in told] == sorted(progress.fraction for progress in told)
 
 
+@pytest.mark.parametrize(
+    ("method", "rows"), [("cauchy_map", 1), ("cauchy_map", 17), ("total_variation", 17), ("tikhonov", 1)]
+)
+def test_an_iterative_method_tells_the_time_left_before_its_first_block_is_done(given, tmp_path, method, rows):
+    told = []
+    given = replace(given, rows=(100, 100 + rows), counts=False)
+    options = ReconstructionOptions(size=32, field_mm=420.0, method=method)
+    run_reconstruction(given, options, tmp_path / "volume.h5", told.append)
+    fractions = [progress.fraction for progress in told]
+    assert fractions == sorted(fractions)
+    # Sixteen slices are a block; the last slices are still to be written when they are done.
+    within = [progress for progress in told if 0.0 < progress.fraction < min(rows, 16) / (rows + 1)]
+    assert len(within) > 5
+    assert within[-1].seconds_left is not None
+    assert told[-1].seconds_left == 0.0
+
+
 def test_slices_lie_where_their_rows_are_in_the_scan(given, tmp_path):
     given = replace(given, row_step=30, scanner=given.scanner.model_copy(update={"row_pitch_mm": 2.0}))
     result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)

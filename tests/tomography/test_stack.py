@@ -1,80 +1,75 @@
-"""A stack in blocks: the same slices, in order, with no more in memory than was promised."""
+"""A stack in blocks: each slice once, with no more in memory than was promised."""
 
-from functools import partial
+import threading
+import time
 
-import numpy as np
 import pytest
 
 from worker.tomography import cost
-from worker.tomography.fbp import fbp_block
-from worker.tomography.geometry import FanBeamGeometry, Scanner
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.projector import Projector
 from worker.tomography.stack import reconstruct_stack
 
-VIEWS, CELLS, SIZE, SLICES = 12, 64, 32, 40
+SLICES = 40
 
 
-@pytest.fixture
-def projector(theta, full_turn):
-    scanner = Scanner(source_to_cor_mm=859.46, num_detector_pixels=CELLS, detector_pitch_mm=18.0)
-    return Projector(FanBeamGeometry(scanner, theta, full_turn(VIEWS)), ImageGrid(SIZE, 400.0))
+@pytest.mark.parametrize("abreast", [1, 3])
+@pytest.mark.parametrize("step", [7, 16, 48])
+def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, abreast):
+    begun, told, at_work, most = [], [], set(), []
+    lock = threading.Lock()
 
+    def reconstruct(start, stop):
+        with lock:
+            begun.append((start, stop))
+            at_work.add(start)
+            most.append(len(at_work))
+        with lock:
+            at_work.remove(start)
 
-@pytest.fixture
-def stack():
-    return np.random.default_rng(711).standard_normal((VIEWS, SLICES, CELLS)).astype(np.float32)
-
-
-@pytest.mark.parametrize("block", [7, 16, 48])
-def test_blocks_make_the_whole_volume_in_order_and_read_one_block_ahead(projector, stack, block):
-    read, told = [], []
-    volume = np.full((SLICES, SIZE, SIZE), np.nan, np.float32)
-
-    def reading(start, stop):
-        # Never farther than the block after the one that is computed.
-        assert start <= (told[-1] if told else 0) + block
-        read.append((start, stop))
-        return stack[:, start:stop]
-
-    def writing(first, slices):
-        assert not np.isnan(volume[:first]).any()
-        volume[first : first + len(slices)] = slices
-
-    reconstruct_stack(SLICES, reading, partial(fbp_block, projector), writing, step=block, done=told.append)
-    # Blocks and slices by themselves differ by single precision.
-    np.testing.assert_allclose(volume, fbp_block(projector, stack), atol=1e-4 * np.abs(volume).max())
+    reconstruct_stack(SLICES, reconstruct, step=step, abreast=abreast, done=told.append)
+    assert begun == [(start, min(start + step, SLICES)) for start in range(0, SLICES, step)]
+    assert told == sorted(told)
     assert told[-1] == SLICES
-    assert [stop for _, stop in read] == told
-    assert max(stop - start for start, stop in read) == min(block, SLICES)
+    assert max(most) <= abreast
 
 
-def test_trouble_in_reading_or_writing_comes_out(projector, stack):
-    written = []
+def test_as_many_blocks_as_asked_for_are_at_work_at_a_time():
+    # Each waits for the other two: with fewer at a time none would end, and the barrier breaks.
+    together = threading.Barrier(3, timeout=20.0)
+    reconstruct_stack(30, lambda _start, _stop: together.wait(), step=5, abreast=3)
 
-    def failing(start, stop):
-        if start >= 32:
+
+@pytest.mark.parametrize("abreast", [1, 2])
+def test_trouble_in_a_block_comes_out_and_ends_the_work(abreast):
+    begun = []
+
+    def failing(start, _stop):
+        begun.append(start)
+        time.sleep(0.001)
+        if start >= 16:
             raise OSError("the disk went away")
-        return stack[:, start:stop]
 
-    solve = partial(fbp_block, projector)
     with pytest.raises(OSError, match="went away"):
-        reconstruct_stack(SLICES, failing, solve, lambda first, _: written.append(first), step=16)
-    assert written == [0, 16]
-
-    def full(_first, _slices):
-        raise OSError("the disk is full")
-
-    with pytest.raises(OSError, match="is full"):
-        reconstruct_stack(SLICES, lambda a, b: stack[:, a:b], solve, full, step=16)
+        reconstruct_stack(160_000, failing, step=16, abreast=abreast)
+    # Besides those at work, threads may have taken others before the trouble was known.
+    assert len(begun) < 1000
 
 
 def test_blocks_stay_within_their_memory():
     for views, cells, size in ((360, 768, 256), (1800, 2048, 1024), (90, 384, 128), (3600, 4096, 2048)):
-        slices = cost.slices_a_block(views, cells, size)
-        assert slices == 1 or cost.block_bytes(views, cells, size, slices) <= cost.MEMORY_BYTES
-    assert cost.slices_a_block(360, 768, 256) == 64
-    assert cost.slices_a_block(360, 768, 256, memory_bytes=1) == 1
+        for threads in (1, 2, 16):
+            step, abreast = cost.blocks(views, cells, size, 2500, cost.MEMORY_BYTES, threads)
+            assert abreast <= threads
+            needed = abreast * cost.block_bytes(views, cells, size, step)
+            assert (step, abreast) == (1, 1) or needed <= cost.MEMORY_BYTES
+    assert cost.blocks(360, 768, 256, 2500, cost.MEMORY_BYTES, 2) == (32, 2)
+    assert cost.blocks(360, 768, 256, 2500, 1, 2) == (1, 1)
+
+
+def test_few_slices_are_shared_out():
+    assert cost.blocks(360, 768, 256, 64, cost.MEMORY_BYTES, 2) == (32, 2)
+    assert cost.blocks(360, 768, 256, 33, cost.MEMORY_BYTES, 2) == (32, 2)
+    # Fewer than a vector are one block, which all threads compute.
+    assert cost.blocks(360, 768, 256, 7, cost.MEMORY_BYTES, 2) == (16, 1)
 
 
 def test_seconds_grow_with_the_work_and_the_pace_corrects_them():

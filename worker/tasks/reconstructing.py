@@ -14,7 +14,6 @@ from worker.contracts.geometry import ScannerConstants, Theta
 from worker.contracts.jobs import Progress
 from worker.contracts.reconstructions import ReconstructionMethod, ReconstructionOptions, ReconstructionResult
 from worker.tasks.conversion import to_scanner, to_theta
-from worker.tasks.method_findings import Slices
 from worker.tasks.room import check_disk, memory_available
 from worker.tasks.solving import Work, solver_of
 from worker.tasks.value_range import ValueRange
@@ -25,12 +24,16 @@ from worker.tomography.geometry import FanBeamGeometry, FloatArray
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
-from worker.tomography.stack import ReadRows, reconstruct_stack
+from worker.tomography.stack import reconstruct_stack
 
 Report = Callable[[Progress], None]
+# Line integrals (views, stop - start, detector) of the slices start..stop.
+ReadRows = Callable[[int, int], NDArray[np.float32]]
 
 # Of what is free, the blocks take at most this share: the rest is for the files' caches and for others.
 MEMORY_SHARE = 0.5
+# Within the first block the pace is told once this share of all is done, or so many seconds have passed.
+PACE_SHARE, PACE_SECONDS = 0.05, 2.0
 # A log tapers, bends and flares at its butt: so many rows along it are looked at for how far it reaches.
 ROWS_LOOKED_AT = 17
 
@@ -119,13 +122,14 @@ def run_reconstruction(
     unit = volume_unit(counts=given.counts)
     with new_volume(output, shape, origin, options, unit=unit, views=angles.size) as volume:
 
-        def keep(first: int, block: Slices) -> None:
-            volume.write(first, block.images)
+        def reconstruct(start: int, stop: int) -> None:
+            block = solver(start, given.read(start, stop))
+            volume.write(start, block.images)
             seen.add(block.images)
             if block.deviation is not None:
-                volume.write_deviation(first, block.deviation)
+                volume.write_deviation(start, block.deviation)
 
-        reconstruct_stack(slices, given.read, solver, keep, step=solver.step, done=reporting)
+        reconstruct_stack(slices, reconstruct, step=solver.step, abreast=solver.abreast, done=reporting)
         done = solver.report()
         volume.note_method(done.model_dump(mode="json", exclude_none=True))
         if solver.curve is not None:
@@ -186,16 +190,22 @@ class _Reporting:
         self._tell(0.0, seconds_left)
 
     def within(self, more: float) -> None:
-        """So many slices' worth is done beyond those that are; there is no pace before the first are."""
-        self._tell(self._done + more, self._left(self._done + more) if self._done else None)
+        """So many slices' worth is done beyond those that are."""
+        done = self._done + more
+        paced = done >= PACE_SHARE * self._slices or (done > 0.0 and self._elapsed >= PACE_SECONDS)
+        self._tell(done, self._left(done) if paced else None)
 
     def __call__(self, done: int) -> None:
         """So many slices are done."""
         self._done = done
         self._tell(done, self._left(done))
 
+    @property
+    def _elapsed(self) -> float:
+        return time.perf_counter() - self._started
+
     def _left(self, done: float) -> float:
-        return cost.seconds_left(time.perf_counter() - self._started, done, self._slices)
+        return cost.seconds_left(self._elapsed, done, self._slices)
 
     def _tell(self, done: float, left: float | None) -> None:
         # The last slices are still to be written when they are done.

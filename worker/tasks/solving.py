@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from threading import Lock
 from typing import Protocol
 
 import numpy as np
@@ -13,26 +14,26 @@ from worker.tasks.method_findings import MethodFindings, Slices
 from worker.tasks.room import check_memory
 from worker.tomography import cost
 from worker.tomography.air import find_air
-from worker.tomography.cauchy_map import cauchy_map
+from worker.tomography.cauchy_map import Choice, cauchy_map, choose
 from worker.tomography.fbp import Block, fbp_block
 from worker.tomography.filters import FilterName
 from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative.telling import Phases, Told
 from worker.tomography.noise import data_misfit, estimated_noise, photon_noise
 from worker.tomography.projector import Projector
+from worker.tomography.stack import most_abreast
 from worker.tomography.tikhonov import AlphaCurve, AlphaRule, tikhonov
-from worker.tomography.total_variation import total_variation
+from worker.tomography.total_variation import choose_weight, total_variation
 
 Columns = Mapping[str, NDArray[np.float64]]
 Sinogram = NDArray[np.float32]
-# Told the number of an iteration and the most there may be.
-Iterations = Callable[[int, int], None]
 
 # Slices by `fbp` whose misfit is looked at: projecting one takes longer than reconstructing it.
 FBP_SLICES_LOOKED_AT = 5
 # Slices that iterate side by side: more bring nothing.
 ITERATED_TOGETHER = 16
 # Images that a descent keeps for each slice, the trials of sigma or weight side by side, and Tikhonov's basis.
-IMAGES_A_DESCENT, TRIALS, IMAGES_OF_A_BASIS = 24, 5, 100
+IMAGES_A_DESCENT, TRIALS, IMAGES_OF_A_BASIS = 24, 10, 100
 # A background below this share of the noise is none.
 BACKGROUND = 0.5
 
@@ -80,17 +81,18 @@ class Solver(Protocol):
 
     Attributes
     ----------
-    step : int
-        Slices that it takes at a time.
+    step, abreast : int
+        Slices that it takes at a time, and how many threads may call it at once.
     curve : mapping or None
         What Tikhonov's alpha was chosen from in the middle slice, a column each, and the `alpha` taken.
     """
 
     step: int
+    abreast: int
     curve: Columns | None
 
-    def __call__(self, rows: Block) -> Slices:
-        """Line integrals (views, slices, detector) of the next rows to their slices."""
+    def __call__(self, first: int, rows: Block) -> Slices:
+        """Line integrals (views, slices, detector) to slices, the first of which is so many from the log's first."""
 
     def report(self) -> MethodReport:
         """What was done so far."""
@@ -112,15 +114,15 @@ class _Fbp:
         views, cells = work.projector.geometry.sinogram_shape
         size = work.projector.grid.size
         check_memory(cost.block_bytes(views, cells, size, 1), work.memory_bytes)
-        self.step = cost.slices_a_block(views, cells, size, min(cost.MEMORY_BYTES, work.memory_bytes))
+        memory_bytes = min(cost.MEMORY_BYTES, work.memory_bytes)
+        self.step, self.abreast = cost.blocks(views, cells, size, work.slices, memory_bytes, most_abreast())
         self.curve: Columns | None = None
         self._work = work
-        self._findings = MethodFindings(ReconstructionMethod.FBP, work.reason)
-        self._done = 0
+        self._findings, self._looking = MethodFindings(ReconstructionMethod.FBP, work.reason), Lock()
         self._holds_all = work.whole[0].size == size
         self._looked_at = set(np.linspace(0, work.slices - 1, FBP_SLICES_LOOKED_AT).round().astype(int).tolist())
 
-    def __call__(self, rows: Block) -> Slices:
+    def __call__(self, first: int, rows: Block) -> Slices:
         options = self._work.options
         images = fbp_block(
             self._work.projector,
@@ -130,9 +132,9 @@ class _Fbp:
             weighting=options.weighting,
         )
         for index in range(rows.shape[1]):
-            if self._done + index in self._looked_at:
-                self._look_at(rows[:, index], images[index])
-        self._done += rows.shape[1]
+            if first + index in self._looked_at:
+                with self._looking:
+                    self._look_at(rows[:, index], images[index])
         return Slices(images)
 
     def _look_at(self, line: Sinogram, image: NDArray[np.float32]) -> None:
@@ -155,12 +157,13 @@ class _Iterative(ABC):
     """These methods explain the measured rays, so they have pixels wherever there is wood, beyond the field too."""
 
     method: ReconstructionMethod
+    abreast = 1
 
     def __init__(self, work: Work) -> None:
         grid, self._part = work.whole
         self._projector = Projector(work.projector.geometry, grid)
         self._work = work
-        self._done = 0
+        self._first = 0
         self.curve: Columns | None = None
         self._findings = MethodFindings(self.method, work.reason)
         if grid.size != work.projector.grid.size:
@@ -178,13 +181,13 @@ class _Iterative(ABC):
         """The least that are in memory."""
 
     @abstractmethod
-    def solve(self, lines: Block, progress: Iterations) -> Slices:
+    def solve(self, lines: Block, progress: Told) -> Slices:
         """Line integrals (slices, views, detector), their air at 0, to slices of the larger field."""
 
-    def __call__(self, rows: Block) -> Slices:
+    def __call__(self, first: int, rows: Block) -> Slices:
+        self._first = first
         lines = _levelled(np.ascontiguousarray(rows.transpose(1, 0, 2)), self._findings)
-        solved = self.solve(lines, lambda done, most: self._work.told(len(lines) * done / most))
-        self._done += len(lines)
+        solved = self.solve(lines, lambda share: self._work.told(len(lines) * share))
         inside = (slice(None), *self._part)
         return Slices(solved.images[inside], None if solved.deviation is None else solved.deviation[inside])
 
@@ -196,13 +199,13 @@ class _Tikhonov(_Iterative):
     method = ReconstructionMethod.TIKHONOV
     images_at_once = IMAGES_OF_A_BASIS
 
-    def solve(self, lines: Block, progress: Iterations) -> Slices:
+    def solve(self, lines: Block, progress: Told) -> Slices:
         options = self._work.options
         found = tikhonov(
             self._projector, lines, alpha=options.alpha, rule=AlphaRule(options.alpha_rule), progress=progress
         )
         self._findings.add(found, alpha=found.alpha)
-        index = self._work.slices // 2 - self._done
+        index = self._work.slices // 2 - self._first
         if 0 <= index < len(lines):
             self.curve = _columns(found.curves[index], found.alpha[index])
         return Slices(found.image)
@@ -212,25 +215,30 @@ class _Penalised(_Iterative):
     """What is chosen without being told is chosen in the middle slice, and the same along the log."""
 
     images_at_once = IMAGES_A_DESCENT * TRIALS
-    _chosen: float | None = None
+    # What choosing costs, in slices of a block.
+    choosing_slices: float
+    _chosen = False
 
     @abstractmethod
-    def choose(self, line: Block) -> float:
-        """The parameter for all slices, from one of them (1, views, detector)."""
+    def choose(self, line: Block, progress: Told) -> None:
+        """Take the parameters for all slices from one of them (1, views, detector)."""
 
-    def solve(self, lines: Block, progress: Iterations) -> Slices:
-        if self._chosen is None and self.open and self._work.slices > len(lines):
-            self._chosen = self.choose(_levelled(self._work.sample[None], self._findings))
-        return self.descend(lines, progress)
+    def solve(self, lines: Block, progress: Told) -> Slices:
+        choosing = self.open and not self._chosen and self._work.slices > len(lines)
+        phases = Phases(progress, choose=self.choosing_slices * choosing, descend=len(lines))
+        if choosing:
+            self.choose(_levelled(self._work.sample[None], self._findings), phases.of("choose"))
+            self._chosen = True
+        return self.descend(lines, phases.of("descend"))
 
     @property
     @abstractmethod
     def open(self) -> bool:
-        """Whether the parameter was left to be chosen."""
+        """Whether parameters were left to be chosen."""
 
     @abstractmethod
-    def descend(self, lines: Block, progress: Iterations) -> Slices:
-        """To slices, with the parameter where it is chosen already."""
+    def descend(self, lines: Block, progress: Told) -> Slices:
+        """To slices, with the parameters where they are chosen already."""
 
     def noise(self, lines: Block) -> NDArray[np.float64]:
         """Of each ray where they were counted, else of each slice."""
@@ -241,25 +249,31 @@ class _Penalised(_Iterative):
 
 class _CauchyMap(_Penalised):
     method = ReconstructionMethod.CAUCHY_MAP
+    choosing_slices = 4.0
+    _choice: Choice | None = None
 
     @property
     def open(self) -> bool:
         return self._work.options.sigma is None and self._work.options.preset is None
 
-    def choose(self, line: Block) -> float:
+    def choose(self, line: Block, progress: Told) -> None:
         options = self._work.options
-        found = cauchy_map(
-            self._projector, line, beta=options.beta, noise=self.noise(line), non_negative=options.non_negative
+        self._choice = choose(
+            self._projector,
+            line[0],
+            beta=options.beta,
+            noise=self.noise(line),
+            non_negative=options.non_negative,
+            progress=progress,
         )
-        return found.sigma / found.noise
 
-    def descend(self, lines: Block, progress: Iterations) -> Slices:
-        options, noise = self._work.options, self.noise(lines)
+    def descend(self, lines: Block, progress: Told) -> Slices:
+        options, noise, choice = self._work.options, self.noise(lines), self._choice
         found = cauchy_map(
             self._projector,
             lines,
-            sigma=options.sigma if self._chosen is None else self._chosen * noise,
-            beta=options.beta,
+            sigma=options.sigma if choice is None else choice.factor * noise,
+            beta=options.beta if choice is None else choice.beta,
             noise=noise,
             preset=options.preset,
             non_negative=options.non_negative,
@@ -272,23 +286,28 @@ class _CauchyMap(_Penalised):
 
 class _TotalVariation(_Penalised):
     method = ReconstructionMethod.TOTAL_VARIATION
+    choosing_slices = 2.0
+    _weight: float | None = None
 
     @property
     def open(self) -> bool:
         return self._work.options.weight is None
 
-    def choose(self, line: Block) -> float:
-        found = total_variation(
-            self._projector, line, noise=self.noise(line), non_negative=self._work.options.non_negative
+    def choose(self, line: Block, progress: Told) -> None:
+        self._weight, _ = choose_weight(
+            self._projector,
+            line[0],
+            noise=self.noise(line),
+            non_negative=self._work.options.non_negative,
+            progress=progress,
         )
-        return float(found.weight[0])
 
-    def descend(self, lines: Block, progress: Iterations) -> Slices:
+    def descend(self, lines: Block, progress: Told) -> Slices:
         options = self._work.options
         found = total_variation(
             self._projector,
             lines,
-            weight=options.weight if self._chosen is None else self._chosen,
+            weight=options.weight if self._weight is None else self._weight,
             noise=self.noise(lines),
             non_negative=options.non_negative,
             progress=progress,

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from worker.tomography.geometry import GeometryError
-from worker.tomography.iterative.descent import Floats, Images, Indices, Progress
-from worker.tomography.iterative.holding_out import HELD_SHARE, hold_out
+from worker.tomography.iterative.descent import Floats, Images, Indices
+from worker.tomography.iterative.holding_out import bottom
 from worker.tomography.iterative.penalised import (
     FACTORS,
+    WIDE_ITERATIONS,
     Inside,
     Objective,
     Prior,
@@ -20,20 +21,35 @@ from worker.tomography.iterative.penalised import (
     widely,
 )
 from worker.tomography.iterative.posterior import posterior_deviation
+from worker.tomography.iterative.rehearsing import ITERATIONS as TRIAL_ITERATIONS
+from worker.tomography.iterative.rehearsing import Rehearsal
+from worker.tomography.iterative.telling import Phases, Told, side_by_side
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.projector import Image, Projector
+from worker.tomography.total_variation import total_variation
 
 # The density's exponent in the plane (design page, section 4).
 STRENGTH = 1.5
 # Of the attenuation that a blurred first image mostly has. Found on simulated logs (benchmarks/choosing.py).
 BETA_SHARE = 0.4
 # Sigma as multiples of the noise that are tried when it is not given.
-SIGMA_FACTORS = np.geomspace(0.5, 2.5, 5)
-# With the rays kept back among them again, the data are to weigh no more against the prior than without: on simulated
-# logs (benchmarks/choosing.py), a little less.
-ALL_RAYS = 1.0 / (1.0 - HELD_SHARE)
+SIGMA_FACTORS = np.geomspace(0.6, 3.0, 5)
+# With the best of them a smaller and a larger beta are tried; the best sigma goes with about this power of beta. Both
+# found on simulated logs, where a beta further away was better by less than the choice is sure of.
+BETA_STEP, RIDGE = 1.5, 0.4
+# By so much, in the logarithm of squared distances, either must be better: the imitation, flatter than wood, asks for a
+# beta somewhat too small.
+HANDICAP = 0.06
+# The image that is compared with need not be at rest.
+KNOWN_TOLERANCE = 1e-3
 ITERATIONS = 300
-TOLERANCE = 2e-4
+TOLERANCE = 2e-5
+# Iterations after which most logs are at rest.
+USUAL_ITERATIONS = 40
+# What choosing sigma and beta costs, and each slice's uncertainty, in iterations on one slice.
+CHOOSING_COST, DEVIATION_COST = 170.0, 270.0
+# Of choosing: the image of total variation, and what is tried. All measured on 256 x 256 pixels from 20 views.
+KNOWN_COST, SIGMA_COST, BETA_COST = 0.5, 0.3, 0.2
 
 
 @dataclass(frozen=True)
@@ -100,7 +116,7 @@ def cauchy_map(
     uncertainty: bool = False,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
-    progress: Progress | None = None,
+    progress: Told | None = None,
 ) -> CauchyMap:
     """Reconstruct one slice or a block of slices (design page, section 4).
 
@@ -112,9 +128,10 @@ def cauchy_map(
         Line integrals whose air stands at 0.
     sigma : float or (views, detector), optional
         Standard deviation that the density takes, in the sinogram's unit. By default a multiple of the noise, the
-        same for all slices, by which rays kept back from the middle slice are foretold best.
+        same for all slices, which `choose` takes for the middle one.
     beta : float, optional
-        Scale of the differences between neighbouring pixels, in attenuation; by default a share of the wood's.
+        Scale of the differences between neighbouring pixels, in attenuation; by default chosen together with sigma,
+        or a share of the wood's where sigma is given.
     noise : float or (views, detector), optional
         Standard deviation of the data, for sigma and the misfit: `photon_noise` where counts are known; by default
         that of the air.
@@ -127,7 +144,7 @@ def cauchy_map(
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
     progress : callable, optional
-        Called after each iteration of the last descent with the number done and the most there may be.
+        Told the share of all the work that is done, which rises to 1, after each iteration.
 
     Raises
     ------
@@ -144,19 +161,34 @@ def cauchy_map(
     # The bound leaves little to find in the air around the log: only the last descent looks there.
     inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
     start = mean_along_rays(inside.projector, lines)
-    betas = _betas(beta, start)
-    if sigma is None:
-        factor, start = _foretelling(inside.projector, lines, noises, betas, start, non_negative=non_negative)
-        sigmas = factor * noises
-    else:
-        sigmas = noise_of_each_ray(sigma, lines)
-    weights = np.broadcast_to(1.0 / sigmas**2, lines.shape).astype(np.float32)
-    prior = Prior(
-        "cauchy", betas, np.full(betas.shape, STRENGTH), betas if corner is None else np.full(betas.shape, corner)
+    alone = sigma is None and len(lines) == 1
+    phases = Phases(
+        progress,
+        choose=CHOOSING_COST if sigma is None else 0.0,
+        widened=0.0 if alone or preset is not None else WIDE_ITERATIONS * side_by_side(len(lines)),
+        sharp=USUAL_ITERATIONS * side_by_side(len(lines)),
+        deviation=DEVIATION_COST * len(lines) if uncertainty else 0.0,
     )
-    if preset is None and (sigma is not None or len(lines) > 1):
+    if sigma is None:
+        middle = len(lines) // 2
+        choice = choose(
+            inside.projector,
+            lines[middle],
+            beta=beta,
+            noise=np.broadcast_to(noises, lines.shape)[middle],
+            non_negative=non_negative,
+            progress=phases.of("choose"),
+        )
+        sigmas, betas = choice.factor * noises, np.full(len(lines), choice.beta)
+        start = choice.image[None] if alone else start
+    else:
+        sigmas, betas = noise_of_each_ray(sigma, lines), _betas(beta, start)
+    weights = np.broadcast_to(1.0 / sigmas**2, lines.shape).astype(np.float32)
+    prior = _prior(betas, corner)
+    if preset is None and not alone:
         near = Objective(inside.projector, lines, weights, prior)
-        start = widely(near, start, FACTORS[0], non_negative=non_negative, tolerance=tolerance)
+        reporting = phases.descent("widened", WIDE_ITERATIONS)
+        start = widely(near, start, FACTORS[0], non_negative=non_negative, tolerance=tolerance, progress=reporting)
     found = descend(
         Objective(projector, lines, weights, prior),
         inside.whole(start),
@@ -166,13 +198,16 @@ def cauchy_map(
         factors=(1.0,),
         # The published iterations end long before the objective is at rest, and where they end is the method.
         guided=preset is None,
-        progress=progress,
+        progress=phases.descent("sharp", USUAL_ITERATIONS),
     )
     images = found.images
     misfit = data_misfit(projector, images, lines, noises)
-    deviation = (
-        posterior_deviation(projector, weights, prior, images, non_negative=non_negative) if uncertainty else None
-    )
+    deviation = None
+    if uncertainty:
+        deviation = posterior_deviation(
+            projector, weights, prior, images, non_negative=non_negative, told=phases.of("deviation")
+        )
+    phases.of("deviation")(1.0)
     shape = images.shape if np.ndim(sinogram) == 3 else images.shape[1:]
     return CauchyMap(
         image=images.reshape(shape),
@@ -188,6 +223,80 @@ def cauchy_map(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What suits one slice.
+
+    Attributes
+    ----------
+    factor : float
+        Sigma as a multiple of the noise.
+    beta : float
+    image : (size, size) float32
+        Near to what they lead to.
+    """
+
+    factor: float
+    beta: float
+    image: Image
+
+
+def choose(
+    projector: Projector,
+    sinogram: ArrayLike,
+    *,
+    beta: float | None = None,
+    noise: ArrayLike | None = None,
+    non_negative: bool = True,
+    progress: Told | None = None,
+) -> Choice:
+    """Sigma and beta for a sinogram (views, detector), by a rehearsal on what total variation makes of it.
+
+    Parameters as of `cauchy_map`; a given beta stays. See `Rehearsal` for what is compared.
+    """
+    lines = projector.block(sinogram)
+    noises = noise_of_each_ray(noise, lines)
+    inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
+    middle = float(_betas(beta, mean_along_rays(inside.projector, lines))[0])
+    phases = Phases(progress, known=KNOWN_COST, sigma=SIGMA_COST, beta=BETA_COST if beta is None else 0.0)
+    known = total_variation(
+        inside.projector,
+        lines[0],
+        noise=noises[0],
+        non_negative=non_negative,
+        tolerance=KNOWN_TOLERANCE,
+        progress=phases.of("known"),
+    )
+    rehearsal = Rehearsal.of(inside.projector, lines[0], noises[0], known.image, non_negative=non_negative)
+
+    def weights(factors: Floats) -> Images:
+        each = 1.0 / (factors[:, None, None] * noises) ** 2
+        return np.broadcast_to(each, (len(factors), *lines.shape[1:])).astype(np.float32)
+
+    tried = rehearsal.try_out(
+        weights(SIGMA_FACTORS),
+        _prior(np.full(SIGMA_FACTORS.size, middle)),
+        progress=phases.descent("sigma", TRIAL_ITERATIONS),
+    )
+    factor, error = bottom(SIGMA_FACTORS, tried.errors)
+    both = tried.images[np.argmin(tried.errors)]
+    if beta is not None:
+        return Choice(factor, middle, inside.whole(both[:1])[0])
+    steps = np.array([1.0 / BETA_STEP, BETA_STEP])
+    beside = rehearsal.try_out(
+        weights(factor * steps**RIDGE), _prior(middle * steps), both, phases.descent("beta", TRIAL_ITERATIONS)
+    )
+    errors = np.array([beside.errors[0] + HANDICAP, error, beside.errors[1] + HANDICAP])
+    step, _ = bottom(np.array([steps[0], 1.0, steps[1]]), errors)
+    nearest = (beside.images[0], both, beside.images[1])[np.argmin(errors)]
+    return Choice(factor * step**RIDGE, middle * step, inside.whole(nearest[:1])[0])
+
+
+def _prior(betas: Floats, corner: float | None = None) -> Prior:
+    corners = betas if corner is None else np.full(betas.shape, corner)
+    return Prior("cauchy", betas, np.full(betas.shape, STRENGTH), corners)
+
+
 def _betas(beta: float | None, start: Images) -> Floats:
     """The scale for each slice: as given, or a share of the attenuation that its mass mostly has."""
     if beta is not None:
@@ -195,20 +304,3 @@ def _betas(beta: float | None, start: Images) -> Floats:
             raise GeometryError(f"beta must be a positive attenuation, not {beta}")
         return np.full(len(start), float(beta))
     return BETA_SHARE * typical_attenuation(start)
-
-
-def _foretelling(
-    projector: Projector, lines: Images, noises: Floats, betas: Floats, start: Images, *, non_negative: bool
-) -> tuple[float, Images]:
-    """The factor between sigma and noise from the middle slice, and where to start from."""
-    middle = len(lines) // 2
-    noise = np.broadcast_to(noises, lines.shape)[middle]
-    scale = np.full(SIGMA_FACTORS.size, betas[middle])
-    objective = Objective(
-        projector,
-        lines[middle : middle + 1],
-        (1.0 / (SIGMA_FACTORS[:, None, None] * noise) ** 2).astype(np.float32),
-        Prior("cauchy", scale, np.full(scale.shape, STRENGTH), scale),
-    )
-    outcome = hold_out(objective, noise, start[middle], non_negative=non_negative)
-    return ALL_RAYS * outcome.best(SIGMA_FACTORS), outcome.images[outcome.nearest][None] if len(lines) == 1 else start

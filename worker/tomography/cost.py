@@ -3,8 +3,8 @@
 from worker.tomography.fbp import LANES, lanes_of
 
 MEMORY_BYTES = 768 * 2**20
-# More slices a block bring nothing: the cells under a tile would leave the second-level cache.
-MOST_SLICES = 64
+# More slices a block bring nothing but memory.
+MOST_SLICES = 32
 
 # Fitted by `make bench-fbp` on two cores; docs/performance.md has the fit beside the machine's limits.
 SECONDS_A_STACK = 0.05
@@ -32,17 +32,24 @@ def seconds_left(elapsed: float, done: float, slices: int) -> float:
 
 
 def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
-    """Memory at work: rows of two blocks and a copy on reading, rows laid out, slices and those being written."""
-    rows = 3 * slices * views * cells + lanes_of(slices) * views * (cells + 2)
-    return 4 * (rows + 2 * slices * size * size)
+    """Memory of a block at work: its rows and a copy on reading, rows laid out, and its slices."""
+    rows = 2 * slices * views * cells + lanes_of(slices) * views * (cells + 2)
+    return 4 * (rows + slices * size * size)
 
 
-def slices_a_block(views: int, cells: int, size: int, memory_bytes: int | None = None) -> int:
-    """The most slices, in whole vectors where there are several, whose block stays within the memory; at least one."""
-    limit = MEMORY_BYTES if memory_bytes is None else memory_bytes
+def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, threads: int) -> tuple[int, int]:
+    """Slices a block, in whole vectors where there are several, and how many blocks at a time.
+
+    One for each thread where there is enough to share out, as long as all of them stay within the memory.
+    """
+    vectors = -(-slices // LANES)
     counts = (*range(1, LANES), *range(LANES, MOST_SLICES + 1, LANES))
-    fitting = [n for n in counts if block_bytes(views, cells, size, n) <= limit]
-    return max(fitting, default=1)
+    for abreast in range(min(threads, vectors), 0, -1):
+        share = LANES * -(-vectors // abreast)
+        fitting = [n for n in counts if n <= share and abreast * block_bytes(views, cells, size, n) <= memory_bytes]
+        if fitting and (abreast == 1 or fitting[-1] >= LANES):
+            return fitting[-1], abreast
+    return 1, 1
 
 
 def volume_bytes(size: int, slices: int) -> int:

@@ -1,58 +1,64 @@
-"""Whole logs: slices reconstructed a block at a time, read and written while it computes, in bounded memory."""
+"""Whole logs: blocks of slices, several side by side, in bounded memory."""
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from concurrent.futures import ThreadPoolExecutor, as_completed
 
-from worker.tomography.fbp import Block
+from numba import get_num_threads, set_num_threads
+from numba.np.ufunc import threading_layer
 
-Slices = TypeVar("Slices")
-ReadRows = Callable[[int, int], Block]
+# Numba's own layer of threads ends the process when it is entered twice.
+CONCURRENT_LAYERS = {"omp", "tbb"}
+
+
+def most_abreast() -> int:
+    """How many blocks may be at work at a time: one a thread, if Numba's layer of threads can be entered twice."""
+    set_num_threads(get_num_threads())  # the layer is chosen when it is first asked for something
+    return get_num_threads() if threading_layer() in CONCURRENT_LAYERS else 1
 
 
 def reconstruct_stack(
     slices: int,
-    read: ReadRows,
-    solve: Callable[[Block], Slices],
-    write: Callable[[int, Slices], None],
+    reconstruct: Callable[[int, int], None],
     *,
     step: int,
+    abreast: int = 1,
     done: Callable[[int], None] | None = None,
 ) -> None:
     """Reconstruct slices 0..slices, `step` of them at a time.
 
-    While one block is computed the next one is read and the one before is written, each in a thread of its own: never
-    are there more than two blocks of rows and two of slices.
-
     Parameters
     ----------
-    read : callable
-        Rows start..stop as (views, stop - start, detector) float32 line integrals.
-    solve : callable
-        Rows to slices, called in rising order.
-    write : callable
-        The first slice's number, and what `solve` gave. Called in rising order.
+    reconstruct : callable
+        Reads, computes and writes the slices start..stop. Called in rising order; in threads where several are abreast.
+    abreast : int
+        How many blocks, at most `most_abreast`, are at work, and so in memory, at a time: one reads or writes while
+        another computes, and none waits for another. A single one is reconstructed in the calling thread.
     done : callable, optional
-        Told how many slices are written or handed over to be written.
+        Told in the calling thread how many slices are done.
 
     Raises
     ------
     Exception
-        Whatever `read`, `solve` or `write` raise.
+        Whatever `reconstruct` raises; no other block is begun then.
     """
-    with ThreadPoolExecutor(1) as reading, ThreadPoolExecutor(1) as writing:
-        coming = reading.submit(read, 0, min(step, slices))
-        written: Future[None] | None = None
-        for first in range(0, slices, step):
-            stop = min(first + step, slices)
-            rows = coming.result()
-            if stop < slices:
-                coming = reading.submit(read, stop, min(stop + step, slices))
-            solved = solve(rows)
-            if written is not None:
-                written.result()
-            written = writing.submit(write, first, solved)
+    blocks = [(start, min(start + step, slices)) for start in range(0, slices, step)]
+    if abreast == 1:
+        for block in blocks:
+            reconstruct(*block)
             if done is not None:
-                done(stop)
-        if written is not None:
-            written.result()
+                done(block[1])
+        return
+    finished = 0
+    threads = max(1, get_num_threads() // abreast)
+    with ThreadPoolExecutor(abreast, initializer=set_num_threads, initargs=(threads,)) as pool:
+        at_work = {pool.submit(reconstruct, *block): block for block in blocks}
+        try:
+            for ended in as_completed(at_work):
+                ended.result()
+                start, stop = at_work[ended]
+                finished += stop - start
+                if done is not None:
+                    done(finished)
+        finally:
+            for block_at_work in at_work:
+                block_at_work.cancel()

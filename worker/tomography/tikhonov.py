@@ -1,7 +1,6 @@
 """Tikhonov regularisation: min ||A x - y||^2 + alpha ||x||^2, every alpha from one bidiagonalisation of A."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,11 +9,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from worker.tomography.geometry import GeometryError
 from worker.tomography.iterative.descent import Floats, Indices
+from worker.tomography.iterative.telling import Phases, Told, part_of
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.projector import Image, Projector
 
 ITERATIONS = 200
 TOLERANCE = 1e-4
+# Steps after which most logs have converged, by the rules that look at the noise.
+USUAL_STEPS = 25
 # The rules look at the projected problem first after so many steps, and then after every so many.
 FIRST_LOOK, LOOK_EVERY = 12, 6
 # A chosen alpha that moves by more than this share between two looks is not settled.
@@ -88,7 +90,7 @@ def tikhonov(
     noise: float | None = None,
     tolerance: float = TOLERANCE,
     iterations: int = ITERATIONS,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Told | None = None,
 ) -> Tikhonov:
     """Reconstruct one slice or a block of slices (design page, section 4).
 
@@ -106,7 +108,7 @@ def tikhonov(
     tolerance
         Converged when ||A^T (A x - y) + alpha x|| is below this share of ||A^T y||.
     progress : callable, optional
-        Called after each slice with the number done and the number of slices.
+        Told the share of all the work that is done, after every few steps.
 
     Raises
     ------
@@ -119,11 +121,11 @@ def tikhonov(
     noises = noise_of_each_ray(noise, lines)
     of_each = np.broadcast_to(noises.ravel(), (len(lines),))
     crossing = projector.forward(np.ones((projector.grid.size, projector.grid.size), np.float32)) > 0.0
-    solved = []
+    solved: list[_Solved] = []
     for line, level in zip(lines, of_each, strict=True):
-        solved.append(_solve(projector, line, crossing, _Wanted(alpha, rule, float(level), tolerance, iterations)))
-        if progress is not None:
-            progress(len(solved), len(lines))
+        tell = part_of(progress, len(solved) / len(lines), 1.0 / len(lines))
+        wanted = _Wanted(alpha, rule, float(level), tolerance, iterations)
+        solved.append(_solve(projector, line, crossing, wanted, tell))
     images = np.stack([one.image for one in solved])
     misfit = data_misfit(projector, images, lines, noises)
     late = sum(not one.converged for one in solved)
@@ -160,11 +162,14 @@ class _Solved:
     converged: bool
 
 
-def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wanted: _Wanted) -> _Solved:
+def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wanted: _Wanted, tell: Told) -> _Solved:
     """One slice: bidiagonalise until the solution at the alpha of the moment has converged."""
     rays = int(crossing.sum())
     small = _Bidiagonalisation(projector, np.where(crossing, line, np.float32(0.0)), wanted.iterations)
-    probe = _probe(projector, crossing) if wanted.alpha is None and wanted.rule is not AlphaRule.L_CURVE else None
+    probing = wanted.alpha is None and wanted.rule is not AlphaRule.L_CURVE
+    phases = Phases(tell, probe=PROBE_STEPS * probing, solve=USUAL_STEPS)
+    probe = _probe(projector, crossing, phases.of("probe")) if probing else None
+    solving = phases.descent("solve", USUAL_STEPS)
     alpha = math.inf
     while True:
         small.extend(min(FIRST_LOOK if small.size == 0 else LOOK_EVERY, wanted.iterations - small.size))
@@ -173,9 +178,11 @@ def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wante
         weights = problem.solution(alpha)
         settled = wanted.alpha is not None or abs(alpha - before) <= SETTLED * alpha
         converged = settled and small.next_norm * abs(weights[-1]) <= wanted.tolerance * small.first_gradient
+        solving(small.size, wanted.iterations)
         if converged or small.size >= wanted.iterations or small.exhausted:
             break
     curve = problem.curve(alpha * np.geomspace(1e-3, 1e3, CURVE_POINTS), rays, probe)
+    tell(1.0)
     return _Solved(small.combine(weights), alpha, curve, small.size, converged or small.exhausted)
 
 
@@ -190,11 +197,13 @@ def _choose(problem: "_Projected", wanted: _Wanted, rays: int, probe: "_Projecte
     return _by_l_curve(curve, float(problem.singular[-1] ** 2))
 
 
-def _probe(projector: Projector, crossing: NDArray[np.bool_]) -> "_Projected":
+def _probe(projector: Projector, crossing: NDArray[np.bool_], tell: Told) -> "_Projected":
     """The same bidiagonalisation started from random signs: it knows the trace of A's filtered inverse."""
     signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], crossing.shape)
     small = _Bidiagonalisation(projector, np.where(crossing, signs, 0.0).astype(np.float32), PROBE_STEPS)
-    small.extend(PROBE_STEPS)
+    for step in range(PROBE_STEPS):
+        small.extend(1)
+        tell((step + 1) / PROBE_STEPS)
     return _Projected.of(small)
 
 

@@ -5,14 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from worker.tomography.iterative.descent import Floats, Images
-from worker.tomography.iterative.penalised import FACTORS, Objective, descend, widely
+from worker.tomography.iterative.penalised import FACTORS, WIDE_ITERATIONS, Objective, descend, widely
+from worker.tomography.iterative.telling import Phases, Told
 
 HELD_SHARE = 0.15
-ITERATIONS = 20
+ITERATIONS = 10
 TOLERANCE = 1e-3
 # Misses beyond so many times the noise weigh little: the few rays along an edge of bark or metal, which pixels cannot
 # show, would decide otherwise.
 LARGE = 2.0
+# What the widened prior costs beside the candidates: one image alone against several side by side.
+WIDENED_COST = 0.3
 # Which rays are kept back is part of the method: equal data give equal answers.
 SEED = 20
 
@@ -36,20 +39,24 @@ class HeldOut:
         """The best of the candidates tried."""
         return int(np.argmin(self.errors))
 
-    def best(self, candidates: Floats) -> float:
-        """The best candidate: the bottom of the parabola through the nearest and its neighbours, in the logarithm.
 
-        The candidates increase, equidistant in their logarithm.
-        """
-        at = self.nearest
-        if not 0 < at < candidates.size - 1:
-            return float(candidates[at])
-        low, mid, high = self.errors[at - 1 : at + 2]
-        step = 0.5 * (low - high) / (low - 2.0 * mid + high)
-        return float(candidates[at] * (candidates[at + 1] / candidates[at]) ** step)
+def bottom(candidates: Floats, errors: Floats) -> tuple[float, float]:
+    """The best candidate and its error: the bottom of the parabola through the nearest one and its neighbours.
+
+    In the logarithm of the candidates, which increase, equidistant there. At an end, that end.
+    """
+    at = int(np.argmin(errors))
+    if not 0 < at < candidates.size - 1:
+        return float(candidates[at]), float(errors[at])
+    low, mid, high = errors[at - 1 : at + 2]
+    step = 0.5 * (low - high) / (low - 2.0 * mid + high)
+    ratio = candidates[at + 1] / candidates[at]
+    return float(candidates[at] * ratio**step), float(mid - 0.25 * (low - high) * step)
 
 
-def hold_out(objective: Objective, noise: Floats, start: Images, *, non_negative: bool) -> HeldOut:
+def hold_out(
+    objective: Objective, noise: Floats, start: Images, *, non_negative: bool, told: Told | None = None
+) -> HeldOut:
     """Try candidates side by side on one slice, without the rays kept back.
 
     Parameters
@@ -58,21 +65,32 @@ def hold_out(objective: Objective, noise: Floats, start: Images, *, non_negative
         With one sinogram, and the weights and the prior of each candidate.
     noise : float64, broadcasts with (views, detector)
     start : (n, n) float32
+    told : callable, optional
+        Told the share of the work that is done.
     """
     rng = np.random.default_rng(SEED)
     crossing = objective.projector.forward(np.ones_like(start)) > 0.0
     held = crossing & (rng.uniform(size=crossing.shape) < HELD_SHARE)
-    told = replace(objective, weights=np.where(held, np.float32(0.0), objective.weights))
+    kept = replace(objective, weights=np.where(held, np.float32(0.0), objective.weights))
     # What the widened prior shows is much the same for all candidates: the middle one's serves them.
     count = objective.prior.scale.size
-    shown = widely(told.only(count // 2), start[None], FACTORS[0], non_negative=non_negative, tolerance=TOLERANCE)
+    phases = Phases(told, widened=WIDENED_COST, tried=1.0)
+    shown = widely(
+        kept.only(count // 2),
+        start[None],
+        FACTORS[0],
+        non_negative=non_negative,
+        tolerance=TOLERANCE,
+        progress=phases.descent("widened", WIDE_ITERATIONS),
+    )
     found = descend(
-        told,
+        kept,
         np.repeat(shown, count, axis=0),
         non_negative=non_negative,
         iterations=ITERATIONS,
         tolerance=TOLERANCE,
         factors=(1.0,),
+        progress=phases.descent("tried", ITERATIONS),
     )
     relative = (objective.projector.forward(found.images) - objective.lines) / noise
     missed = np.log1p(np.square(relative[:, held] / LARGE, dtype=np.float64))
