@@ -8,9 +8,9 @@ MOST_SLICES = 32
 
 # Fitted by `make bench-fbp` on two cores; docs/performance.md has the fit beside the machine's limits.
 SECONDS_A_STACK = 0.05
-SECONDS_A_CELL = 7e-9
-SECONDS_AN_UPDATE = 8.7e-11
-SECONDS_A_PIXEL = 1.7e-8
+SECONDS_A_CELL = 8e-9
+SECONDS_AN_UPDATE = 6.0e-11
+SECONDS_A_PIXEL = 2.0e-8
 
 
 def seconds(views: int, cells: int, size: int, slices: int) -> float:
