@@ -4,6 +4,7 @@ import pytest
 from worker.tomography.calibration.calibration import HypothesisReport
 from worker.tomography.calibration.refine import Fit
 from worker.tomography.calibration.structure import Place, Structure
+from worker.tomography.calibration.unsteadiness import Change, Unsteadiness
 from worker.tomography.calibration.verdict import TurnedRival, judge
 from worker.tomography.geometry import Handedness, Rotation, SourceFrame
 
@@ -182,3 +183,13 @@ def test_an_unresolved_source_shift_is_said_and_still_passes(verdict_of):
     found, reasons = verdict_of(source_shift_resolved=False)
     assert found == "pass"
     assert "not resolved from 0" in reasons[0]
+
+
+@pytest.mark.parametrize(("off_mm", "verdict"), [(0.009, "pass"), (0.02, "watch"), (0.26, "fail")])
+def test_what_changed_counts_by_what_it_puts_the_rays_off(verdict_of, off_mm, verdict):
+    slip = Unsteadiness(Change.PHANTOM, 0.9, np.zeros(7), by_deg=0.2, by_mm=0.5, view=17)
+    found, reasons = verdict_of(unsteady=slip, unsteady_mm=off_mm, structure=Structure(0.003, Place.EDGES))
+    assert found == verdict
+    assert reasons[0].startswith("the phantom moved at view 17, by 0.5 mm") == (verdict != "pass")
+    # One cause is told for what the residual holds.
+    assert any("most of it" in reason for reason in reasons) == (verdict == "pass")

@@ -17,9 +17,9 @@ DECISIVE = 10.0
 TOLD, STRUCTURED = 0.001, 0.005
 # Error bars that the residual widened by more than this are wide because of the model, not of the noise.
 WIDENED = 2.0
-# What changed during the scan is told; where it puts the rays off by more than this share of the tolerance, the scan is
-# to be repeated.
-UNSTEADY = 0.2
+# What changed during the scan is told where it puts the rays off by more than this share of the tolerance: a model that
+# takes a mean over each cell where the scan has a few rays is itself off by less, and that can look like a change.
+UNSTEADY = 0.1
 # A free source distance that falls short of source_to_cor_mm by more standard deviations is no noise.
 SHORT = 4.0
 
@@ -80,11 +80,13 @@ def judge(
     if not fit.converged:
         cure = "repeat it with more views or another seed" if turn_held else "use a phantom with corners"
         found.fail(f"the fit did not converge: {cure}", Status.NOT_CONVERGED)
+    if unsteady_mm <= UNSTEADY * tolerance_mm:
+        unsteady = None
     if unsteady is not None:
         _judge_unsteady(found, unsteady, unsteady_mm, tolerance_mm)
     _judge_rivals(found, hypotheses, turned, samples / inflation, turn_held=turn_held)
     if predicted_mm > tolerance_mm:
-        imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED)
+        imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED or unsteady is not None)
         if predicted_mm > FAIL_FACTOR * tolerance_mm:
             found.fail(imprecise, Status.IMPRECISE)
         else:
@@ -197,10 +199,8 @@ def _judge_unsteady(found: _Findings, unsteady: Unsteadiness, unsteady_mm: float
     told = f"{_change(unsteady)}; this puts the rays off by {unsteady_mm:.2g} mm, which the error bars include"
     if unsteady_mm > FAIL_FACTOR * tolerance_mm:
         found.fail(told, Status.IMPRECISE)
-    elif unsteady_mm > UNSTEADY * tolerance_mm:
-        found.watch(told)
     else:
-        found.note(told)
+        found.watch(told)
 
 
 def _change(unsteady: Unsteadiness) -> str:
