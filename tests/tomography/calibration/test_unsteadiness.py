@@ -7,7 +7,7 @@ import pytest
 
 from worker.tomography import analytic
 from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
+from worker.tomography.built_in import BUILT_IN, L_SHAPE
 from worker.tomography.calibration.adjust import Adjustment
 from worker.tomography.calibration.default import CalibrationTask, calibrate
 from worker.tomography.geometry import TAU, Scanner, Theta
@@ -84,3 +84,24 @@ def test_steady_scans_are_called_nothing_else(seed):
     assert plain.verdict == "pass"
     for found in (plain, calibrated(shadow(ANGLES, body=knot), seed)):
         assert not any("moved" in reason or "angles" in reason for reason in found.reasons), found.reasons
+
+
+@pytest.mark.parametrize("views", [45, 90, 180])
+@pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
+@pytest.mark.parametrize("scanner", [SCANNER, Scanner(859.46, 96, 12.0)], ids=["384", "96"])
+def test_a_model_finer_than_the_scan_is_no_unsteadiness(scanner, phantom, views):
+    """One ray a cell, where the model takes the mean over each: off at the edges, and differently in every view."""
+    angles = (np.arange(views) + 0.5) * TAU / views
+    clean = analytic.project(phantom, DetectorCells.of(scanner), FRAME, angles, rays_per_cell=1)
+    noise = 0.005 * clean.std() * np.random.default_rng(1320).standard_normal(clean.shape)
+    found = calibrate(CalibrationTask(scanner, phantom, clean + noise, angles))
+    assert not any("moved" in reason or "angles" in reason for reason in found.reasons), found.reasons
+
+
+@pytest.mark.parametrize("views", [4, 9, 10, 12])
+def test_few_views_are_calibrated_all_the_same(views):
+    angles = (np.arange(views) + 0.5) * TAU / views
+    clean = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), FRAME, angles, rays_per_cell=6)
+    noise = 0.005 * clean.std() * np.random.default_rng(1330).standard_normal(clean.shape)
+    found = calibrate(CalibrationTask(SCANNER, L_SHAPE, clean + noise, angles))
+    assert found.verdict == "pass", found.reasons

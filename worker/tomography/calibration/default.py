@@ -241,7 +241,7 @@ def conclude(
     usable = residual * (1.0 if data.weights is None else data.weights > 0.0)
     unsteady = None
     if spread.turn_held:
-        unsteady = find_unsteadiness(held.grams, data, fit, usable, radius_mm=phantom.radius_mm)
+        unsteady = find_unsteadiness(held.grams, data, fit, usable, explained_part, radius_mm=phantom.radius_mm)
     bias = np.zeros(5) if unsteady is None else unsteady.bias[:5]
     covariance = spread.covariance[:5, :5] + np.outer(bias, bias)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
