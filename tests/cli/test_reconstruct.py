@@ -85,6 +85,63 @@ def test_a_value_that_is_no_number_is_told_when_its_row_is_read(failure, phantom
     assert not (tmp_path / "out.h5").exists()
 
 
+DETECTOR, ANGLES = "entry/instrument/detector", "entry/sample/rotation_angle"
+
+
+def _two_axes(file):
+    stack, named = file[f"{DETECTOR}/data"][:, 0], dict(file[f"{DETECTOR}/data"].attrs)
+    del file[f"{DETECTOR}/data"]
+    file[f"{DETECTOR}/data"] = stack
+    file[f"{DETECTOR}/data"].attrs.update(named)
+
+
+def _elsewhere(file):
+    del file[ANGLES]
+    file[ANGLES] = h5py.ExternalLink("other.h5", "/angles")
+
+
+def _too_few_angles(file):
+    del file[ANGLES]
+    file[ANGLES] = np.arange(4.0)
+    file[ANGLES].attrs["units"] = "deg"
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        (lambda file: file.__delitem__(ANGLES), "angles-missing"),
+        (lambda file: file.__delitem__(f"{DETECTOR}/x_pixel_size"), "detector-pitch-missing"),
+        (lambda file: file[ANGLES].__setitem__(3, np.nan), "not-finite"),
+        (_too_few_angles, "angles-mismatch"),
+        (_elsewhere, "external-storage"),
+    ],
+)
+def test_a_scan_of_the_product_that_was_tampered_with_is_refused(failure, phantom_scan, tmp_path, change, code):
+    shutil.copy(phantom_scan, tmp_path / "scan.h5")
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        change(file)
+    flags = ("--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
+    assert failure("reconstruct", tmp_path / "scan.h5", *flags)["code"] == code
+
+
+def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, phantom_scan, tmp_path):
+    shutil.copy(phantom_scan, tmp_path / "scan.h5")
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        _two_axes(file)
+    run("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
+    assert volume(tmp_path / "out.h5").shape == (1, 256, 256)
+
+
+def test_damage_is_told_when_its_row_is_read(failure, phantom_scan, tmp_path):
+    whole = bytearray(phantom_scan.read_bytes())
+    with h5py.File(phantom_scan) as file:
+        start = file[f"{DETECTOR}/data"].id.get_chunk_info_by_coord((0, 1, 0)).byte_offset
+    whole[start + 100 : start + 200] = bytes(100)
+    (tmp_path / "scan.h5").write_bytes(whole)
+    told = failure("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
+    assert told["code"] == "broken-file"
+
+
 def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
     flags = ("--data", "counts", "--rows", "2:3")
     run("reconstruct", stack, *flags, *THETA, "-o", tmp_path / "theta.h5")

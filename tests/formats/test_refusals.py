@@ -3,6 +3,7 @@
 import io
 import re
 import struct
+import zlib
 from contextlib import suppress
 from dataclasses import replace
 from zipfile import ZIP_BZIP2, ZIP_DEFLATED, ZIP_STORED, ZipFile
@@ -18,6 +19,7 @@ from worker.formats.errors import UnreadableScan
 from worker.formats.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
+BOMB = zlib.compress(bytes(24 * 2**20), 1)
 
 
 def read_scan(path, **said):
@@ -221,21 +223,50 @@ class TestScan:
         refused(write_npy(file, stack), "contradiction", "leave out dataset 'arr'", dataset="arr")
 
     def test_larger_than_allowed(self, file, stack):
-        refused(write_npy(file, stack), "too-large", "needs 576 bytes in memory and at most 500", max_bytes=500)
+        refused(write_npy(file, stack), "too-large", "needs 576 bytes as float32 and at most 500", max_bytes=500)
 
     def test_more_than_the_free_memory_where_it_is_unpacked_as_a_whole(self, file, stack):
         # (6, 3, 8) values of 4 bytes, twice in memory, and nine tenths of what is free.
-        np.savez(file.with_suffix(".npz"), stack)
+        with ZipFile(file.with_suffix(".npz"), "w") as archive:
+            archive.mkdir("a folder that comes first")
+            archive.writestr("data.npy", saved(np.save, stack))
         refused(file.with_suffix(".npz"), "too-large", "at most 575 ", free_bytes=1279)
         file.write_bytes(zipped(stack))
         for path in (file, write_npy(file.with_suffix(".npy"), stack)):
-            assert read_scan(path, counts=False, angles_deg=STEPS, free_bytes=641).projections.size == stack.size
+            assert read_scan(path, counts=False, angles_deg=STEPS, free_bytes=1279).projections.size == stack.size
+
+    @pytest.mark.parametrize("layout", ["plain", "exchange"])
+    def test_fields_beyond_the_free_memory(self, file, stack, layout):
+        names = {"plain": ("data", "flats"), "exchange": ("exchange/data", "exchange/data_white")}[layout]
+        with h5py.File(file, "w") as h5:
+            h5[names[0]], h5[names[1]] = stack, np.ones((7, *stack.shape[1:]), np.uint8)
+        refused(file, "too-large", f"'{names[1]}' needs 672 bytes as float32 and at most 576 ", free_bytes=1282)
+
+    def test_frames_of_fields_beyond_the_free_memory(self, nxtomo):
+        options = {"counts": True, "angles_deg": None}
+        # Two flats of (3, 8), of ten frames in all.
+        refused(
+            nxtomo(), "too-large", "image_key 1 needs 192 bytes as float32 and at most 191 ", free_bytes=426, **options
+        )
+        assert read_scan(nxtomo(), free_bytes=428, **options).flats.nbytes == 192
+
+    @pytest.mark.parametrize("kind", ["tiff", "zip"])
+    def test_frames_beyond_the_free_memory(self, file, stack, kind):
+        page, member = saved(tifffile.imwrite, stack[:, 0], metadata=None), zipped(stack)
+        file.write_bytes(page if kind == "tiff" else member)
+        sentence = {"tiff": "a page of the file needs 192 ", "zip": "'0.tif' unpacks to [0-9]+ bytes and at most 191 "}
+        refused(file, "too-large", sentence[kind], free_bytes=426)
 
     def test_pieces_larger_than_the_free_memory(self, file, stack):
         with h5py.File(file, "w") as h5:
-            h5.create_dataset("data", data=stack, chunks=(4, 3, 8))
+            h5.create_dataset("data", data=stack, chunks=(4, 3, 4))
         refused(file, "too-large", "in pieces of 384 bytes, where pieces of 383 fit .* smaller chunks", free_bytes=853)
         assert read_scan(file, counts=False, angles_deg=STEPS, free_bytes=854).projections.nbytes == 576
+
+    def test_chunks_larger_than_the_free_memory(self, file, stack):
+        with h5py.File(file, "w") as h5:
+            h5.create_dataset("data", data=stack, maxshape=(None, None, None), chunks=(1, 1, 100))
+        refused(file, "too-large", r"'data' has chunks of \(1, 1, 100\) values; store it in smaller", free_bytes=800)
 
 
 class TestHdf5:
@@ -292,12 +323,23 @@ class TestHdf5:
     def test_declares_more_than_allowed(self, file):
         with h5py.File(file, "w") as h5:
             h5.create_dataset("data", (10**5, 10**3, 10**4), "f4", chunks=(1, 10, 100))
-        refused(file, "too-large", "'data' needs 4000000000000 bytes in memory and at most 8589934592 are allowed")
+        refused(file, "too-large", "'data' needs 4000000000000 bytes as float32 and at most 8589934592 are allowed")
 
     def test_never_written(self, file):
         with h5py.File(file, "w") as h5:
             h5.create_dataset("data", (6, 8), "f4", chunks=(1, 8))
         refused(file, "truncated-file", "'data' was declared and never written")
+
+    def test_half_written(self, file, stack):
+        with h5py.File(file, "w") as h5:
+            h5.create_dataset("data", stack.shape, "f4", chunks=(2, 2, 8))[:3] = stack[:3]
+        refused(file, "truncated-file", "'data' was written in part: 4 of its 6 chunks; export the file again")
+
+    def test_a_chunk_that_unpacks_to_more_than_it_declares(self, file, stack):
+        with h5py.File(file, "w") as h5:
+            data = h5.create_dataset("data", data=stack, chunks=(1, 1, 8), compression="gzip")
+            data.id.write_direct_chunk((0, 0, 0), BOMB)
+        refused(file, "too-large", f"a chunk of 'data' declares 32 bytes of data while the file stores {len(BOMB)} for")
 
     def test_unknown_filter(self, file, stack):
         with h5py.File(file, "w") as h5:
@@ -470,6 +512,15 @@ class TestTiff:
     def test_unreadable_compression(self, file):
         tifffile.imwrite(file, np.ones((8, 8), np.uint16), compression="lzma")
         refused(file, "unsupported-storage", "is compressed by LZMA; use deflate or no compression")
+
+    def test_a_strip_that_unpacks_to_more_than_it_declares(self, file):
+        with tifffile.TiffWriter(file) as tiff:
+            tiff.write(iter([BOMB]), shape=(6, 8), dtype="f4", compression="zlib", rowsperstrip=6)
+        refused(file, "too-large", "a strip or tile of page 0 of the file declares 192 bytes .* stores [0-9]+ for them")
+
+    def test_tiles_larger_than_the_free_memory(self, file, stack):
+        tifffile.imwrite(file, stack[:, 0], tile=(64, 64), compression="zlib")
+        refused(file, "too-large", "tile of page 0 of the file needs 16384 bytes .* most 16383", free_bytes=36408)
 
 
 class TestMat:

@@ -30,7 +30,7 @@ def members(archive: ZipFile, max_bytes: int) -> list[ZipInfo]:
     if declared > max_bytes:
         raise UnreadableScan(
             "too-large",
-            f"the archive unpacks to {declared} bytes and at most {max_bytes} are allowed; upload fewer rows",
+            f"the archive unpacks to {declared} bytes and at most {max_bytes} are allowed or free; upload fewer rows",
         )
     if declared > HARMLESS_BYTES and stored * LARGEST_RATIO < declared:
         raise UnreadableScan(

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,30 @@ MAX_BYTES = 8 * 2**30
 # Deflate packs at most 1032 to 1; below a few MiB even an empty promise does no harm.
 LARGEST_RATIO = 1000
 HARMLESS_BYTES = 16 * 2**20
+# Data that cannot be packed grow by less than this in every packing that is read.
+MOST_GROWTH = 1.01
+PACKING_BYTES = 64 * 2**10
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How many bytes may be read, as float32 or as stored, whichever is more.
+
+    Attributes
+    ----------
+    array : int
+        Of an array that is read a block at a time.
+    piece : int
+        In memory at once: of an array that is read as a whole, or of what a file stores in one piece.
+    """
+
+    array: int
+    piece: int
+
+    @property
+    def whole(self) -> "Bounds":
+        """Those of arrays that are read as a whole."""
+        return Bounds(self.piece, self.piece)
 
 
 def check_number_type(what: str, dtype: np.dtype[Any]) -> None:
@@ -31,11 +56,20 @@ def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: 
     if needed > max_bytes:
         raise UnreadableScan(
             "too-large",
-            f"{what} needs {needed} bytes in memory and at most {max_bytes} are allowed or free; upload fewer rows",
+            f"{what} needs {needed} bytes as {'float32' if itemsize <= 4 else 'stored'} and at most {max_bytes} are "
+            "allowed or free; upload fewer rows",
         )
     if declared > HARMLESS_BYTES and stored_bytes * LARGEST_RATIO < declared:
         raise UnreadableScan(
             "too-large", f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them"
+        )
+
+
+def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
+    """Refuse what is stored in more bytes than packing makes of those declared, and so unpacks to more: `too-large`."""
+    if stored_bytes > MOST_GROWTH * declared_bytes + PACKING_BYTES:
+        raise UnreadableScan(
+            "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
         )
 
 

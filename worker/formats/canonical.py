@@ -218,7 +218,10 @@ def _check_ends(view: int, missing: NDArray[np.bool_]) -> None:
 
 
 def _lacking_throughout(view: int) -> UnreadableScan:
-    return UnreadableScan("not-finite", f"view {view} is NaN throughout; leave it out, with its angle")
+    return UnreadableScan(
+        "not-finite",
+        f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle",
+    )
 
 
 def _check_finite(name: str, stack: NDArray[np.float32]) -> None:

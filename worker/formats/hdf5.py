@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 from numpy.typing import NDArray
 
+from worker.formats.arrays import Bounds
 from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.hdf5_exchange import DATA as EXCHANGE_DATA
@@ -20,7 +21,7 @@ from worker.formats.mat import MATLAB_NUMBERS
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 
 
-def read_hdf5(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+def read_hdf5(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read an HDF5 file of any layout, which stays open for its projections.
 
     Raises
@@ -31,10 +32,10 @@ def read_hdf5(path: Path, dataset: str | None, max_bytes: int, files: ExitStack)
     file = files.enter_context(open_hdf5(path))
     entry = _choose_entry(file, dataset)
     if entry is not None:
-        return read_nxtomo(entry, max_bytes)
+        return read_nxtomo(entry, bounds)
     if is_exchange(file) and (dataset is None or dataset.strip("/") == EXCHANGE_DATA):
-        return read_exchange(file, max_bytes)
-    return _read_plain(file, dataset, max_bytes)
+        return read_exchange(file, bounds)
+    return _read_plain(file, dataset, bounds)
 
 
 def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
@@ -52,7 +53,7 @@ def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
     return entries[0] if entries else None
 
 
-def _read_plain(file: h5py.File, dataset: str | None, max_bytes: int) -> FileContents:
+def _read_plain(file: h5py.File, dataset: str | None, bounds: Bounds) -> FileContents:
     found = dict(datasets(file))
     named = None if dataset is None else find(file, f"/{dataset}")
     if dataset is not None and isinstance(named, h5py.Dataset):
@@ -61,8 +62,8 @@ def _read_plain(file: h5py.File, dataset: str | None, max_bytes: int) -> FileCon
     arrays = NamedArrays(
         format="mat-v7.3" if matlab else "hdf5",
         infos={name: _info(node) for name, node in found.items()},
-        load=partial(_load, found, max_bytes),
-        projections=partial(_projections, found, max_bytes),
+        load=partial(_load, found, bounds.whole),
+        projections=partial(_projections, found, bounds),
     )
     remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
     return read_named_arrays(arrays, dataset, remarks)
@@ -75,20 +76,20 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric)
 
 
-def _checked(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> h5py.Dataset:
+def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
     node, where = found[name], repr(quoted(name))
-    check_dataset(where, node, max_bytes)
+    check_dataset(where, node, bounds)
     if node.attrs.get("MATLAB_empty"):
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     return node
 
 
-def _projections(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> Projections:
-    node = _checked(found, max_bytes, name)
+def _projections(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
+    node = _checked(found, bounds, name)
     return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
 
 
-def _load(found: dict[str, h5py.Dataset], max_bytes: int, name: str) -> NDArray[Any]:
-    node = _checked(found, max_bytes, name)
+def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
+    node = _checked(found, bounds, name)
     values = node.astype("f8")[()] if name in {"angles_deg", "angles_rad"} else read_float32(node)
     return values.T if "MATLAB_class" in node.attrs else values

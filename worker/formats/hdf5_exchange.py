@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.formats.arrays import check_scan_dimensions
+from worker.formats.arrays import Bounds, check_scan_dimensions
 from worker.formats.contents import FileContents
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.hdf5_fields import read_angles, read_pitch
@@ -20,7 +20,7 @@ def is_exchange(file: h5py.File) -> bool:
     return isinstance(find(file, DATA), h5py.Dataset)
 
 
-def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
+def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:
     """Read /exchange; theta is in degrees unless its units attribute says otherwise, as the layout defines it.
 
     Raises
@@ -28,7 +28,7 @@ def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
     UnreadableScan
         When the parts cannot be read.
     """
-    dataset = numbers(file, DATA, max_bytes)
+    dataset = numbers(file, DATA, bounds)
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the file has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
@@ -37,14 +37,14 @@ def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
-    angles_deg, problem = read_angles(file, "exchange/theta", max_bytes, default_unit="deg")
-    detector_pitch_mm, remarks_x = read_pitch(file, f"{DETECTOR}/x_pixel_size", max_bytes)
-    row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", max_bytes)
+    angles_deg, problem = read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
+    detector_pitch_mm, remarks_x = read_pitch(file, f"{DETECTOR}/x_pixel_size", bounds.whole)
+    row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", bounds.whole)
     return FileContents(
         format="hdf5-data-exchange",
         projections=all_views(dataset),
-        flats=_optional(file, "exchange/data_white", max_bytes),
-        darks=_optional(file, "exchange/data_dark", max_bytes),
+        flats=_optional(file, "exchange/data_white", bounds.whole),
+        darks=_optional(file, "exchange/data_dark", bounds.whole),
         angles_deg=angles_deg,
         angles_unusable=problem,
         detector_pitch_mm=detector_pitch_mm,
@@ -53,6 +53,6 @@ def read_exchange(file: h5py.File, max_bytes: int) -> FileContents:
     )
 
 
-def _optional(file: h5py.File, path: str, max_bytes: int) -> NDArray[np.float32] | None:
-    dataset = numbers(file, path, max_bytes)
+def _optional(file: h5py.File, path: str, bounds: Bounds) -> NDArray[np.float32] | None:
+    dataset = numbers(file, path, bounds)
     return None if dataset is None else read_float32(dataset)

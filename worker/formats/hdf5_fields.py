@@ -4,13 +4,14 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from worker.formats.arrays import Bounds
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.hdf5_guard import Node, attribute_text, numbers
 from worker.formats.units import length_of, to_degrees
 
 
 def read_angles(
-    start: Node, path: str, max_bytes: int, *, default_unit: str | None
+    start: Node, path: str, bounds: Bounds, *, default_unit: str | None
 ) -> tuple[NDArray[np.float64] | None, str | None]:
     """Angles in degrees, or None and the reason why they cannot be used.
 
@@ -19,7 +20,7 @@ def read_angles(
     (n,) float64 in degrees or None, and a sentence or None
         Both None where the file has no angles at all.
     """
-    dataset = numbers(start, path, max_bytes)
+    dataset = numbers(start, path, bounds)
     if dataset is None:
         return None, None
     values = _read_vector(dataset, path)
@@ -32,9 +33,9 @@ def read_angles(
     return angles_deg, None
 
 
-def read_pitch(start: Node, path: str, max_bytes: int) -> tuple[float | None, tuple[str, ...]]:
+def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
     """A pixel size in mm or None, and the remark that says why it was ignored."""
-    dataset = numbers(start, path, max_bytes)
+    dataset = numbers(start, path, bounds)
     if dataset is None:
         return None, ()
     unit = attribute_text(dataset, "units")

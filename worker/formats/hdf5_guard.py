@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.formats.arrays import check_number_type, check_size
+from worker.formats.arrays import Bounds, check_number_type, check_packed, check_size
 from worker.formats.errors import UnreadableScan, quoted
 
 MOST_SOFT_LINKS = 16
@@ -107,13 +107,13 @@ def datasets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
     yield from walk(file["/"], "", 1)
 
 
-def numbers(start: Node, path: str, max_bytes: int) -> h5py.Dataset | None:
+def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
     """The dataset of numbers at a path, checked and not yet read; None where there is nothing.
 
     Raises
     ------
     UnreadableScan
-        `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape` or `too-large`.
+        `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape`, `truncated-file` or `too-large`.
     """
     node = find(start, path)
     if node is None:
@@ -121,22 +121,36 @@ def numbers(start: Node, path: str, max_bytes: int) -> h5py.Dataset | None:
     where = repr(quoted(path))
     if not isinstance(node, h5py.Dataset):
         raise UnreadableScan("wrong-shape", f"{where} must be a dataset of numbers and is something else")
-    check_dataset(where, node, max_bytes)
+    check_dataset(where, node, bounds)
     return node
 
 
-def check_dataset(where: str, dataset: h5py.Dataset, max_bytes: int) -> None:
+def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
     """Refuse a dataset that is not plain numbers stored inside this file, in a size that can be read."""
     _check_storage(where, dataset)
     check_number_type(where, dataset.dtype)
     if dataset.shape is None:
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     stored, itemsize = dataset.id.get_storage_size(), dataset.dtype.itemsize
-    check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=max_bytes)
-    if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > max_bytes:
+    check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
+    if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
         raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
     if dataset.size and not stored:
         raise UnreadableScan("truncated-file", f"{where} was declared and never written; export the file again")
+    if dataset.chunks is not None:
+        _check_chunks(where, dataset)
+
+
+def _check_chunks(where: str, dataset: h5py.Dataset) -> None:
+    stored: list[int] = []
+    dataset.id.chunk_iter(lambda chunk: stored.append(chunk.size))
+    declared = math.prod(-(-length // of_chunk) for length, of_chunk in zip(dataset.shape, dataset.chunks, strict=True))
+    if len(stored) < declared:
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} was written in part: {len(stored)} of its {declared} chunks; export the file again",
+        )
+    check_packed(f"a chunk of {where}", max(stored, default=0), math.prod(dataset.chunks) * dataset.dtype.itemsize)
 
 
 def _check_storage(where: str, dataset: h5py.Dataset) -> None:

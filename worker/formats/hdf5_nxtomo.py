@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.formats.arrays import check_scan_dimensions
+from worker.formats.arrays import Bounds, check_scan_dimensions, check_size
 from worker.formats.contents import FileContents
 from worker.formats.errors import UnreadableScan
 from worker.formats.hdf5_fields import read_angles, read_pitch
@@ -31,7 +31,7 @@ def _is_nxtomo(node: Node) -> bool:
     return isinstance(node, h5py.Group) and read_text(node, "definition") == "NXtomo"
 
 
-def read_nxtomo(entry: h5py.Group, max_bytes: int) -> FileContents:
+def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
     """Read one NXtomo entry.
 
     Raises
@@ -39,23 +39,23 @@ def read_nxtomo(entry: h5py.Group, max_bytes: int) -> FileContents:
     UnreadableScan
         When a part is missing, or the parts do not agree.
     """
-    dataset = numbers(entry, DATA, max_bytes)
+    dataset = numbers(entry, DATA, bounds)
     if dataset is None:
         raise UnreadableScan("dataset-missing", f"the NXtomo entry {entry.name!r} has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
-    keys = _read_image_key(entry, len(dataset), max_bytes)
-    angles_deg, problem = read_angles(entry, ANGLES, max_bytes, default_unit=None)
+    keys = _read_image_key(entry, len(dataset), bounds.whole)
+    angles_deg, problem = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
     if angles_deg is not None and len(angles_deg) != len(dataset):
         raise UnreadableScan(
             "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} frames; each frame needs one"
         )
-    detector_pitch_mm, remarks_x = read_pitch(entry, "instrument/detector/x_pixel_size", max_bytes)
-    row_pitch_mm, remarks_y = read_pitch(entry, "instrument/detector/y_pixel_size", max_bytes)
+    detector_pitch_mm, remarks_x = read_pitch(entry, "instrument/detector/x_pixel_size", bounds.whole)
+    row_pitch_mm, remarks_y = read_pitch(entry, "instrument/detector/y_pixel_size", bounds.whole)
     return FileContents(
         format="hdf5-nxtomo",
         projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
-        flats=_fields(dataset, keys.values, FLAT),
-        darks=_fields(dataset, keys.values, DARK),
+        flats=_fields(dataset, keys.values, FLAT, bounds),
+        darks=_fields(dataset, keys.values, DARK, bounds),
         angles_deg=None if angles_deg is None else angles_deg[keys.values == PROJECTION],
         angles_unusable=problem,
         detector_pitch_mm=detector_pitch_mm,
@@ -70,8 +70,8 @@ class _ImageKeys:
     remarks: tuple[str, ...]
 
 
-def _read_image_key(entry: h5py.Group, frames: int, max_bytes: int) -> _ImageKeys:
-    dataset = numbers(entry, IMAGE_KEY, max_bytes)
+def _read_image_key(entry: h5py.Group, frames: int, bounds: Bounds) -> _ImageKeys:
+    dataset = numbers(entry, IMAGE_KEY, bounds)
     if dataset is None:
         return _ImageKeys(np.zeros(frames, dtype=np.int64), (f"{IMAGE_KEY} is missing: every frame is a projection.",))
     if dataset.shape != (frames,):
@@ -92,6 +92,13 @@ def _read_image_key(entry: h5py.Group, frames: int, max_bytes: int) -> _ImageKey
     return _ImageKeys(raw.astype(np.int64), remarks)
 
 
-def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int) -> NDArray[np.float32] | None:
+def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
     frames = np.flatnonzero(keys == key)
+    check_size(
+        f"{DATA} of image_key {key}",
+        (len(frames), *dataset.shape[1:]),
+        dataset.dtype.itemsize,
+        stored_bytes=dataset.id.get_storage_size(),
+        max_bytes=bounds.piece,
+    )
     return read_frames(dataset, frames) if len(frames) else None

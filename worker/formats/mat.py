@@ -9,7 +9,7 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
-from worker.formats.arrays import as_float32, check_number_type, check_size
+from worker.formats.arrays import Bounds, as_float32, check_number_type, check_size
 from worker.formats.contents import FileContents, held
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
@@ -19,7 +19,7 @@ MATLAB_NUMBERS = frozenset(
 )
 
 
-def read_mat5(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> FileContents:
+def read_mat5(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read the variables that are needed, and no others.
 
     Raises
@@ -30,7 +30,7 @@ def read_mat5(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> 
     classes: dict[str, tuple[tuple[int, ...], str]] = {
         name: (tuple(int(n) for n in shape), kind) for name, shape, kind in scipy.io.whosmat(str(path), appendmat=False)
     }
-    load = partial(_load, path, classes, max_bytes)
+    load = partial(_load, path, classes, bounds.piece)
     arrays = NamedArrays(
         format="mat-v5",
         infos={name: ArrayInfo(shape, kind in MATLAB_NUMBERS) for name, (shape, kind) in classes.items()},

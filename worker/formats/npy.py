@@ -13,7 +13,7 @@ from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from worker.formats.archives import members
-from worker.formats.arrays import as_float32, check_number_type, check_scan_dimensions, check_size
+from worker.formats.arrays import Bounds, as_float32, check_number_type, check_scan_dimensions, check_size
 from worker.formats.contents import FileContents, Projections, held
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
@@ -36,7 +36,7 @@ class NpyHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_npy(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> FileContents:
+def read_npy(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read a NPY file.
 
     Raises
@@ -52,7 +52,7 @@ def read_npy(path: Path, dataset: str | None, max_bytes: int, _: ExitStack) -> F
         header = read_header(stream)
         offset = stream.tell()
     present = path.stat().st_size - offset
-    _check_header("the array", header, present, max_bytes)
+    _check_header("the array", header, present, bounds.array)
     check_scan_dimensions("the array", header.shape)
     return FileContents(format="npy", projections=_projections(path, header, offset))
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.angles import AnglesGiven
-from worker.formats.arrays import MAX_BYTES, as_fields
+from worker.formats.arrays import MAX_BYTES, Bounds, as_fields
 from worker.formats.canonical import CanonicalScan
 from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, library_errors_translated
@@ -24,20 +24,18 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand bef
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
-# Of the free memory, for the stack; the rest is for its fields, a block at a time, and the libraries.
+# Of the free memory, for what is read as a whole; the rest is for a block at a time, and the libraries.
 MEMORY_SHARE = 0.9
 
 
 @dataclass(frozen=True)
 class _Format:
     name: str
-    read: Callable[[Path, str | None, int, ExitStack], FileContents]
-    unpacked_whole: bool = False  # then the stack is in memory, twice for a moment: as stored and as float32
+    read: Callable[[Path, str | None, Bounds, ExitStack], FileContents]
 
 
 _HDF5 = _Format("HDF5", read_hdf5)
-_MAT = _Format("MAT", read_mat5, unpacked_whole=True)
-_NPZ = _Format("NPZ", read_zip, unpacked_whole=True)
+_MAT = _Format("MAT", read_mat5)
 _ZIP = _Format("ZIP", read_zip)
 MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
 _BY_FIRST_BYTES = (
@@ -83,9 +81,9 @@ def reading_scan(
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     max_bytes : int
-        Largest size of one array, as float32.
+        Largest size of one array, as float32 or as stored, whichever is more.
     free_bytes : int, optional
-        The machine's free memory: what has to be unpacked as a whole and does not fit is refused before it is read.
+        The machine's free memory: what has to be read as a whole and does not fit is refused before it is read.
 
     Raises
     ------
@@ -93,13 +91,12 @@ def reading_scan(
         When the file cannot be read, is not a scan, or contradicts what was said of it.
     """
     recognised = _recognise(path)
-    if free_bytes is not None and recognised.unpacked_whole:
-        max_bytes = min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
+    # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
+    piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
     with ExitStack() as files:
         with library_errors_translated(recognised.name):
-            contents = recognised.read(path, dataset, max_bytes, files)
-            if free_bytes is not None:
-                _check_piece(contents.projections, int(MEMORY_SHARE * free_bytes) // 2)
+            contents = recognised.read(path, dataset, Bounds(max_bytes, piece), files)
+            _check_piece(contents.projections, piece)
         projections = _translated(contents.projections, recognised.name)
         dimensions = len(projections.shape)
         angles, remarks = _agree_on_angles(contents, angles_deg, projections.shape[0])
@@ -148,8 +145,6 @@ def _recognise(path: Path) -> _Format:
         return _HDF5
     if head[124:128] in MAT_VERSIONS:
         return _MAT
-    if head.startswith(b"PK\x03\x04") and _first_member(head).endswith(b".npy"):
-        return _NPZ
     for first_bytes, known in _BY_FIRST_BYTES:
         if head.startswith(first_bytes):
             return known
@@ -158,11 +153,6 @@ def _recognise(path: Path) -> _Format:
         "the file is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT; "
         "export it as one of them",
     )
-
-
-def _first_member(head: bytes) -> bytes:
-    """The name of an archive's first file (APPNOTE.TXT 4.3.7: its length at byte 26, itself from byte 30 on)."""
-    return head[30 : 30 + int.from_bytes(head[26:28], "little")]
 
 
 def _agree_on_angles(

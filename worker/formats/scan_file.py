@@ -1,7 +1,7 @@
 """Scans as the product keeps and hands them out: HDF5 in the NXtomo layout."""
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,14 +10,15 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.formats.arrays import MAX_BYTES
+from worker.formats.arrays import MAX_BYTES, Bounds
 from worker.formats.atomic import whole_hdf5
-from worker.formats.errors import library_errors_translated
+from worker.formats.errors import UnreadableScan, library_errors_translated
 from worker.formats.hdf5_guard import attribute_text, find, numbers, open_hdf5, read_text
 from worker.formats.hdf5_nxtomo import DARK, FLAT, PROJECTION
 from worker.formats.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
 
 DETECTOR = "entry/instrument/detector"
+ANGLES = "entry/sample/rotation_angle"
 PROVENANCE = "provenance"
 LINE_INTEGRALS = "line integrals"
 
@@ -189,9 +190,16 @@ class OpenScan:
     air_level: h5py.Dataset | None
 
     def rows(self, wanted: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
-        """Line integrals (views, rows, detector) float32 of some rows, and of some views or all."""
+        """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
+
+        Raises
+        ------
+        UnreadableScan
+            Where they are damaged.
+        """
         # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
-        stack: NDArray[np.float32] = self.data[:, slice(wanted.start, wanted.stop, wanted.step), :]
+        with library_errors_translated("HDF5"):
+            stack: NDArray[np.float32] = self.data[:, slice(wanted.start, wanted.stop, wanted.step), :]
         return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
@@ -202,7 +210,7 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
         detector = file[DETECTOR]
         yield OpenScan(
             shape=detector["data"].shape,
-            angles_rad=np.deg2rad(file["entry/sample/rotation_angle"][()]),
+            angles_rad=np.deg2rad(file[ANGLES][()]),
             detector_pitch_mm=float(detector["x_pixel_size"][()]),
             row_pitch_mm=float(detector["y_pixel_size"][()]) if "y_pixel_size" in detector else None,
             data=detector["data"],
@@ -211,22 +219,36 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
 
 
 def is_own_scan(path: Path) -> bool:
-    """Whether a file of any kind is one of `new_scan`, all of its data in it.
+    """Whether a file of any kind is one of `new_scan`, whole and with all of its data in it.
 
-    Raises
-    ------
-    UnreadableScan
-        When its data are elsewhere, or of a kind that must not be read.
+    One that only looks so is none: `reading_scan` says what is wrong with it.
     """
     if not h5py.is_hdf5(path):
         return False
-    with library_errors_translated("HDF5"), open_hdf5(path) as file:
-        entry = find(file, "entry")
-        if not isinstance(entry, h5py.Group) or read_text(entry, "definition") != "NXtomo":
-            return False
-        data = numbers(file, f"{DETECTOR}/data", MAX_BYTES)
-        own = find(entry, PROVENANCE) is not None and data is not None
-        return own and attribute_text(data, "long_name") == LINE_INTEGRALS
+    with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
+        return _is_marked(file) and _is_whole(file)
+    return False
+
+
+def _is_marked(file: h5py.File) -> bool:
+    data = find(file, f"{DETECTOR}/data")
+    own = read_text(file, "entry/definition") == "NXtomo" and find(file, f"entry/{PROVENANCE}") is not None
+    return own and data is not None and attribute_text(data, "long_name") == LINE_INTEGRALS
+
+
+def _is_whole(file: h5py.File) -> bool:
+    bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
+    data = numbers(file, f"{DETECTOR}/data", bounds)
+    angles = numbers(file, ANGLES, bounds.whole)
+    x_pitch, y_pitch, air_level = (
+        numbers(file, f"{DETECTOR}/{name}", bounds) for name in ("x_pixel_size", "y_pixel_size", "air_level")
+    )
+    if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
+        return False
+    if not data.size or angles.shape != data.shape[:1] or not np.isfinite(angles[()]).all():
+        return False
+    pitches_are_numbers = x_pitch.shape == () and (y_pitch is None or y_pitch.shape == ())
+    return pitches_are_numbers and (air_level is None or air_level.shape == data.shape[1:])
 
 
 def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:

@@ -12,7 +12,7 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from worker.formats.arrays import as_float32, check_number_type, check_size
+from worker.formats.arrays import Bounds, as_float32, check_number_type, check_packed, check_size
 from worker.formats.contents import FileContents, Projections, held
 from worker.formats.errors import UnreadableScan, quoted
 
@@ -41,7 +41,7 @@ class TiffPages:
         return block
 
 
-def read_tiff(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+def read_tiff(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
 
     Raises
@@ -51,7 +51,7 @@ def read_tiff(path: Path, dataset: str | None, max_bytes: int, files: ExitStack)
     """
     if dataset is not None:
         raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")
-    pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, max_bytes))
+    pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
     count, rows, _ = pages.shape
     if count == 1:
         sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
@@ -60,7 +60,7 @@ def read_tiff(path: Path, dataset: str | None, max_bytes: int, files: ExitStack)
 
 
 @contextmanager
-def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: int) -> Iterator[TiffPages]:
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
     """Open one TIFF and check all of its pages.
 
     Only pages are looked at, never the series of OME or other dialects: those may name other files.
@@ -71,15 +71,14 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, max_bytes: i
             raise UnreadableScan("wrong-shape", f"{name} has {count} pages; a scan has one for each view")
         _check_last_page(tiff, name)
         first = tiff.pages[0]
-        check_size(
-            name,
-            (count, *first.shape),
-            _number_type(first, name).itemsize,
-            stored_bytes=size_bytes,
-            max_bytes=max_bytes,
-        )
+        itemsize = _number_type(first, name).itemsize
+        for what, shape, most in (
+            (name, (count, *first.shape), bounds.array),
+            (f"a page of {name}", first.shape, bounds.piece),
+        ):
+            check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
         for index, page in enumerate(tiff.pages):
-            _check_page(page, f"page {index} of {name}", first.shape, size_bytes)
+            _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
         rows, cells = first.shape
         yield TiffPages((count, rows, cells), tiff)
 
@@ -107,7 +106,7 @@ def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np
 
 
 def _check_page(
-    page: tifffile.TiffPage | tifffile.TiffFrame, where: str, shape: tuple[int, ...], size_bytes: int
+    page: tifffile.TiffPage | tifffile.TiffFrame, where: str, shape: tuple[int, ...], size_bytes: int, most_bytes: int
 ) -> None:
     itemsize = _number_type(page, where).itemsize
     if len(page.shape) != 2 or page.shape != shape:
@@ -124,3 +123,12 @@ def _check_page(
         raise UnreadableScan(
             "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
         )
+    if page.compression != UNCOMPRESSED:
+        _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
+
+
+def _check_strips(
+    page: tifffile.TiffPage | tifffile.TiffFrame, what: str, itemsize: int, size_bytes: int, most_bytes: int
+) -> None:
+    check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+    check_packed(what, max(page.databytecounts, default=0), math.prod(page.chunks) * itemsize)

@@ -3,7 +3,7 @@
 import math
 import re
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path, PurePosixPath
 from zipfile import ZipFile, ZipInfo
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.archives import members
-from worker.formats.arrays import MAX_BYTES
+from worker.formats.arrays import Bounds
 from worker.formats.contents import FileContents, Projections
 from worker.formats.errors import UnreadableScan, quoted
 from worker.formats.npy import read_npz
@@ -31,7 +31,7 @@ class _Member:
     shape: tuple[int, int, int]
 
 
-def read_zip(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) -> FileContents:
+def read_zip(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read a NPZ file or a ZIP of TIFF files, whichever the members' names say; the latter stays open for its views.
 
     Raises
@@ -40,32 +40,34 @@ def read_zip(path: Path, dataset: str | None, max_bytes: int, files: ExitStack) 
         When the archive is unsafe to unpack, or holds neither.
     """
     archive = files.enter_context(ZipFile(path))
-    infos = members(archive, max_bytes)
+    infos = members(archive, bounds.array)
     if infos and all(info.filename.endswith(".npy") for info in infos):
-        return read_npz(path, dataset, max_bytes)
+        return read_npz(path, dataset, bounds.piece)
     if dataset is not None:
         raise UnreadableScan(
             "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(dataset)!r}"
         )
-    return _read_tiffs(archive, infos, max_bytes)
+    return _read_tiffs(archive, infos, bounds)
 
 
-def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], max_bytes: int) -> FileContents:
+def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], bounds: Bounds) -> FileContents:
     frames = sorted((info for info in infos if _is_tiff(info.filename)), key=lambda info: natural_key(info.filename))
     kinds: dict[str, list[ZipInfo]] = {"view": [], "flat": [], "dark": []}
     for info in frames:
         kinds[frame_kind(info.filename)].append(info)
     if not kinds["view"]:
         raise UnreadableScan("unknown-format", "the archive holds no TIFF files of views; pack the views as .tif files")
-    views = _looked_through(archive, kinds["view"], max_bytes, rows_lost=True)
-    flats, darks = (_fields(archive, kinds[kind], max_bytes) for kind in ("flat", "dark"))
+    views = _looked_through(archive, kinds["view"], bounds, rows_lost=True)
+    flats, darks = (_fields(archive, kinds[kind], bounds.whole) for kind in ("flat", "dark"))
     ignored = len(infos) - len(frames)
     remarks = [f"{ignored} files that are no TIFFs were ignored."] if ignored else []
     rows = max(member.shape[1] for member in views)
     if any(member.shape[1] < rows for member in views):
         rows = max(rows, 0 if flats is None else flats.shape[1])
         remarks.append(f"Views of fewer than {rows} rows were read as lacking rows at the bottom.")
-    return FileContents("zip-of-tiffs", _projections(archive, views, rows), flats, darks, remarks=tuple(remarks))
+    return FileContents(
+        "zip-of-tiffs", _projections(archive, views, rows, bounds), flats, darks, remarks=tuple(remarks)
+    )
 
 
 def frame_kind(name: str) -> str:
@@ -91,22 +93,28 @@ def _is_tiff(name: str) -> bool:
 
 
 def _looked_through(
-    archive: ZipFile, infos: list[ZipInfo], max_bytes: int, *, rows_lost: bool = False
+    archive: ZipFile, infos: list[ZipInfo], bounds: Bounds, *, rows_lost: bool = False
 ) -> list[_Member]:
     """Each file's pages checked, all of one size; views may have lost rows."""
     found: list[_Member] = []
     for info in infos:
         before = sum(4 * math.prod(member.shape) for member in found)
-        with _unpacked(archive, info, max_bytes - before) as pages:
+        if info.file_size > bounds.piece:
+            raise UnreadableScan(
+                "too-large",
+                f"{quoted(info.filename)!r} unpacks to {info.file_size} bytes and at most {bounds.piece} are allowed "
+                "or free; pack fewer views into one file",
+            )
+        with _unpacked(archive, info, replace(bounds, array=bounds.array - before)) as pages:
             member = _Member(info, pages.shape)
         _check_like(member, (found or [member])[0], rows_lost=rows_lost)
         found.append(member)
     return found
 
 
-def _unpacked(archive: ZipFile, info: ZipInfo, max_bytes: int) -> AbstractContextManager[TiffPages]:
+def _unpacked(archive: ZipFile, info: ZipInfo, bounds: Bounds) -> AbstractContextManager[TiffPages]:
     data = archive.read(info)
-    return open_pages(BytesIO(data), repr(quoted(info.filename)), len(data), max_bytes)
+    return open_pages(BytesIO(data), repr(quoted(info.filename)), len(data), bounds)
 
 
 def _check_like(member: _Member, first: _Member, *, rows_lost: bool) -> None:
@@ -120,7 +128,7 @@ def _check_like(member: _Member, first: _Member, *, rows_lost: bool) -> None:
         )
 
 
-def _projections(archive: ZipFile, files: list[_Member], rows: int) -> Projections:
+def _projections(archive: ZipFile, files: list[_Member], rows: int, bounds: Bounds) -> Projections:
     """All pages of the files, those of fewer rows filled with NaN at the bottom."""
     ends = np.cumsum([member.shape[0] for member in files])
     cells = files[0].shape[2]
@@ -131,7 +139,7 @@ def _projections(archive: ZipFile, files: list[_Member], rows: int) -> Projectio
             first = end - member.shape[0]
             start, stop, bottom = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
             if start < stop and wanted.start < bottom:
-                with _unpacked(archive, member.info, MAX_BYTES) as pages:
+                with _unpacked(archive, member.info, bounds) as pages:
                     part = pages.read(slice(start - first, stop - first), slice(wanted.start, bottom))
                 block[start - views.start : stop - views.start, : bottom - wanted.start] = part
         return block
@@ -139,9 +147,9 @@ def _projections(archive: ZipFile, files: list[_Member], rows: int) -> Projectio
     return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
 
 
-def _fields(archive: ZipFile, infos: list[ZipInfo], max_bytes: int) -> NDArray[np.float32] | None:
+def _fields(archive: ZipFile, infos: list[ZipInfo], bounds: Bounds) -> NDArray[np.float32] | None:
     if not infos:
         return None
-    files = _looked_through(archive, infos, max_bytes)
-    fields = _projections(archive, files, files[0].shape[1])
+    files = _looked_through(archive, infos, bounds)
+    fields = _projections(archive, files, files[0].shape[1], bounds)
     return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))
