@@ -182,8 +182,10 @@ def fit() -> None:
                 step, abreast = layout(project, shape[0])
                 with new_reconstruction(path, shape, **UNTOLD) as volume:
 
-                    def reconstruct(start: int, stop: int) -> None:
-                        volume.write(start, fbp_block(project, stack[:, start:stop]))
+                    def reconstruct(start: int, stop: int) -> Iterator[None]:
+                        block = fbp_block(project, stack[:, start:stop])
+                        yield
+                        volume.write(start, block)
 
                     reconstruct_stack(shape[0], reconstruct, step=step, abreast=abreast)
 

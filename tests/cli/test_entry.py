@@ -4,10 +4,12 @@ import json
 import os
 import subprocess
 import sys
+import time
 from importlib.metadata import version
 from pathlib import Path
 
 SAWMILL = Path(sys.executable).with_name("sawmill")
+THETA = "2.55,714.7,319.9,43.7,0.281"
 
 
 def sawmill(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
@@ -37,6 +39,21 @@ def test_standard_output_is_the_object_alone(phantom_scan):
     assert json.loads(refused.stdout)["failure"]["code"] == "rows-outside"
     assert "rows-outside" in refused.stderr
     assert sawmill("calibrate", phantom_scan, *flags, "--rows", "9:7").returncode == 2
+
+
+def test_a_command_that_is_terminated_leaves_nothing_behind(stack, tmp_path):
+    # Many pixels: far from done when the volume is begun.
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--theta", THETA, "--method", "cauchy_map")
+    command = ("reconstruct", stack, *flags, "--size", 768, "-o", tmp_path / "out.h5")
+    with subprocess.Popen([SAWMILL, *map(str, command)]) as process:
+        deadline = time.monotonic() + 60.0
+        while not any(tmp_path.glob(".out.h5.*.part")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        # The volume that is begun and the prepared scan.
+        assert len(list(tmp_path.iterdir())) == 2
+        process.terminate()
+    assert process.returncode == 143
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_openapi_writes_the_document_and_a_request_for_each_operation(tmp_path):

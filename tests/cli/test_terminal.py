@@ -1,6 +1,8 @@
 """How a command says that it has no answer."""
 
 import json
+import os
+import signal
 
 import pytest
 import typer
@@ -28,6 +30,15 @@ def test_a_defect_is_told_and_keeps_its_traceback(capsys):
         raise defect
     assert raised.value is defect
     assert json.loads(capsys.readouterr().out)["failure"]["kind"] == "internal"
+
+
+def test_sigterm_ends_a_command_as_an_exit_does_and_is_nobody_s_afterwards(capsys):
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(SystemExit) as ended, answering(as_json=True):
+        os.kill(os.getpid(), signal.SIGTERM)
+    assert ended.value.code == 143
+    assert signal.getsignal(signal.SIGTERM) is before
+    assert capsys.readouterr().out == ""
 
 
 def test_people_get_no_json(capsys):

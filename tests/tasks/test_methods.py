@@ -10,6 +10,7 @@ from pydantic import ValidationError
 from worker.contracts.base import Handedness, Rotation
 from worker.contracts.reconstructions import ReconstructionOptions
 from worker.tasks.conversion import from_theta
+from worker.tasks.failures import JobFailure
 from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 from worker.tomography.analytic import DetectorCells, project
 from worker.tomography.geometry import FanBeamGeometry, Theta
@@ -158,6 +159,62 @@ def test_what_is_chosen_is_the_same_along_the_log(log, reconstruct):
     # Sigma is a factor times each slice's own noise, here equal to some per cent.
     assert relative(volume, single) < 0.05
     assert again.method.sigma == pytest.approx(result.method.sigma, rel=0.05)
+
+
+def without(given, *empty):
+    """The same with slices that are 0 in every ray."""
+
+    def read(start, stop):
+        nothing = np.isin(np.arange(start, stop), empty)
+        return np.where(nothing[:, None], np.float32(0.0), given.read(start, stop))
+
+    return replace(given, read=read)
+
+
+@pytest.mark.parametrize("method", ITERATIVE)
+def test_slices_that_show_nothing_are_empty_and_the_others_as_without_them(log, reconstruct, method):
+    """Among others in the first block, and all of the second."""
+    given, empty = log(rows=18), (0, 3, 16, 17)
+    nothing = np.isin(np.arange(18), empty)
+    _, whole = reconstruct(given, method=method, size=24)
+    told, volume = reconstruct(without(given, *empty), method=method, size=24)
+    assert not volume[nothing].any()
+    # They share the choice of the middle slice and, but for rounding, nothing else.
+    assert relative(volume[~nothing], whole[~nothing]) < 1e-3
+    report = told.method
+    assert np.isfinite([report.noise, report.data_misfit, report.worst_data_misfit]).all()
+    assert report.worst_data_misfit > 0.0
+    assert report.unconverged_slices == 0
+
+
+@pytest.mark.parametrize("method", ["cauchy_map", "total_variation"])
+def test_settings_are_not_chosen_from_a_middle_slice_that_shows_nothing(log, reconstruct, method):
+    given = replace(without(log(rows=5), 2), rows=(100, 110), row_step=2)
+    with pytest.raises(JobFailure, match=f"row 104, the middle one, from which {method} chooses its settings") as told:
+        reconstruct(given, method=method, size=24)
+    assert told.value.code == "empty-slice"
+    setting = {"cauchy_map": {"sigma": 0.05}, "total_variation": {"weight": 50.0}}[method]
+    _, volume = reconstruct(given, method=method, size=24, **setting)
+    assert volume.any(axis=(1, 2)).tolist() == [True, True, False, True, True]
+
+
+def test_the_curve_is_that_of_the_slice_nearest_to_the_middle_that_shows_anything(log, reconstruct, tmp_path):
+    result, _ = reconstruct(without(log(rows=17), 7, 8, 9), method="tikhonov", size=24)
+    with h5py.File(tmp_path / "volume.h5") as file:
+        taken = file["entry/process/alpha_curve/alpha"][()]
+    sixth, _ = reconstruct(
+        replace(log(rows=17), read=lambda _start, _stop: log(rows=17).read(6, 7), rows=(6, 7)),
+        method="tikhonov",
+        size=24,
+    )
+    assert taken == pytest.approx(sixth.method.alpha, rel=1e-6)
+    assert result.method.alpha != pytest.approx(taken, rel=1e-6)
+
+
+def test_a_scan_that_shows_nothing_at_all_is_an_empty_volume(log, reconstruct):
+    told, volume = reconstruct(without(log(rows=2), 0, 1), method="tikhonov", size=24)
+    assert not volume.any()
+    assert (told.method.noise, told.method.data_misfit, told.method.alpha) == (0.0, 0.0, None)
 
 
 def test_counts_are_weighted_by_their_photons(log, reconstruct):

@@ -247,9 +247,17 @@ def test_what_cannot_be_is_refused(projector, scan):
     with pytest.raises(GeometryError, match=r"the noise has shape \(3,\); it must be one number or"):
         cauchy_map(a, scan(a), noise=np.ones(3))
     with pytest.raises(GeometryError, match="no attenuation anywhere"):
-        cauchy_map(a, np.zeros(a.geometry.sinogram_shape))
+        cauchy_map(a, np.full(a.geometry.sinogram_shape, -1.0))
     with pytest.raises(GeometryError, match="weight must be a positive number"):
         total_variation(a, scan(a), weight=0.0)
+
+
+@pytest.mark.parametrize("method", [tikhonov, cauchy_map, total_variation])
+@pytest.mark.parametrize("noise", [None, 0.02])
+def test_a_slice_without_anything_is_named(projector, scan, method, noise):
+    a = projector(views=9, size=16)
+    with pytest.raises(GeometryError, match="slice 1, counted from 0, is 0 in every ray"):
+        method(a, np.stack([scan(a), np.zeros(a.geometry.sinogram_shape)]), noise=noise)
 
 
 def test_total_variation_is_a_yardstick_of_the_same_kind(projector, scan):

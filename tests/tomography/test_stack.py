@@ -22,6 +22,7 @@ def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, abreast):
             begun.append((start, stop))
             at_work.add(start)
             most.append(len(at_work))
+        yield
         with lock:
             at_work.remove(start)
 
@@ -35,7 +36,11 @@ def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, abreast):
 def test_as_many_blocks_as_asked_for_are_at_work_at_a_time():
     # Each waits for the other two: with fewer at a time none would end, and the barrier breaks.
     together = threading.Barrier(3, timeout=20.0)
-    reconstruct_stack(30, lambda _start, _stop: together.wait(), step=5, abreast=3)
+
+    def reconstruct(_start, _stop):
+        yield together.wait()
+
+    reconstruct_stack(30, reconstruct, step=5, abreast=3)
 
 
 @pytest.mark.parametrize("abreast", [1, 2])
@@ -47,11 +52,33 @@ def test_trouble_in_a_block_comes_out_and_ends_the_work(abreast):
         time.sleep(0.001)
         if start >= 16:
             raise OSError("the disk went away")
+        yield
 
     with pytest.raises(OSError, match="went away"):
         reconstruct_stack(160_000, failing, step=16, abreast=abreast)
     # Besides those at work, threads may have taken others before the trouble was known.
     assert len(begun) < 1000
+
+
+def test_a_block_that_nobody_waits_for_any_more_does_not_go_on():
+    at_work, over, went_on = threading.Event(), threading.Event(), []
+
+    def reconstruct(start, _stop):
+        if start == 0:
+            at_work.wait(20.0)
+            raise OSError("the disk went away")
+        at_work.set()
+        # Parts without end, were it not left; the test's own end is far later than the trouble is known.
+        while not over.wait(0.001):
+            yield
+        went_on.append(start)
+
+    deadline = threading.Timer(20.0, over.set)
+    deadline.start()
+    with pytest.raises(OSError, match="went away"):
+        reconstruct_stack(2, reconstruct, step=1, abreast=2)
+    deadline.cancel()
+    assert went_on == []
 
 
 def test_blocks_stay_within_their_memory():

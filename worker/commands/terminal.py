@@ -1,10 +1,12 @@
 """What a command says: answers on standard output, everything else on standard error."""
 
 import json
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
+from types import FrameType
 
 import typer
 from rich.console import Console
@@ -42,10 +44,11 @@ def print_json(document: object) -> None:
 def answering(*, as_json: bool = False) -> Iterator[None]:
     """End with exit code 1 and one sentence (with `--json` one object) where no answer can be computed.
 
-    A defect tells its kind in the object and keeps its traceback.
+    A defect tells its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
+    files taken away, with exit code 143.
     """
     try:
-        with input_errors_translated():
+        with _ending_when_terminated(), input_errors_translated():
             yield
     except JobFailure as failure:
         _tell(jobs.Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
@@ -61,6 +64,18 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
         detail = f"an unexpected {type(error).__name__}, which is a defect of this program"
         _tell(jobs.Failure(kind=jobs.FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
         raise
+
+
+@contextmanager
+def _ending_when_terminated() -> Iterator[None]:
+    def end(number: int, _frame: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _tell(failure: jobs.Failure, *, as_json: bool) -> None:

@@ -195,7 +195,7 @@ def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
     Raises
     ------
     Conflict
-        The volume was reconstructed by another method.
+        The volume was reconstructed by another method, or shows nothing.
     """
     with h5py.File(path, "r") as file:
         if _ALPHA_CURVE not in file:

@@ -64,12 +64,16 @@ class MethodFindings:
         for name, values in parameters.items():
             self._parameters.setdefault(name, []).extend(values.tolist())
 
+    def add_empty(self, slices: int) -> None:
+        """Take in slices whose image and data are both 0: they miss nothing."""
+        self.misfit.extend([0.0] * slices)
+
     def report(self) -> MethodReport:
         """Medians over the slices, and the worst misfit."""
         return MethodReport(
             name=self._method,
             reason=self._reason,
-            noise=float(np.median(self.noise)),
+            noise=float(np.median(self.noise)) if self.noise else 0.0,
             data_misfit=float(np.median(self.misfit)) if self.misfit else None,
             worst_data_misfit=max(self.misfit) if self.misfit else None,
             unconverged_slices=self._unconverged,

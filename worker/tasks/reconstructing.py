@@ -1,7 +1,7 @@
 """A reconstruction from rows to a volume's file, block by block: what the job and the command line share."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -102,6 +102,7 @@ def run_reconstruction(
         sample=sample,
         radius_mm=_radius_mm(given.read, projector.geometry, slices),
         slices=slices,
+        middle_row=given.rows[0] + slices // 2 * given.row_step,
         counts=given.counts,
         memory_bytes=int(MEMORY_SHARE * memory_available()),
         reason=reason,
@@ -122,8 +123,11 @@ def run_reconstruction(
     unit = volume_unit(counts=given.counts)
     with new_volume(output, shape, origin, options, unit=unit, views=angles.size) as volume:
 
-        def reconstruct(start: int, stop: int) -> None:
-            block = solver(start, given.read(start, stop))
+        def reconstruct(start: int, stop: int) -> Iterator[None]:
+            rows = given.read(start, stop)
+            yield
+            block = solver(start, rows)
+            yield
             volume.write(start, block.images)
             seen.add(block.images)
             if block.deviation is not None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.contracts.reconstructions import MethodReport, ReconstructionMethod, ReconstructionOptions
+from worker.tasks.failures import refused
 from worker.tasks.method_findings import MethodFindings, Slices
 from worker.tasks.room import check_memory
 from worker.tomography import cost
@@ -27,6 +28,7 @@ from worker.tomography.total_variation import choose_weight, total_variation
 
 Columns = Mapping[str, NDArray[np.float64]]
 Sinogram = NDArray[np.float32]
+Indices = NDArray[np.int64]
 
 # Slices by `fbp` whose misfit is looked at: projecting one takes longer than reconstructing it.
 FBP_SLICES_LOOKED_AT = 5
@@ -50,6 +52,8 @@ class Work:
         Of the disc around the rotation centre that holds all that was scanned, in every slice.
     slices : int
         Of the whole volume.
+    middle_row : int
+        The scan's row that the sample is.
     counts : bool
         Whether the line integrals were made from counts, so that dark rays are noisier than bright ones.
     memory_bytes : int
@@ -65,6 +69,7 @@ class Work:
     sample: Sinogram
     radius_mm: float
     slices: int
+    middle_row: int
     counts: bool
     memory_bytes: int
     reason: str | None
@@ -84,7 +89,8 @@ class Solver(Protocol):
     step, abreast : int
         Slices that it takes at a time, and how many threads may call it at once.
     curve : mapping or None
-        What Tikhonov's alpha was chosen from in the middle slice, a column each, and the `alpha` taken.
+        What Tikhonov's alpha was chosen from in the middle slice, or the nearest to it that shows anything, a column
+        each, and the `alpha` taken.
     """
 
     step: int
@@ -154,7 +160,10 @@ class _Fbp:
 
 
 class _Iterative(ABC):
-    """These methods explain the measured rays, so they have pixels wherever there is wood, beyond the field too."""
+    """These methods explain the measured rays, so they have pixels wherever there is wood, beyond the field too.
+
+    A slice without any attenuation is empty without being solved: it has no scale to choose anything by.
+    """
 
     method: ReconstructionMethod
     abreast = 1
@@ -163,7 +172,6 @@ class _Iterative(ABC):
         grid, self._part = work.whole
         self._projector = Projector(work.projector.geometry, grid)
         self._work = work
-        self._first = 0
         self.curve: Columns | None = None
         self._findings = MethodFindings(self.method, work.reason)
         if grid.size != work.projector.grid.size:
@@ -181,15 +189,27 @@ class _Iterative(ABC):
         """The least that are in memory."""
 
     @abstractmethod
-    def solve(self, lines: Block, progress: Told) -> Slices:
-        """Line integrals (slices, views, detector), their air at 0, to slices of the larger field."""
+    def solve(self, numbers: Indices, lines: Block, progress: Told) -> Slices:
+        """Line integrals (slices, views, detector), their air at 0, to slices of the larger field.
+
+        None of them is empty; the numbers (slices,) count from the log's first.
+        """
 
     def __call__(self, first: int, rows: Block) -> Slices:
-        self._first = first
         lines = _levelled(np.ascontiguousarray(rows.transpose(1, 0, 2)), self._findings)
-        solved = self.solve(lines, lambda share: self._work.told(len(lines) * share))
-        inside = (slice(None), *self._part)
-        return Slices(solved.images[inside], None if solved.deviation is None else solved.deviation[inside])
+        shown = lines.any(axis=(1, 2))
+        size = self._work.projector.grid.size
+        images = np.zeros((len(lines), size, size), np.float32)
+        deviation = np.zeros_like(images) if self._work.options.uncertainty else None
+        if shown.any():
+            numbers = first + np.flatnonzero(shown)
+            solved = self.solve(numbers, lines[shown], lambda share: self._work.told(len(lines) * share))
+            inside = (slice(None), *self._part)
+            images[shown] = solved.images[inside]
+            if deviation is not None and solved.deviation is not None:
+                deviation[shown] = solved.deviation[inside]
+        self._findings.add_empty(int((~shown).sum()))
+        return Slices(images, deviation)
 
     def report(self) -> MethodReport:
         return self._findings.report()
@@ -198,15 +218,19 @@ class _Iterative(ABC):
 class _Tikhonov(_Iterative):
     method = ReconstructionMethod.TIKHONOV
     images_at_once = IMAGES_OF_A_BASIS
+    # Of the slice whose curve is kept from the middle one, in slices.
+    _distance: float = np.inf
 
-    def solve(self, lines: Block, progress: Told) -> Slices:
+    def solve(self, numbers: Indices, lines: Block, progress: Told) -> Slices:
         options = self._work.options
         found = tikhonov(
             self._projector, lines, alpha=options.alpha, rule=AlphaRule(options.alpha_rule), progress=progress
         )
         self._findings.add(found, alpha=found.alpha)
-        index = self._work.slices // 2 - self._first
-        if 0 <= index < len(lines):
+        distances = np.abs(numbers - self._work.slices // 2)
+        index = int(np.argmin(distances))
+        if distances[index] < self._distance:
+            self._distance = int(distances[index])
             self.curve = _columns(found.curves[index], found.alpha[index])
         return Slices(found.image)
 
@@ -219,15 +243,28 @@ class _Penalised(_Iterative):
     choosing_slices: float
     _chosen = False
 
+    def __init__(self, work: Work) -> None:
+        super().__init__(work)
+        if self.open and not self._sample.any():
+            raise refused(
+                "empty-slice",
+                f"row {work.middle_row}, the middle one, from which {self.method} chooses its settings, shows nothing: "
+                "leave it out of the rows, or give the settings",
+            )
+
+    @property
+    def _sample(self) -> Block:
+        return _levelled(self._work.sample[None], self._findings)
+
     @abstractmethod
     def choose(self, line: Block, progress: Told) -> None:
         """Take the parameters for all slices from one of them (1, views, detector)."""
 
-    def solve(self, lines: Block, progress: Told) -> Slices:
+    def solve(self, _numbers: Indices, lines: Block, progress: Told) -> Slices:
         choosing = self.open and not self._chosen and self._work.slices > len(lines)
         phases = Phases(progress, choose=self.choosing_slices * choosing, descend=len(lines))
         if choosing:
-            self.choose(_levelled(self._work.sample[None], self._findings), phases.of("choose"))
+            self.choose(self._sample, phases.of("choose"))
             self._chosen = True
         return self.descend(lines, phases.of("descend"))
 

@@ -25,6 +25,7 @@ from worker.tomography.iterative.rehearsing import ITERATIONS as TRIAL_ITERATION
 from worker.tomography.iterative.rehearsing import Rehearsal
 from worker.tomography.iterative.telling import Phases, Told, side_by_side
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
+from worker.tomography.object_extent import check_shown
 from worker.tomography.projector import Image, Projector
 from worker.tomography.total_variation import total_variation
 
@@ -149,9 +150,10 @@ def cauchy_map(
     Raises
     ------
     GeometryError
-        If shapes do not fit or a value is not positive.
+        If shapes do not fit, a value is not positive, or a slice is 0 in every ray.
     """
     lines = projector.block(sinogram)
+    check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     corner = None
     if preset is not None:
@@ -255,6 +257,7 @@ def choose(
     Parameters as of `cauchy_map`; a given beta stays. See `Rehearsal` for what is compared.
     """
     lines = projector.block(sinogram)
+    check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
     middle = float(_betas(beta, mean_along_rays(inside.projector, lines))[0])

@@ -5,8 +5,23 @@ import math
 import numpy as np
 
 from worker.tomography.air import find_air
-from worker.tomography.geometry import FanBeamGeometry
+from worker.tomography.geometry import FanBeamGeometry, GeometryError
 from worker.tomography.projector import Image
+
+
+def check_shown(lines: Image) -> None:
+    """See that every slice (slices, views, detector) shows something: where none does there is no scale to solve by.
+
+    Raises
+    ------
+    GeometryError
+        If a slice is 0 in every ray.
+    """
+    shown = lines.any(axis=(1, 2))
+    if not shown.all():
+        raise GeometryError(
+            f"slice {int(np.argmin(shown))}, counted from 0, is 0 in every ray, and so is its image: leave it out"
+        )
 
 
 def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:

@@ -1,7 +1,8 @@
 """Whole logs: blocks of slices, several side by side, in bounded memory."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from threading import Event
 
 from numba import get_num_threads, set_num_threads
 from numba.np.ufunc import threading_layer
@@ -18,7 +19,7 @@ def most_abreast() -> int:
 
 def reconstruct_stack(
     slices: int,
-    reconstruct: Callable[[int, int], None],
+    reconstruct: Callable[[int, int], Iterator[None]],
     *,
     step: int,
     abreast: int = 1,
@@ -29,7 +30,8 @@ def reconstruct_stack(
     Parameters
     ----------
     reconstruct : callable
-        Reads, computes and writes the slices start..stop. Called in rising order; in threads where several are abreast.
+        Reads, computes and writes the slices start..stop, and yields in between: a block that nobody waits for any more
+        is left there. Called in rising order; in threads where several are abreast.
     abreast : int
         How many blocks, at most `most_abreast`, are at work, and so in memory, at a time: one reads or writes while
         another computes, and none waits for another. A single one is reconstructed in the calling thread.
@@ -39,19 +41,26 @@ def reconstruct_stack(
     Raises
     ------
     Exception
-        Whatever `reconstruct` raises; no other block is begun then.
+        Whatever `reconstruct` raises; no other block is begun then, and none that is at work goes on past its part.
     """
     blocks = [(start, min(start + step, slices)) for start in range(0, slices, step)]
+    stopped = Event()
+
+    def work_on(block: tuple[int, int]) -> None:
+        for _ in reconstruct(*block):
+            if stopped.is_set():
+                return
+
     if abreast == 1:
         for block in blocks:
-            reconstruct(*block)
+            work_on(block)
             if done is not None:
                 done(block[1])
         return
     finished = 0
     threads = max(1, get_num_threads() // abreast)
     with ThreadPoolExecutor(abreast, initializer=set_num_threads, initargs=(threads,)) as pool:
-        at_work = {pool.submit(reconstruct, *block): block for block in blocks}
+        at_work = {pool.submit(work_on, block): block for block in blocks}
         try:
             for ended in as_completed(at_work):
                 ended.result()
@@ -60,5 +69,6 @@ def reconstruct_stack(
                 if done is not None:
                     done(finished)
         finally:
+            stopped.set()
             for block_at_work in at_work:
                 block_at_work.cancel()

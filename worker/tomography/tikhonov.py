@@ -11,6 +11,7 @@ from worker.tomography.geometry import GeometryError
 from worker.tomography.iterative.descent import Floats, Indices
 from worker.tomography.iterative.telling import Phases, Told, part_of
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
+from worker.tomography.object_extent import check_shown
 from worker.tomography.projector import Image, Projector
 
 ITERATIONS = 200
@@ -113,11 +114,12 @@ def tikhonov(
     Raises
     ------
     GeometryError
-        If shapes do not fit or a value is not positive.
+        If shapes do not fit, a value is not positive, or a slice is 0 in every ray.
     """
     if alpha is not None and not (math.isfinite(alpha) and alpha > 0.0):
         raise GeometryError(f"alpha must be a positive number of mm^2, not {alpha}")
     lines = projector.block(sinogram)
+    check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     of_each = np.broadcast_to(noises.ravel(), (len(lines),))
     crossing = projector.forward(np.ones((projector.grid.size, projector.grid.size), np.float32)) > 0.0

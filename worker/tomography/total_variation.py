@@ -21,6 +21,7 @@ from worker.tomography.iterative.penalised import (
 )
 from worker.tomography.iterative.telling import Phases, Told, side_by_side
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
+from worker.tomography.object_extent import check_shown
 from worker.tomography.projector import Image, Projector
 
 # Differences below this share of the wood's attenuation are smoothed quadratically.
@@ -91,11 +92,12 @@ def total_variation(
     Raises
     ------
     GeometryError
-        If shapes do not fit or a value is not positive.
+        If shapes do not fit, a value is not positive, or a slice is 0 in every ray.
     """
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
     lines = projector.block(sinogram)
+    check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
     inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
@@ -158,6 +160,7 @@ def choose_weight(
     Parameters as of `total_variation`, for one sinogram.
     """
     lines = projector.block(sinogram)
+    check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
     start = mean_along_rays(inside.projector, lines)
