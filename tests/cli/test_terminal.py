@@ -7,7 +7,8 @@ import signal
 import pytest
 import typer
 
-from worker.commands.terminal import answering, say
+from worker.commands.terminal import answering, say, showing_progress
+from worker.contracts.jobs import Progress
 
 
 @pytest.mark.parametrize(
@@ -39,6 +40,31 @@ def test_sigterm_ends_a_command_as_an_exit_does_and_is_nobody_s_afterwards(capsy
     assert ended.value.code == 143
     assert signal.getsignal(signal.SIGTERM) is before
     assert capsys.readouterr().out == ""
+
+
+class _Callback:
+    """What it raises on its way out nobody catches, as of a callback of the interpreter's."""
+
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+def test_a_sigterm_that_gets_lost_ends_the_command_at_its_next_report():
+    reached = []
+
+    def command():
+        with answering(), showing_progress("counting") as report:
+            _Callback()
+            reached.append("the next report")
+            report(Progress(fraction=0.5, stage="half"))
+            reached.append("more")
+
+    with pytest.raises(SystemExit) as ended:
+        command()
+    assert (ended.value.code, reached) == (143, ["the next report"])
+    with answering(), showing_progress("counting") as report:
+        report(Progress(fraction=0.5, stage="half"))
 
 
 def test_people_get_no_json(capsys):

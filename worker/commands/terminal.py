@@ -69,13 +69,25 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
 @contextmanager
 def _ending_when_terminated() -> Iterator[None]:
     def end(number: int, _frame: FrameType | None) -> None:
-        raise SystemExit(128 + number)
+        _ended_by.append(number)
+        _end_if_told()
 
     before = signal.signal(signal.SIGTERM, end)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+        _ended_by.clear()
+
+
+# Signals that said to end. What a handler raises is lost where it interrupts a callback of the interpreter, as while
+# kernels are loaded: then the next report of progress ends the work.
+_ended_by: list[int] = []
+
+
+def _end_if_told() -> None:
+    if _ended_by:
+        raise SystemExit(128 + _ended_by[0])
 
 
 def _tell(failure: jobs.Failure, *, as_json: bool) -> None:
@@ -109,6 +121,7 @@ def showing_progress(what: str) -> Iterator[Report]:
         task = bar.add_task(what, total=1.0, seconds_left=None)
 
         def report(progress: jobs.Progress) -> None:
+            _end_if_told()
             best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
             generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
             description = f"{what}: {progress.stage}{generation}"
