@@ -32,13 +32,13 @@ from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.iterative.descent import Floats, Images
 from worker.tomography.iterative.penalised import (
-    FACTORS,
     Inside,
     Objective,
     Prior,
     descend,
     mean_along_rays,
     typical_attenuation,
+    widely,
 )
 from worker.tomography.log_model import LogModel
 from worker.tomography.phantom import Disc, Phantom, Polygon, Shape
@@ -162,30 +162,29 @@ class Reference:
         """Relative error of each."""
         return np.array([relative_error(image, self.truth) for image in images])
 
-    def descend(
-        self, projector: Projector, sigmas: Floats, prior: Prior, start: Images, factors: tuple[float, ...]
-    ) -> Images:
-        """Side by side, sigma as a multiple of the noise."""
+    def descend(self, projector: Projector, sigmas: Floats, prior: Prior, start: Images, *, widened: bool) -> Images:
+        """Side by side, sigma as a multiple of the noise; through the widened prior first, where that is asked for."""
         weights = 1.0 / (self.noise * sigmas[:, None, None]) ** 2
         weights = np.broadcast_to(weights, (sigmas.size, *self.lines.shape[1:])).astype(np.float32)
         objective = Objective(projector, self.lines, weights, prior)
-        settings = {"non_negative": True, "iterations": 200, "tolerance": 1e-4}
-        return descend(objective, start, **settings, factors=factors).images
+        if widened:
+            start = widely(objective, start, non_negative=True, tolerance=1e-4)
+        return descend(objective, start, non_negative=True, iterations=200, tolerance=1e-4).images
 
     def best_pair(self) -> tuple[float, float, float]:
         """Lowest relative error, and its sigma and beta."""
         near = self.inside.projector
         images, tried = np.repeat(mean_along_rays(near, self.lines), SIGMAS.size, axis=0), []
         for beta in BETAS:
-            factors = FACTORS if beta == BETAS[0] else (1.0,)
-            images = self.descend(near, SIGMAS, self.cauchy(np.full(SIGMAS.size, beta)), images, factors)
+            prior = self.cauchy(np.full(SIGMAS.size, beta))
+            images = self.descend(near, SIGMAS, prior, images, widened=beta == BETAS[0])
             whole = self.inside.whole(images)
             tried += list(zip(self.errors(whole), SIGMAS, np.full(SIGMAS.size, beta), whole, strict=True))
         _, sigma, beta, image = min(tried, key=itemgetter(0))
         steps = np.array([-1.0, 0.0, 1.0])
         sigmas, betas = (grid.ravel() for grid in np.meshgrid(sigma * NEAR_SIGMA**steps, beta * NEAR_BETA**steps))
         start = np.repeat(image[None], sigmas.size, axis=0)
-        errors = self.errors(self.descend(self.projector, sigmas, self.cauchy(betas), start, (1.0,)))
+        errors = self.errors(self.descend(self.projector, sigmas, self.cauchy(betas), start, widened=False))
         best = int(np.argmin(errors))
         return float(errors[best]), float(sigmas[best]), float(betas[best])
 
@@ -198,7 +197,7 @@ class Reference:
         wood = np.full(WEIGHTS.size, self.wood)
         prior = Prior("total-variation", SMOOTHING_SHARE * wood, WEIGHTS / wood, wood)
         start = np.repeat(mean_along_rays(self.projector, self.lines), WEIGHTS.size, axis=0)
-        errors = self.errors(self.descend(self.projector, np.ones(WEIGHTS.size), prior, start, FACTORS))
+        errors = self.errors(self.descend(self.projector, np.ones(WEIGHTS.size), prior, start, widened=True))
         best = int(np.argmin(errors))
         return float(errors[best]), float(WEIGHTS[best])
 

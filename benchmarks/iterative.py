@@ -29,8 +29,8 @@ from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.iterative.descent import Floats, Images, Indices, minimise
 from worker.tomography.iterative.penalised import (
-    FACTORS,
     WIDE_ITERATIONS,
+    WIDENING,
     Curvature,
     Objective,
     Prior,
@@ -97,8 +97,8 @@ def peer(objective: Objective, start: Images, iterations: int) -> Track:
     """SciPy's L-BFGS-B through the same widened priors; the sharp prior's values."""
     started = time.perf_counter()
     x, track = start.ravel().astype(np.float64), []
-    for factor in FACTORS:
-        last = factor == FACTORS[-1]
+    for factor in (WIDENING, 1.0):
+        last = factor == 1.0
         prior = objective.prior.widened(factor)
         call = Objective(objective.projector, objective.lines, objective.weights, prior)
         found = minimize(
@@ -153,7 +153,7 @@ RIVALS: dict[str, Callable[[Objective, Images], Tracked]] = {
 
 def compare(objective: Objective, start: Images) -> dict[str, Tracked]:
     """Each rival from where the widened prior leads."""
-    near = widely(objective, start, FACTORS[0], non_negative=True, tolerance=LONG["tolerance"])
+    near = widely(objective, start, non_negative=True, tolerance=LONG["tolerance"])
     found = {}
     for label, rival in RIVALS.items():
         counted = Counted(objective.projector.geometry, objective.projector.grid)

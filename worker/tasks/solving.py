@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Lock
 from typing import Protocol
 
@@ -252,7 +253,7 @@ class _Penalised(_Iterative):
                 "leave it out of the rows, or give the settings",
             )
 
-    @property
+    @cached_property
     def _sample(self) -> Block:
         return _levelled(self._work.sample[None], self._findings)
 

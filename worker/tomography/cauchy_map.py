@@ -10,7 +10,6 @@ from worker.tomography.geometry import GeometryError
 from worker.tomography.iterative.descent import Floats, Images, Indices
 from worker.tomography.iterative.holding_out import bottom
 from worker.tomography.iterative.penalised import (
-    FACTORS,
     WIDE_ITERATIONS,
     Inside,
     Objective,
@@ -161,8 +160,7 @@ def cauchy_map(
         sigma, beta, corner = settings.sigma, settings.beta, settings.boundary
         iterations, non_negative = settings.iterations, settings.non_negative
     # The bound leaves little to find in the air around the log: only the last descent looks there.
-    inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
-    start = mean_along_rays(inside.projector, lines)
+    inside = Inside.of(projector, lines, non_negative=non_negative)
     alone = sigma is None and len(lines) == 1
     phases = Phases(
         progress,
@@ -182,22 +180,22 @@ def cauchy_map(
             progress=phases.of("choose"),
         )
         sigmas, betas = choice.factor * noises, np.full(len(lines), choice.beta)
-        start = choice.image[None] if alone else start
+        start = choice.image[None] if alone else mean_along_rays(inside.projector, lines)
     else:
+        start = mean_along_rays(inside.projector, lines)
         sigmas, betas = noise_of_each_ray(sigma, lines), _betas(beta, start)
     weights = np.broadcast_to(1.0 / sigmas**2, lines.shape).astype(np.float32)
     prior = _prior(betas, corner)
     if preset is None and not alone:
         near = Objective(inside.projector, lines, weights, prior)
         reporting = phases.descent("widened", WIDE_ITERATIONS)
-        start = widely(near, start, FACTORS[0], non_negative=non_negative, tolerance=tolerance, progress=reporting)
+        start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
     found = descend(
         Objective(projector, lines, weights, prior),
         inside.whole(start),
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
-        factors=(1.0,),
         # The published iterations end long before the objective is at rest, and where they end is the method.
         guided=preset is None,
         progress=phases.descent("sharp", USUAL_ITERATIONS),
@@ -259,7 +257,7 @@ def choose(
     lines = projector.block(sinogram)
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
-    inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
+    inside = Inside.of(projector, lines, non_negative=non_negative)
     middle = float(_betas(beta, mean_along_rays(inside.projector, lines))[0])
     phases = Phases(progress, known=KNOWN_COST, sigma=SIGMA_COST, beta=BETA_COST if beta is None else 0.0)
     known = total_variation(

@@ -9,7 +9,6 @@ from worker.tomography.geometry import GeometryError
 from worker.tomography.iterative.descent import Floats, Indices
 from worker.tomography.iterative.holding_out import HELD_SHARE, bottom, hold_out
 from worker.tomography.iterative.penalised import (
-    FACTORS,
     WIDE_ITERATIONS,
     Inside,
     Objective,
@@ -100,7 +99,7 @@ def total_variation(
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
-    inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
+    inside = Inside.of(projector, lines, non_negative=non_negative)
     start = mean_along_rays(inside.projector, lines)
     typical = typical_attenuation(start)
     alone = weight is None and len(lines) == 1
@@ -122,14 +121,13 @@ def total_variation(
     if not alone:
         near = Objective(inside.projector, lines, weights, prior)
         reporting = phases.descent("widened", WIDE_ITERATIONS)
-        start = widely(near, start, FACTORS[0], non_negative=non_negative, tolerance=tolerance, progress=reporting)
+        start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
     found = descend(
         Objective(projector, lines, weights, prior),
         inside.whole(start),
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
-        factors=(1.0,),
         progress=phases.descent("sharp", USUAL_ITERATIONS),
     )
     images = found.images
@@ -162,7 +160,7 @@ def choose_weight(
     lines = projector.block(sinogram)
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
-    inside = Inside.of(projector, lines) if non_negative else Inside.all_of(projector)
+    inside = Inside.of(projector, lines, non_negative=non_negative)
     start = mean_along_rays(inside.projector, lines)
     typical = typical_attenuation(start)
     tried = WEIGHTS / typical

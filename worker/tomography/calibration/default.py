@@ -261,9 +261,9 @@ def conclude(
         widening=spread.widening,
         structure=find_structure(usable, explained_part) if spread.structured else None,
         unsteady=unsteady,
-        unsteady_mm=predicted_ray_error(
-            task.scanner, fit.frame, np.outer(bias, bias), radius_mm=task.log_radius_mm
-        ).rms_mm,
+        unsteady_mm=0.0
+        if unsteady is None
+        else predicted_ray_error(task.scanner, fit.frame, np.outer(bias, bias), radius_mm=task.log_radius_mm).rms_mm,
         hypotheses=hypotheses,
         turned=turned_rival,
         turn_held=spread.turn_held,

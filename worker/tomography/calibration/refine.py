@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from worker.tomography import analytic
 from worker.tomography.analytic import PARAMETERS, DetectorCells
@@ -138,6 +139,12 @@ def project_out(gram: FloatArray, linear: list[int], kept: list[int]) -> tuple[F
     return gram[..., kept, :][..., kept] - cross @ solved, solved
 
 
+def seen_views(grams: FloatArray) -> NDArray[np.bool_]:
+    """Which views (views,) show the phantom, so that a gain of their own can be told, from Gram matrices of each."""
+    shown: NDArray[np.bool_] = grams[:, MODEL, MODEL] > 1e-9 * grams[:, MODEL, MODEL].max()
+    return shown
+
+
 def reduce(grams: FloatArray, extras: list[int], kept: list[int], *, view_gain: bool) -> tuple[FloatArray, FloatArray]:
     """Gram matrix of `kept` after gain, offset and extras are projected out, and their coefficients for all views.
 
@@ -148,7 +155,7 @@ def reduce(grams: FloatArray, extras: list[int], kept: list[int], *, view_gain: 
     if not view_gain:
         return schur, coefficients
     both = [*kept, *extras]
-    seen = grams[:, MODEL, MODEL] > 1e-9 * grams[:, MODEL, MODEL].max()
+    seen = seen_views(grams)
     used = grams[:, ONE, ONE] > 0.0
     per_view = project_out(grams[seen], [MODEL, ONE], both)[0].sum(axis=0)
     per_view += project_out(grams[used & ~seen], [ONE], both)[0].sum(axis=0)

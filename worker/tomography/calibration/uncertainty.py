@@ -15,6 +15,7 @@ from worker.tomography.calibration.refine import (
     Fit,
     SinogramData,
     project_out,
+    seen_views,
 )
 from worker.tomography.geometry import FloatArray
 
@@ -113,7 +114,7 @@ def _scores(grams: FloatArray, data: SinogramData, fit: Fit) -> _Scores:
     coefficients |= {place: -fit.gain * slope for place, slope in zip(MOMENTS, fit.gradient_per_mm, strict=True)}
     if data.view_gain:
         unknowns = [*free, *data.extras]
-        seen = grams[:, MODEL, MODEL] > 1e-9 * grams[:, MODEL, MODEL].max()
+        seen = seen_views(grams)
         kept = [*range(grams.shape[1])]
         grams, _ = project_out(grams[seen], [MODEL, ONE], kept)
         angles = data.angles_rad[seen]

@@ -12,7 +12,7 @@ from enum import StrEnum
 import numpy as np
 
 from worker.tomography.analytic import PARAMETERS
-from worker.tomography.calibration.refine import DATA, MODEL, ONE, Fit, SinogramData, project_out
+from worker.tomography.calibration.refine import DATA, MODEL, ONE, Fit, SinogramData, project_out, seen_views
 from worker.tomography.calibration.structure import shared_power
 from worker.tomography.geometry import FloatArray
 
@@ -146,7 +146,7 @@ class _Left:
         self._gain = fit.gain
         if data.view_gain:
             rest = [*range(PARAMETERS), DATA, *data.extras]
-            seen = grams[:, MODEL, MODEL] > 1e-9 * grams[:, MODEL, MODEL].max()
+            seen = seen_views(grams)
             free_of_them = np.zeros_like(grams)
             free_of_them[np.ix_(np.flatnonzero(seen), rest, rest)] = project_out(grams[seen], [MODEL, ONE], rest)[0]
             self.grams, linear = free_of_them, list(data.extras)

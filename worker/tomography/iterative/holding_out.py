@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from worker.tomography.iterative.descent import Floats, Images
-from worker.tomography.iterative.penalised import FACTORS, WIDE_ITERATIONS, Objective, descend, widely
+from worker.tomography.iterative.penalised import WIDE_ITERATIONS, Objective, descend, widely
 from worker.tomography.iterative.telling import Phases, Told
 
 HELD_SHARE = 0.15
@@ -78,7 +78,6 @@ def hold_out(
     shown = widely(
         kept.only(count // 2),
         start[None],
-        FACTORS[0],
         non_negative=non_negative,
         tolerance=TOLERANCE,
         progress=phases.descent("widened", WIDE_ITERATIONS),
@@ -89,7 +88,6 @@ def hold_out(
         non_negative=non_negative,
         iterations=ITERATIONS,
         tolerance=TOLERANCE,
-        factors=(1.0,),
         progress=phases.descent("tried", ITERATIONS),
     )
     relative = (objective.projector.forward(found.images) - objective.lines) / noise

@@ -15,8 +15,8 @@ from worker.tomography.iterative.descent import Floats, Images, Indices, Minimum
 from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
 
-# The densities are not log-concave: a wide one shows the way to the sharp one's better valleys.
-FACTORS = (8.0, 1.0)
+# The densities are not log-concave: one so many times as wide shows the way to the sharp one's better valleys.
+WIDENING = 8.0
 WIDE_ITERATIONS = 15
 # Pixels kept around what the scan shows.
 MARGIN = 2
@@ -148,21 +148,17 @@ def descend(
     non_negative: bool,
     iterations: int,
     tolerance: float,
-    factors: tuple[float, ...] = FACTORS,
     guided: bool = True,
     progress: Progress | None = None,
 ) -> Minimum:
-    """Minimise through priors widened by the factors, the last of which is the one asked for.
+    """Minimise from where `widely`, or another image, leads.
 
     `guided` descends with a first guess of the curvature; without it the path is that of the plain quasi-Newton method.
     """
-    lower = 0.0 if non_negative else -np.inf
-    for factor in factors[:-1]:
-        start = widely(objective, start, factor, non_negative=non_negative, tolerance=tolerance)
     return minimise(
         objective,
         start,
-        lower=lower,
+        lower=0.0 if non_negative else -np.inf,
         iterations=iterations,
         tolerance=tolerance,
         guess=Curvature(objective) if guided else None,
@@ -173,14 +169,13 @@ def descend(
 def widely(
     objective: Objective,
     start: Images,
-    factor: float,
     *,
     non_negative: bool,
     tolerance: float,
     progress: Progress | None = None,
 ) -> Images:
     """Some iterations with the prior widened."""
-    wide = replace(objective, prior=objective.prior.widened(factor))
+    wide = replace(objective, prior=objective.prior.widened(WIDENING))
     lower = 0.0 if non_negative else -np.inf
     return minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance, progress=progress).images
 
@@ -204,11 +199,13 @@ class Inside:
     size: int
 
     @classmethod
-    def of(cls, projector: Projector, lines: Images) -> "Inside":
+    def of(cls, projector: Projector, lines: Images, *, non_negative: bool = True) -> "Inside":
         """What all slices (slices, views, detector) show, with a margin, in a size that transforms quickly.
 
-        Every pixel where a slice shows nothing but air.
+        Every pixel where a slice shows nothing but air, and where air may be less than nothing.
         """
+        if not non_negative:
+            return cls.all_of(projector)
         grid = projector.grid
         radii = [object_radius_mm(projector.geometry, line) for line in lines]
         if min(radii) == 0.0:

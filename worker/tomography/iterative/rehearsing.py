@@ -80,7 +80,6 @@ class Rehearsal:
             non_negative=self.non_negative,
             iterations=ITERATIONS,
             tolerance=TOLERANCE,
-            factors=(1.0,),
             progress=progress,
         )
         images = found.images.reshape(len(weights), *start.shape)
