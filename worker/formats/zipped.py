@@ -97,8 +97,8 @@ def _looked_through(
 ) -> list[_Member]:
     """Each file's pages checked, all of one size; views may have lost rows."""
     found: list[_Member] = []
+    before = 0
     for info in infos:
-        before = sum(4 * math.prod(member.shape) for member in found)
         if info.file_size > bounds.piece:
             raise UnreadableScan(
                 "too-large",
@@ -109,6 +109,7 @@ def _looked_through(
             member = _Member(info, pages.shape)
         _check_like(member, (found or [member])[0], rows_lost=rows_lost)
         found.append(member)
+        before += 4 * math.prod(member.shape)
     return found
 
 
