@@ -35,7 +35,7 @@ Indices = NDArray[np.int64]
 FBP_SLICES_LOOKED_AT = 5
 # Slices that iterate side by side: more bring nothing.
 ITERATED_TOGETHER = 16
-# Images that a descent keeps for each slice, the trials of sigma or weight side by side, and Tikhonov's basis.
+# Images that a descent keeps for each slice, trials side by side, and Tikhonov's basis.
 IMAGES_A_DESCENT, TRIALS, IMAGES_OF_A_BASIS = 24, 10, 100
 # A background below this share of the noise is none.
 BACKGROUND = 0.5
@@ -287,7 +287,7 @@ class _Penalised(_Iterative):
 
 class _CauchyMap(_Penalised):
     method = ReconstructionMethod.CAUCHY_MAP
-    choosing_slices = 4.0
+    choosing_slices = 20.0
     _choice: Choice | None = None
 
     @property
@@ -324,7 +324,7 @@ class _CauchyMap(_Penalised):
 
 class _TotalVariation(_Penalised):
     method = ReconstructionMethod.TOTAL_VARIATION
-    choosing_slices = 2.0
+    choosing_slices = 8.0
     _weight: float | None = None
 
     @property
@@ -332,13 +332,13 @@ class _TotalVariation(_Penalised):
         return self._work.options.weight is None
 
     def choose(self, line: Block, progress: Told) -> None:
-        self._weight, _ = choose_weight(
+        self._weight = choose_weight(
             self._projector,
             line[0],
             noise=self.noise(line),
             non_negative=self._work.options.non_negative,
             progress=progress,
-        )
+        ).weight
 
     def descend(self, lines: Block, progress: Told) -> Slices:
         options = self._work.options

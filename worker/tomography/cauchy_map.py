@@ -1,20 +1,21 @@
 """The most probable image under independent noise and Cauchy-distributed differences: flat wood, sharp edges."""
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from worker.tomography.geometry import GeometryError
-from worker.tomography.iterative.descent import Floats, Images, Indices
-from worker.tomography.iterative.holding_out import bottom
+from worker.tomography.iterative.descent import Floats, Images, Indices, Progress
+from worker.tomography.iterative.holding_out import bottom, hold_out
 from worker.tomography.iterative.penalised import (
     WIDE_ITERATIONS,
     Inside,
     Objective,
     Prior,
-    descend,
+    descend_outwards,
     mean_along_rays,
     typical_attenuation,
     widely,
@@ -26,20 +27,26 @@ from worker.tomography.iterative.telling import Phases, Told, side_by_side
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.object_extent import check_shown
 from worker.tomography.projector import Image, Projector
-from worker.tomography.total_variation import total_variation
+from worker.tomography.total_variation import choose_weight, total_variation
 
 # The density's exponent in the plane (design page, section 4).
 STRENGTH = 1.5
-# Of the attenuation that a blurred first image mostly has. Found on simulated logs (benchmarks/choosing.py).
-BETA_SHARE = 0.4
-# Sigma as multiples of the noise that are tried when it is not given.
+# Of the attenuation that a blurred first image mostly has, over the square root of the pixels across the log: with
+# smaller pixels slopes differ less from one to the next, edges as much as ever. This and all that follows was found on
+# simulated logs (benchmarks/choosing.py).
+BETA_SHARE = 4.7
+# Sigma as multiples of the noise that are tried with it, when it is not given.
 SIGMA_FACTORS = np.geomspace(0.6, 3.0, 5)
-# With the best of them a smaller and a larger beta are tried; the best sigma goes with about this power of beta. Both
-# found on simulated logs, where a beta further away was better by less than the choice is sure of.
-BETA_STEP, RIDGE = 1.5, 0.4
-# By so much, in the logarithm of squared distances, either must be better: the imitation, flatter than wood, asks for a
-# beta somewhat too small.
-HANDICAP = 0.06
+# Betas that are tried, as multiples of that share, and the power of beta with which the best sigma goes about.
+BETA_STEPS = 8.0 ** np.linspace(-0.75, 0.25, 5)
+RIDGE = 0.6
+# Multiples of the sigma so foretold that are tried with each.
+NEAR_FACTORS = np.geomspace(0.7, 1.0 / 0.7, 3)
+# A beta is judged by the edges in views kept back, too: the exponent of their frequencies, how many times the logarithm
+# of what is missed counts beside that of the rehearsal's squared distances, and the iterations of those images. By so
+# much more, times the logarithm of the step, must a beta other than the usual one be better.
+EDGES, TRUST, FORETELLING_ITERATIONS = 1.5, 30.0, 12
+HANDICAP = 0.4
 # The image that is compared with need not be at rest.
 KNOWN_TOLERANCE = 1e-3
 ITERATIONS = 300
@@ -47,9 +54,9 @@ TOLERANCE = 2e-5
 # Iterations after which most logs are at rest.
 USUAL_ITERATIONS = 40
 # What choosing sigma and beta costs, and each slice's uncertainty, in iterations on one slice.
-CHOOSING_COST, DEVIATION_COST = 170.0, 270.0
-# Of choosing: the image of total variation, and what is tried. All measured on 256 x 256 pixels from 20 views.
-KNOWN_COST, SIGMA_COST, BETA_COST = 0.5, 0.3, 0.2
+CHOOSING_COST, DEVIATION_COST = 900.0, 270.0
+# Of choosing: the weight of total variation, its image, and what is tried. Measured on 256 x 256 pixels from 20 views.
+WEIGHT_COST, KNOWN_COST, SIGMA_COST, BETA_COST, FORETOLD_COST = 0.37, 0.02, 0.07, 0.31, 0.23
 
 
 @dataclass(frozen=True)
@@ -190,15 +197,17 @@ def cauchy_map(
         near = Objective(inside.projector, lines, weights, prior)
         reporting = phases.descent("widened", WIDE_ITERATIONS)
         start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
-    found = descend(
+    found = descend_outwards(
         Objective(projector, lines, weights, prior),
-        inside.whole(start),
+        inside,
+        start,
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
+        usual=USUAL_ITERATIONS,
         # The published iterations end long before the objective is at rest, and where they end is the method.
         guided=preset is None,
-        progress=phases.descent("sharp", USUAL_ITERATIONS),
+        told=phases.of("sharp"),
     )
     images = found.images
     misfit = data_misfit(projector, images, lines, noises)
@@ -250,47 +259,97 @@ def choose(
     non_negative: bool = True,
     progress: Told | None = None,
 ) -> Choice:
-    """Sigma and beta for a sinogram (views, detector), by a rehearsal on what total variation makes of it.
+    """Sigma and beta for a sinogram (views, detector).
 
-    Parameters as of `cauchy_map`; a given beta stays. See `Rehearsal` for what is compared.
+    How smooth an image is best, sigma and beta together, shows a rehearsal on what total variation makes of the slice
+    (`Rehearsal`); whether by many small steps or by few large ones, beta, views that are kept back (`hold_out`).
+
+    Parameters as of `cauchy_map`; a given beta stays.
     """
     lines = projector.block(sinogram)
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     inside = Inside.of(projector, lines, non_negative=non_negative)
-    middle = float(_betas(beta, mean_along_rays(inside.projector, lines))[0])
-    phases = Phases(progress, known=KNOWN_COST, sigma=SIGMA_COST, beta=BETA_COST if beta is None else 0.0)
+    near, line = inside.projector, lines[0]
+    middle = float(_betas(beta, mean_along_rays(near, lines))[0])
+    open_beta = beta is None
+    phases = Phases(
+        progress,
+        weight=WEIGHT_COST,
+        known=KNOWN_COST,
+        sigma=SIGMA_COST,
+        beta=BETA_COST if open_beta else 0.0,
+        foretold=FORETOLD_COST if open_beta else 0.0,
+    )
+    smooth = choose_weight(near, line, noise=noises[0], non_negative=non_negative, progress=phases.of("weight"))
     known = total_variation(
-        inside.projector,
-        lines[0],
+        near,
+        line,
+        weight=smooth.weight,
         noise=noises[0],
         non_negative=non_negative,
         tolerance=KNOWN_TOLERANCE,
         progress=phases.of("known"),
     )
-    rehearsal = Rehearsal.of(inside.projector, lines[0], noises[0], known.image, non_negative=non_negative)
-
-    def weights(factors: Floats) -> Images:
-        each = 1.0 / (factors[:, None, None] * noises) ** 2
-        return np.broadcast_to(each, (len(factors), *lines.shape[1:])).astype(np.float32)
-
-    tried = rehearsal.try_out(
-        weights(SIGMA_FACTORS),
-        _prior(np.full(SIGMA_FACTORS.size, middle)),
-        progress=phases.descent("sigma", TRIAL_ITERATIONS),
+    rehearsal = Rehearsal.of(near, line, noises[0], known.image, non_negative=non_negative)
+    first = _best_sigma(rehearsal, noises, middle, SIGMA_FACTORS, None, phases.descent("sigma", TRIAL_ITERATIONS))
+    if not open_beta:
+        return Choice(first.factor, middle, inside.whole(first.images[:1])[0])
+    betas = middle * BETA_STEPS
+    ridge = _ridge(rehearsal, noises, betas, first, phases.of("beta"))
+    factors = np.array([best.factor for best in ridge])
+    foretold = hold_out(
+        Objective(near, lines, _weights(factors, noises, lines), _prior(betas)),
+        noises[0],
+        smooth.images,
+        exponent=EDGES,
+        iterations=FORETELLING_ITERATIONS,
+        non_negative=non_negative,
+        told=phases.of("foretold"),
     )
-    factor, error = bottom(SIGMA_FACTORS, tried.errors)
-    both = tried.images[np.argmin(tried.errors)]
-    if beta is not None:
-        return Choice(factor, middle, inside.whole(both[:1])[0])
-    steps = np.array([1.0 / BETA_STEP, BETA_STEP])
-    beside = rehearsal.try_out(
-        weights(factor * steps**RIDGE), _prior(middle * steps), both, phases.descent("beta", TRIAL_ITERATIONS)
-    )
-    errors = np.array([beside.errors[0] + HANDICAP, error, beside.errors[1] + HANDICAP])
-    step, _ = bottom(np.array([steps[0], 1.0, steps[1]]), errors)
-    nearest = (beside.images[0], both, beside.images[1])[np.argmin(errors)]
-    return Choice(factor * step**RIDGE, middle * step, inside.whole(nearest[:1])[0])
+    away = HANDICAP * np.abs(np.log(BETA_STEPS))
+    errors = np.array([best.error for best in ridge]) + TRUST * np.log(foretold.in_views) + away
+    found, _ = bottom(betas, errors)
+    factor = math.exp(np.interp(math.log(found), np.log(betas), np.log(factors)))
+    return Choice(factor, found, inside.whole(ridge[np.argmin(errors)].images[:1])[0])
+
+
+class _Best(NamedTuple):
+    """The best sigma for a beta, as a multiple of the noise, its error and its images (2, n, n) as of `Tried`."""
+
+    factor: float
+    error: float
+    images: Images
+
+
+def _best_sigma(
+    rehearsal: Rehearsal, noises: Floats, beta: float, factors: Floats, start: Images | None, progress: Progress
+) -> _Best:
+    weights = _weights(factors, noises, rehearsal.lines[:1])
+    tried = rehearsal.try_out(weights, _prior(np.full(factors.size, beta)), start, progress)
+    return _Best(*bottom(factors, tried.errors), tried.images[np.argmin(tried.errors)])
+
+
+def _ridge(rehearsal: Rehearsal, noises: Floats, betas: Floats, middle: _Best, told: Told) -> list[_Best]:
+    """The best sigma for each beta, sought around where the middle one's foretells it."""
+    phases = Phases(told, **{str(index): 1.0 for index in range(betas.size)})
+    return [
+        _best_sigma(
+            rehearsal,
+            noises,
+            beta,
+            middle.factor * step**RIDGE * NEAR_FACTORS,
+            middle.images,
+            phases.descent(str(index), TRIAL_ITERATIONS),
+        )
+        for index, (beta, step) in enumerate(zip(betas, BETA_STEPS, strict=True))
+    ]
+
+
+def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
+    """1 / sigma^2 for multiples of the noise, (factors, views, detector)."""
+    each = 1.0 / (factors[:, None, None] * noises) ** 2
+    return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32)
 
 
 def _prior(betas: Floats, corner: float | None = None) -> Prior:
@@ -299,9 +358,12 @@ def _prior(betas: Floats, corner: float | None = None) -> Prior:
 
 
 def _betas(beta: float | None, start: Images) -> Floats:
-    """The scale for each slice: as given, or a share of the attenuation that its mass mostly has."""
+    """The scale for each slice: as given, or a share of the attenuation that its mass mostly has.
+
+    `start` shows the pixels among which the log lies (slices, n, n).
+    """
     if beta is not None:
         if not (np.isfinite(beta) and beta > 0.0):
             raise GeometryError(f"beta must be a positive attenuation, not {beta}")
         return np.full(len(start), float(beta))
-    return BETA_SHARE * typical_attenuation(start)
+    return BETA_SHARE / math.sqrt(start.shape[-1]) * typical_attenuation(start)

@@ -7,13 +7,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from worker.tomography.geometry import GeometryError
 from worker.tomography.iterative.descent import Floats, Indices
-from worker.tomography.iterative.holding_out import HELD_SHARE, bottom, hold_out
+from worker.tomography.iterative.holding_out import bottom, hold_out, shown_without
 from worker.tomography.iterative.penalised import (
     WIDE_ITERATIONS,
     Inside,
     Objective,
     Prior,
-    descend,
+    descend_outwards,
     mean_along_rays,
     typical_attenuation,
     widely,
@@ -26,17 +26,20 @@ from worker.tomography.projector import Image, Projector
 # Differences below this share of the wood's attenuation are smoothed quadratically.
 SMOOTHING_SHARE = 0.02
 # Weights tried when none is given, times the typical attenuation: what a difference as large as wood costs.
-WEIGHTS = np.geomspace(2.0, 90.0, 7)
-# Times the weight that foretells best: with the rays kept back among them again the data weigh more, and an image is
-# nearest to its log where it is somewhat smoother than foretells rays best. Found on simulated logs
+WEIGHTS = np.geomspace(1.1, 60.0, 7)
+# Times the weight that foretells best: with all views and rays among them again the data weigh more, and an image is
+# nearest to its log where it is somewhat smoother than foretells views best. Found on simulated logs
 # (benchmarks/choosing.py).
-SMOOTHER = 1.2 / (1.0 - HELD_SHARE)
+SMOOTHER = 1.55
+TRIAL_ITERATIONS = 12
+# What the widened prior costs beside the weights tried.
+WIDENED_COST = 0.25
 ITERATIONS = 300
 TOLERANCE = 1e-4
 # Iterations after which most logs are at rest.
 USUAL_ITERATIONS = 30
 # What choosing the weight costs, in iterations on one slice; measured on 256 x 256 pixels from 20 views.
-CHOOSING_COST = 65.0
+CHOOSING_COST = 350.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,8 +86,8 @@ def total_variation(
     sinogram : (views, detector) or (slices, views, detector) float
         Line integrals whose air stands at 0.
     weight : float, optional
-        In 1 / attenuation; by default somewhat more than that by which rays kept back from the middle slice are
-        foretold best.
+        In 1 / attenuation; by default somewhat more than that by which views and rays kept back from the middle slice
+        are foretold best.
     noise, non_negative, iterations, tolerance, progress
         As of `cauchy_map`.
 
@@ -112,23 +115,26 @@ def total_variation(
     if weight is None:
         middle = len(lines) // 2
         noise_here = np.broadcast_to(noises, lines.shape)[middle]
-        weight, seen = choose_weight(
+        choice = choose_weight(
             inside.projector, lines[middle], noise=noise_here, non_negative=non_negative, progress=phases.of("choose")
         )
-        start = seen[None] if alone else start
+        weight = choice.weight
+        start = choice.images.mean(axis=0, keepdims=True) if alone else start
     strengths = np.full(typical.shape, weight)
     prior = _prior(typical, strengths)
     if not alone:
         near = Objective(inside.projector, lines, weights, prior)
         reporting = phases.descent("widened", WIDE_ITERATIONS)
         start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
-    found = descend(
+    found = descend_outwards(
         Objective(projector, lines, weights, prior),
-        inside.whole(start),
+        inside,
+        start,
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
-        progress=phases.descent("sharp", USUAL_ITERATIONS),
+        usual=USUAL_ITERATIONS,
+        told=phases.of("sharp"),
     )
     images = found.images
     misfit = data_misfit(projector, images, lines, noises)
@@ -145,6 +151,21 @@ def total_variation(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class WeightChoice:
+    """What suits one slice.
+
+    Attributes
+    ----------
+    weight : float
+    images : (rounds, size, size) float32
+        Near to what it finds without what each round keeps back.
+    """
+
+    weight: float
+    images: Image
+
+
 def choose_weight(
     projector: Projector,
     sinogram: ArrayLike,
@@ -152,8 +173,8 @@ def choose_weight(
     noise: ArrayLike | None = None,
     non_negative: bool = True,
     progress: Told | None = None,
-) -> tuple[float, Image]:
-    """The weight that `total_variation` takes by itself for a sinogram, and an image near to what it then finds.
+) -> WeightChoice:
+    """The weight that `total_variation` takes by itself for a sinogram (views, detector).
 
     Parameters as of `total_variation`, for one sinogram.
     """
@@ -166,9 +187,23 @@ def choose_weight(
     tried = WEIGHTS / typical
     weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
     objective = Objective(inside.projector, lines, weights, _prior(np.broadcast_to(typical, tried.shape), tried))
-    outcome = hold_out(objective, noises[0], start[0], non_negative=non_negative, told=progress)
-    weight, _ = bottom(tried, outcome.errors)
-    return SMOOTHER * weight, inside.whole(outcome.images[outcome.nearest][None])[0]
+    phases = Phases(progress, widened=WIDENED_COST, tried=1.0)
+    # What the widened prior shows is much the same for all weights: the middle one's serves them.
+    shown = shown_without(
+        objective.only(tried.size // 2), start[0], non_negative=non_negative, told=phases.of("widened")
+    )
+    outcome = hold_out(
+        objective,
+        noises[0],
+        shown,
+        exponent=1.0,
+        iterations=TRIAL_ITERATIONS,
+        non_negative=non_negative,
+        told=phases.of("tried"),
+    )
+    errors = np.log(outcome.in_views) + np.log(outcome.in_rays)
+    weight, _ = bottom(tried, errors)
+    return WeightChoice(SMOOTHER * weight, inside.whole(outcome.images[:, np.argmin(errors)]))
 
 
 def _prior(typical: Floats, strengths: Floats) -> Prior:

@@ -12,12 +12,21 @@ from worker.tomography.geometry import GeometryError
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.iterative import _prior_numba as kernels
 from worker.tomography.iterative.descent import Floats, Images, Indices, Minimum, Progress, minimise
+from worker.tomography.iterative.telling import Phases, Told
 from worker.tomography.object_extent import object_radius_mm
 from worker.tomography.projector import Projector
 
 # The densities are not log-concave: one so many times as wide shows the way to the sharp one's better valleys.
 WIDENING = 8.0
 WIDE_ITERATIONS = 15
+# Where the pixels around a log are more than this share of all, a descent among them first saves nothing.
+FEW = 0.6
+# Such a descent's tolerance, times that of the whole, for its iterations cost half; and the share of the iterations
+# that it may take, for the air beside the log wants some too.
+CLOSER, NEAR_SHARE = 0.5, 2.0 / 3.0
+# Iterations everywhere after which most images whose log was at rest are so too, and what they cost beside those among
+# the log's pixels.
+LAST_ITERATIONS, LAST_COST = 20, 0.8
 # Pixels kept around what the scan shows.
 MARGIN = 2
 # Of the picture that shows the data's curvature: equal data give equal answers.
@@ -60,6 +69,10 @@ class Prior:
         """One image's."""
         one = slice(index, index + 1)
         return Prior(self.kind, self.scale[one], self.strength[one], self.corner[one])
+
+    def each(self, times: int) -> "Prior":
+        """For so many copies of each image, one after the other."""
+        return Prior(self.kind, *(np.repeat(of, times) for of in (self.scale, self.strength, self.corner)))
 
     def widened(self, factor: float) -> "Prior":
         """The same with its scale multiplied."""
@@ -236,11 +249,69 @@ class Inside:
         size = projector.grid.size
         return cls(projector, (slice(size), slice(size)), size)
 
+    @property
+    def is_few(self) -> bool:
+        """Whether they are so much fewer than all pixels that it pays to look among them first."""
+        return self.projector.grid.size**2 < FEW * self.size**2
+
     def whole(self, images: Images) -> Images:
         """The whole images of those pixels'."""
         out = np.zeros((len(images), self.size, self.size), np.float32)
         out[:, *self.part] = images
         return out
+
+
+def descend_outwards(
+    objective: Objective,
+    inside: Inside,
+    start: Images,
+    *,
+    non_negative: bool,
+    iterations: int,
+    tolerance: float,
+    usual: int,
+    guided: bool = True,
+    told: Told | None = None,
+) -> Minimum:
+    """Minimise among the pixels inside, where they are few, until that is at rest, and then among all.
+
+    The air answers to the log within some iterations, and the log to the air by little: most of the work needs the
+    pixels inside only.
+
+    Parameters
+    ----------
+    start : (images, inside, inside) float32
+        The rest is air.
+    iterations : int
+        That both descents may take together, the first at most NEAR_SHARE of them.
+    usual : int
+        Iterations after which most logs are at rest.
+    told : callable, optional
+        Told the share of the work that is done.
+    """
+    phases = Phases(told, inside=1.0 if inside.is_few else 0.0, everywhere=LAST_COST)
+    spent = np.zeros(len(start), np.int64)
+    if inside.is_few:
+        near = descend(
+            replace(objective, projector=inside.projector),
+            start,
+            non_negative=non_negative,
+            iterations=int(NEAR_SHARE * iterations),
+            tolerance=CLOSER * tolerance,
+            guided=guided,
+            progress=phases.descent("inside", usual),
+        )
+        start, spent = near.images, near.iterations
+    found = descend(
+        objective,
+        inside.whole(start),
+        non_negative=non_negative,
+        iterations=iterations - int(spent.max()),
+        tolerance=tolerance,
+        guided=guided,
+        progress=phases.descent("everywhere", LAST_ITERATIONS if inside.is_few else usual),
+    )
+    return replace(found, iterations=spent + found.iterations)
 
 
 def mean_along_rays(projector: Projector, lines: Images) -> Images:

@@ -9,7 +9,7 @@ from worker.tomography.iterative.penalised import Objective, Prior, descend
 from worker.tomography.projector import Image, Projector
 
 # From the known log, which is near.
-ITERATIONS = 8
+ITERATIONS = 16
 TOLERANCE = 1e-3
 # The imitation's noise is part of the method: equal data give equal answers.
 SEED = 23
@@ -22,7 +22,7 @@ class Tried:
     Attributes
     ----------
     errors : (candidates,) float64
-        Logarithm of the squared distances from the known log, of the scan's image and of the imitation's together.
+        Sum of the logarithms of the squared distances from the known log, of the scan's image and of the imitation's.
     images : (candidates, 2, n, n) float32
         Of the scan and of the imitation.
     """
@@ -83,11 +83,10 @@ class Rehearsal:
             progress=progress,
         )
         images = found.images.reshape(len(weights), *start.shape)
-        return Tried(np.log(np.square(images - self.known, dtype=np.float64).sum(axis=(1, 2, 3))), images)
+        return Tried(np.log(np.square(images - self.known, dtype=np.float64).sum(axis=(2, 3))).sum(axis=1), images)
 
     def _objective(self, weights: Images, prior: Prior) -> Objective:
         """For each candidate the scan and the imitation, in turn."""
-        twice = Prior(prior.kind, *(np.repeat(of, 2) for of in (prior.scale, prior.strength, prior.corner)))
         return Objective(
-            self.projector, np.tile(self.lines, (len(weights), 1, 1)), np.repeat(weights, 2, axis=0), twice
+            self.projector, np.tile(self.lines, (len(weights), 1, 1)), np.repeat(weights, 2, axis=0), prior.each(2)
         )

@@ -1,0 +1,88 @@
+import numpy as np
+import pytest
+
+from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from worker.tomography.image_grid import ImageGrid
+from worker.tomography.iterative.penalised import (
+    NEAR_SHARE,
+    Inside,
+    Objective,
+    Prior,
+    descend,
+    descend_outwards,
+    mean_along_rays,
+)
+from worker.tomography.phantom import Disc, Phantom
+from worker.tomography.projector import Projector
+from worker.tomography.simulate import simulate_sinogram
+
+SIZE, FIELD_MM, SIGMA = 48, 400.0, 0.05
+SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}
+
+
+@pytest.fixture
+def scanned(irregular_turn):
+    """Two scans of a log: the objective, the pixels inside and a first image of them."""
+
+    def make(radius_mm):
+        geometry = FanBeamGeometry(
+            Scanner(860.0, 3 * SIZE, 1000.0 / (3 * SIZE)),
+            Theta(0.7, 700.0, 150.0, 60.0, 0.15),
+            irregular_turn(15, 1201),
+        )
+        projector = Projector(geometry, ImageGrid(SIZE, FIELD_MM))
+        log = Phantom("log with a core", (Disc((5.0, -8.0), radius_mm, 0.018), Disc((0.0, 0.0), 30.0, 0.006)))
+        lines = projector.block(np.stack([simulate_sinogram(log, geometry, noise=0.02, seed=n) for n in (1, 2)]))
+        # Convex: there is one lowest value, whatever the way.
+        prior = Prior("total-variation", np.full(2, 4e-4), np.full(2, 1000.0), np.full(2, 0.02))
+        objective = Objective(projector, lines, np.full(lines.shape, 1.0 / SIGMA**2, np.float32), prior)
+        inside = Inside.of(projector, lines)
+        return objective, inside, mean_along_rays(inside.projector, lines)
+
+    return make
+
+
+def test_from_the_inside_outwards_leads_as_low_as_everywhere_at_once(scanned):
+    objective, inside, start = scanned(80.0)
+    assert inside.is_few
+    outwards = descend_outwards(objective, inside, start, **SETTINGS, usual=40)
+    at_once = descend(objective, inside.whole(start), **SETTINGS)
+    # Both are at rest when eight iterations gain less than 1e-5; what is left to gain is some times as much.
+    np.testing.assert_allclose(outwards.values, at_once.values, rtol=1e-4)
+    assert outwards.converged.all()
+    values, _ = objective(outwards.images, np.arange(2))
+    np.testing.assert_allclose(outwards.values, values, rtol=1e-6)
+    # The noise of the air is explained beside the log too.
+    outwards.images[:, *inside.part] = 0.0
+    assert (outwards.images.max(axis=(1, 2)) > 0.0).all()
+
+
+def test_a_log_that_fills_the_field_is_solved_for_everywhere_at_once(scanned):
+    objective, inside, start = scanned(150.0)
+    assert not inside.is_few
+    outwards = descend_outwards(objective, inside, start, **SETTINGS, usual=40)
+    at_once = descend(objective, inside.whole(start), **SETTINGS)
+    np.testing.assert_array_equal(outwards.images, at_once.images)
+    assert outwards.iterations.tolist() == at_once.iterations.tolist()
+
+
+def test_both_descents_together_keep_to_the_iterations(scanned):
+    objective, inside, start = scanned(80.0)
+    found = descend_outwards(objective, inside, start, **SETTINGS | {"iterations": 9}, usual=40)
+    assert found.iterations.tolist() == [9, 9]
+    assert not found.converged.any()
+    # Some are left for the air, which six near the log know nothing of.
+    near = Objective(inside.projector, objective.lines, objective.weights, objective.prior)
+    before = descend(near, start, **SETTINGS | {"iterations": int(9 * NEAR_SHARE)})
+    assert (found.values < objective(inside.whole(before.images), np.arange(2))[0]).all()
+
+
+@pytest.mark.parametrize("radius_mm", [80.0, 150.0])
+def test_the_share_of_the_work_only_rises(scanned, radius_mm):
+    objective, inside, start = scanned(radius_mm)
+    told = []
+    descend_outwards(objective, inside, start, **SETTINGS, usual=40, told=told.append)
+    assert told == sorted(told)
+    assert 0.0 < told[0] < 0.1
+    # What is left where it ends sooner than most is the caller's to tell.
+    assert 0.5 < told[-1] <= 1.0
