@@ -81,8 +81,7 @@ bench-iterative: install-dev
 
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
-	@$(BIN)/python benchmarks/choosing.py --seed 9200
-	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9100
+	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -10,10 +10,10 @@ relative error, how far the edges are off in mm, and SSIM of both.
 
 The best pair is sought on five sigmas by four betas, each descended to from the next larger beta, on the pixels
 around the log, and then on three by three around the best of them, on all pixels; what the rule finds counts as well.
-The rules were tuned on the logs of `--logs 24 --seed 7000` at 128 pixels alone; those of the seeds 9000 and 9200 (128
-pixels) and 9100 (256) checked them, and had been looked at once before the last small change, beta's handicap.
+The rules were tuned on the logs of seeds from 7000 to 9700 at 128 and 256 pixels; those of 9800 (128) and 9900 (256)
+were not looked at before.
 
-    python benchmarks/choosing.py [--logs 14] [--size 128] [--seed 9000]
+    python benchmarks/choosing.py [--logs 14] [--size 128] [--seed 9800]
 """
 
 import argparse
@@ -245,7 +245,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--logs", type=int, default=14)
     parser.add_argument("--size", type=int, default=128)
-    parser.add_argument("--seed", type=int, default=9000)
+    parser.add_argument("--seed", type=int, default=9800)
     options = parser.parse_args()
     print(
         "log  views  noise  Cauchy MAP: rule, best, ratio  sigma: rule, best  beta: rule, best  "

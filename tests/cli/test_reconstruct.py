@@ -85,6 +85,17 @@ def test_a_value_that_is_no_number_is_told_when_its_row_is_read(failure, phantom
     assert not (tmp_path / "out.h5").exists()
 
 
+def test_a_log_that_shows_nothing_has_no_curve_of_alpha(failure, phantom_scan, tmp_path):
+    shutil.copy(phantom_scan, tmp_path / "scan.h5")
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        file[f"{DETECTOR}/data"][...] = 0.0
+    flags = ("--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5", "--method", "tikhonov")
+    told = failure("reconstruct", tmp_path / "scan.h5", *flags, "--alpha-curve", tmp_path / "curve.png")
+    assert told["code"] == "no-alpha-curve"
+    assert not (tmp_path / "curve.png").exists()
+    assert not volume(tmp_path / "out.h5").any()
+
+
 DETECTOR, ANGLES = "entry/instrument/detector", "entry/sample/rotation_angle"
 
 

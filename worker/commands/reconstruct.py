@@ -17,6 +17,7 @@ from worker.contracts.reconstructions import ReconstructionOptions, Reconstructi
 from worker.pictures.images import image_png
 from worker.pictures.log_pictures import mosaic_png, side_view_png, spread
 from worker.storage.arrays import alpha_curve, side_view, volume_slice, volume_slices
+from worker.storage.errors import Conflict
 from worker.tasks.failures import refused
 from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 
@@ -68,7 +69,11 @@ def _side(volume: Path, _: ReconstructionResult, name: str) -> bytes:
 def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
     from worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415 - no other picture needs matplotlib
 
-    return alpha_curve_png(alpha_curve(volume))
+    try:
+        columns = alpha_curve(volume)
+    except Conflict as conflict:
+        raise refused(conflict.code, f"the volume was written, but {conflict}") from conflict
+    return alpha_curve_png(columns)
 
 
 @contextmanager

@@ -199,7 +199,7 @@ def alpha_curve(path: Path) -> dict[str, NDArray[Any]]:
     """
     with h5py.File(path, "r") as file:
         if _ALPHA_CURVE not in file:
-            raise Conflict("no-alpha-curve", "alpha belongs to method tikhonov, which did not make this volume")
+            raise Conflict("no-alpha-curve", "no alpha was chosen: not by method tikhonov, or nothing there to see")
         return {name: column[()] for name, column in file[_ALPHA_CURVE].items()}
 
 
