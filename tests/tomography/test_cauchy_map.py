@@ -144,6 +144,15 @@ def test_sigma_and_beta_are_chosen_near_the_best_that_the_truth_would_choose(pro
     assert relative_error(found.image, truth) < 1.06 * min(errors)
 
 
+def test_the_usual_beta_is_smaller_for_smaller_pixels(projector, scan):
+    betas = []
+    for size in (64, 256):
+        a = projector(size=size)
+        betas.append(cauchy_map(a, scan(a), sigma=0.1, iterations=1).beta[0])
+    # Between the differences of edges, which stay, and those of slopes, which are a quarter.
+    assert 1.3 < betas[0] / betas[1] < 3.0
+
+
 def test_a_given_beta_stays_while_sigma_is_chosen(projector, scan):
     a = projector()
     sinogram = scan(a)

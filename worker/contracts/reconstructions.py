@@ -75,19 +75,19 @@ class ReconstructionOptions(Contract):
     alpha_rule: AlphaRule = Field(AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha.")
     sigma: Positive | None = Field(
         None,
-        description="Of `cauchy_map`: standard deviation of a line integral, in its unit; null: from the air and by "
-        "foretelling rays that were kept back.",
+        description="Of `cauchy_map`: standard deviation of a line integral, in its unit; null: the air's noise "
+        "times a factor that a rehearsal on a made-up scan of the same log chooses.",
     )
     beta: Positive | None = Field(
         None,
         description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit; "
-        "null: a fifth of the wood's attenuation.",
+        "null: chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
     )
     preset: Literal["paper"] | None = Field(
         None, description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta."
     )
     weight: Positive | None = Field(
-        None, description="Of `total_variation`, in 1 / attenuation; null: by foretelling rays that were kept back."
+        None, description="Of `total_variation`, in 1 / attenuation; null: by foretelling views and rays kept back."
     )
     non_negative: bool = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero."

@@ -287,7 +287,7 @@ class _Penalised(_Iterative):
 
 class _CauchyMap(_Penalised):
     method = ReconstructionMethod.CAUCHY_MAP
-    choosing_slices = 20.0
+    choosing_slices = 16.0
     _choice: Choice | None = None
 
     @property
@@ -324,7 +324,7 @@ class _CauchyMap(_Penalised):
 
 class _TotalVariation(_Penalised):
     method = ReconstructionMethod.TOTAL_VARIATION
-    choosing_slices = 8.0
+    choosing_slices = 5.0
     _weight: float | None = None
 
     @property

@@ -45,7 +45,7 @@ NEAR_FACTORS = np.geomspace(0.7, 1.0 / 0.7, 3)
 # A beta is judged by the edges in views kept back, too: the exponent of their frequencies, how many times the logarithm
 # of what is missed counts beside that of the rehearsal's squared distances, and the iterations of those images. By so
 # much more, times the logarithm of the step, must a beta other than the usual one be better.
-EDGES, TRUST, FORETELLING_ITERATIONS = 1.5, 30.0, 12
+EDGES, TRUST, FORETELLING_ITERATIONS = 1.5, 30.0, 8
 HANDICAP = 0.4
 # The image that is compared with need not be at rest.
 KNOWN_TOLERANCE = 1e-3
@@ -54,9 +54,9 @@ TOLERANCE = 2e-5
 # Iterations after which most logs are at rest.
 USUAL_ITERATIONS = 40
 # What choosing sigma and beta costs, and each slice's uncertainty, in iterations on one slice.
-CHOOSING_COST, DEVIATION_COST = 900.0, 270.0
+CHOOSING_COST, DEVIATION_COST = 800.0, 270.0
 # Of choosing: the weight of total variation, its image, and what is tried. Measured on 256 x 256 pixels from 20 views.
-WEIGHT_COST, KNOWN_COST, SIGMA_COST, BETA_COST, FORETOLD_COST = 0.37, 0.02, 0.07, 0.31, 0.23
+WEIGHT_COST, KNOWN_COST, SIGMA_COST, BETA_COST, FORETOLD_COST = 0.29, 0.02, 0.07, 0.41, 0.21
 
 
 @dataclass(frozen=True)

@@ -26,12 +26,12 @@ from worker.tomography.projector import Image, Projector
 # Differences below this share of the wood's attenuation are smoothed quadratically.
 SMOOTHING_SHARE = 0.02
 # Weights tried when none is given, times the typical attenuation: what a difference as large as wood costs.
-WEIGHTS = np.geomspace(1.1, 60.0, 7)
+WEIGHTS = np.geomspace(1.1, 60.0, 5)
 # Times the weight that foretells best: with all views and rays among them again the data weigh more, and an image is
 # nearest to its log where it is somewhat smoother than foretells views best. Found on simulated logs
 # (benchmarks/choosing.py).
 SMOOTHER = 1.55
-TRIAL_ITERATIONS = 12
+TRIAL_ITERATIONS = 8
 # What the widened prior costs beside the weights tried.
 WIDENED_COST = 0.25
 ITERATIONS = 300
@@ -39,7 +39,7 @@ TOLERANCE = 1e-4
 # Iterations after which most logs are at rest.
 USUAL_ITERATIONS = 30
 # What choosing the weight costs, in iterations on one slice; measured on 256 x 256 pixels from 20 views.
-CHOOSING_COST = 350.0
+CHOOSING_COST = 210.0
 
 
 @dataclass(frozen=True, eq=False)

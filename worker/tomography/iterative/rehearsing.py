@@ -9,7 +9,7 @@ from worker.tomography.iterative.penalised import Objective, Prior, descend
 from worker.tomography.projector import Image, Projector
 
 # From the known log, which is near.
-ITERATIONS = 16
+ITERATIONS = 12
 TOLERANCE = 1e-3
 # The imitation's noise is part of the method: equal data give equal answers.
 SEED = 23
