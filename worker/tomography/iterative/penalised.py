@@ -21,9 +21,8 @@ WIDENING = 8.0
 WIDE_ITERATIONS = 15
 # Where the pixels around a log are more than this share of all, a descent among them first saves nothing.
 FEW = 0.6
-# Such a descent's tolerance, times that of the whole, for its iterations cost half; and the share of the iterations
-# that it may take, for the air beside the log wants some too.
-CLOSER, NEAR_SHARE = 0.5, 2.0 / 3.0
+# The share of the iterations that such a descent may take, for the air beside the log wants some too.
+NEAR_SHARE = 2.0 / 3.0
 # Iterations everywhere after which most images whose log was at rest are so too, and what they cost beside those among
 # the log's pixels.
 LAST_ITERATIONS, LAST_COST = 20, 0.8
@@ -297,7 +296,7 @@ def descend_outwards(
             start,
             non_negative=non_negative,
             iterations=int(NEAR_SHARE * iterations),
-            tolerance=CLOSER * tolerance,
+            tolerance=tolerance,
             guided=guided,
             progress=phases.descent("inside", usual),
         )
