@@ -49,7 +49,7 @@ EDGES, TRUST, FORETELLING_ITERATIONS = 1.5, 30.0, 8
 HANDICAP = 0.4
 # The image that is compared with need not be at rest.
 KNOWN_TOLERANCE = 1e-3
-ITERATIONS = 300
+ITERATIONS = 400
 TOLERANCE = 2e-5
 # Iterations after which most logs are at rest.
 USUAL_ITERATIONS = 40
