@@ -23,7 +23,7 @@ from worker.tomography.iterative.penalised import (
 from worker.tomography.iterative.posterior import posterior_deviation
 from worker.tomography.iterative.rehearsing import ITERATIONS as TRIAL_ITERATIONS
 from worker.tomography.iterative.rehearsing import Rehearsal
-from worker.tomography.iterative.telling import Phases, Told, side_by_side
+from worker.tomography.iterative.telling import Phases, Told, descending, part_of, side_by_side
 from worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from worker.tomography.object_extent import check_shown
 from worker.tomography.projector import Image, Projector
@@ -332,7 +332,6 @@ def _best_sigma(
 
 def _ridge(rehearsal: Rehearsal, noises: Floats, betas: Floats, middle: _Best, told: Told) -> list[_Best]:
     """The best sigma for each beta, sought around where the middle one's foretells it."""
-    phases = Phases(told, **{str(index): 1.0 for index in range(betas.size)})
     return [
         _best_sigma(
             rehearsal,
@@ -340,7 +339,7 @@ def _ridge(rehearsal: Rehearsal, noises: Floats, betas: Floats, middle: _Best, t
             beta,
             middle.factor * step**RIDGE * NEAR_FACTORS,
             middle.images,
-            phases.descent(str(index), TRIAL_ITERATIONS),
+            descending(part_of(told, index / betas.size, 1.0 / betas.size), TRIAL_ITERATIONS),
         )
         for index, (beta, step) in enumerate(zip(betas, BETA_STEPS, strict=True))
     ]

@@ -79,9 +79,8 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
 
     1 means explained to the noise; pixels of finite size add a little. A wrong geometry shows as a misfit far above 1.
     """
-    crossing = projector.forward(np.ones(images.shape[-2:], np.float32)) > 0.0
     relative = (projector.forward(images) - lines) / noise
-    misfit: FloatArray = np.sqrt(np.mean(relative[:, crossing] ** 2, axis=-1))
+    misfit: FloatArray = np.sqrt(np.mean(relative[:, projector.crossing] ** 2, axis=-1))
     return misfit
 
 

@@ -110,6 +110,12 @@ class Projector:
         return checked
 
     @cached_property
+    def crossing(self) -> NDArray[np.bool_]:
+        """Which rays (views, detector) cross the field."""
+        shown: NDArray[np.bool_] = self.forward(np.ones((self.grid.size, self.grid.size), np.float32)) > 0.0
+        return shown
+
+    @cached_property
     def quarter_turn(self) -> int:
         """The sense, 1 or -1, in which view k + views / 4 is view k after a quarter turn of the image; 0 where none."""
         angles = self.geometry.angles_rad

@@ -122,12 +122,11 @@ def tikhonov(
     check_shown(lines)
     noises = noise_of_each_ray(noise, lines)
     of_each = np.broadcast_to(noises.ravel(), (len(lines),))
-    crossing = projector.forward(np.ones((projector.grid.size, projector.grid.size), np.float32)) > 0.0
     solved: list[_Solved] = []
     for line, level in zip(lines, of_each, strict=True):
         tell = part_of(progress, len(solved) / len(lines), 1.0 / len(lines))
         wanted = _Wanted(alpha, rule, float(level), tolerance, iterations)
-        solved.append(_solve(projector, line, crossing, wanted, tell))
+        solved.append(_solve(projector, line, wanted, tell))
     images = np.stack([one.image for one in solved])
     misfit = data_misfit(projector, images, lines, noises)
     late = sum(not one.converged for one in solved)
@@ -164,13 +163,13 @@ class _Solved:
     converged: bool
 
 
-def _solve(projector: Projector, line: Image, crossing: NDArray[np.bool_], wanted: _Wanted, tell: Told) -> _Solved:
+def _solve(projector: Projector, line: Image, wanted: _Wanted, tell: Told) -> _Solved:
     """One slice: bidiagonalise until the solution at the alpha of the moment has converged."""
-    rays = int(crossing.sum())
-    small = _Bidiagonalisation(projector, np.where(crossing, line, np.float32(0.0)), wanted.iterations)
+    rays = int(projector.crossing.sum())
+    small = _Bidiagonalisation(projector, np.where(projector.crossing, line, np.float32(0.0)), wanted.iterations)
     probing = wanted.alpha is None and wanted.rule is not AlphaRule.L_CURVE
     phases = Phases(tell, probe=PROBE_STEPS * probing, solve=USUAL_STEPS)
-    probe = _probe(projector, crossing, phases.of("probe")) if probing else None
+    probe = _probe(projector, phases.of("probe")) if probing else None
     solving = phases.descent("solve", USUAL_STEPS)
     alpha = math.inf
     while True:
@@ -199,10 +198,10 @@ def _choose(problem: "_Projected", wanted: _Wanted, rays: int, probe: "_Projecte
     return _by_l_curve(curve, float(problem.singular[-1] ** 2))
 
 
-def _probe(projector: Projector, crossing: NDArray[np.bool_], tell: Told) -> "_Projected":
+def _probe(projector: Projector, tell: Told) -> "_Projected":
     """The same bidiagonalisation started from random signs: it knows the trace of A's filtered inverse."""
-    signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], crossing.shape)
-    small = _Bidiagonalisation(projector, np.where(crossing, signs, 0.0).astype(np.float32), PROBE_STEPS)
+    signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], projector.crossing.shape)
+    small = _Bidiagonalisation(projector, np.where(projector.crossing, signs, 0.0).astype(np.float32), PROBE_STEPS)
     for step in range(PROBE_STEPS):
         small.extend(1)
         tell((step + 1) / PROBE_STEPS)

@@ -25,17 +25,17 @@ def projector_of(views, irregular_turn):
     return Projector(geometry, ImageGrid(SIZE, 400.0))
 
 
-def objective_of(projector, seed=1402):
-    noise = NOISE * np.random.default_rng(seed).standard_normal(projector.geometry.sinogram_shape)
+def objective_of(projector):
+    noise = NOISE * np.random.default_rng(1402).standard_normal(projector.geometry.sinogram_shape)
     lines = (projector.forward(LOG.rasterise(SIZE, 400.0)) + noise).astype(np.float32)[None]
     weights = np.full(lines.shape, 1.0 / NOISE**2, np.float32)
     scale = np.full(STRENGTHS.size, 3e-4)
     return Objective(projector, lines, weights, Prior("total-variation", scale, STRENGTHS, scale))
 
 
-def held(objective, starts, exponent=1.0, iterations=15):
+def held(objective, starts, iterations=15):
     noise = np.full((1, 1), NOISE)
-    return hold_out(objective, noise, starts, exponent=exponent, iterations=iterations, non_negative=True)
+    return hold_out(objective, noise, starts, exponent=1.0, iterations=iterations, non_negative=True)
 
 
 def shown(objective):

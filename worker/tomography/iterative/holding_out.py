@@ -9,7 +9,7 @@ from scipy.fft import rfft, rfftfreq
 
 from worker.tomography.iterative.descent import Floats, Images
 from worker.tomography.iterative.penalised import WIDE_ITERATIONS, Objective, descend, widely
-from worker.tomography.iterative.telling import Phases, Told
+from worker.tomography.iterative.telling import Told, descending, part_of
 from worker.tomography.projector import Image, Projector
 
 # In each round a fifth of the views is kept back, and a tenth of the rays of the others.
@@ -64,7 +64,7 @@ def shown_without(objective: Objective, start: Image, *, non_negative: bool, tol
         np.repeat(start[None], len(weights), axis=0),
         non_negative=non_negative,
         tolerance=TOLERANCE,
-        progress=Phases(told, widened=1.0).descent("widened", WIDE_ITERATIONS),
+        progress=descending(part_of(told, 0.0, 1.0), WIDE_ITERATIONS),
     )
 
 
@@ -90,24 +90,23 @@ def hold_out(
     told : callable, optional
         Told the share of the work that is done.
     """
-    count = objective.prior.scale.size
-    tell = Phases(told, **{str(index): 1.0 for index in range(len(starts))})
+    projector, count = objective.projector, objective.prior.scale.size
     found, in_views, in_rays, rays = [], np.zeros(count), np.zeros(count), 0
-    for index, (one, start) in enumerate(zip(_rounds(objective.projector), starts, strict=True)):
+    for index, (one, start) in enumerate(zip(_rounds(projector), starts, strict=True)):
         images = descend(
             one.without(objective),
             np.repeat(start[None], count, axis=0),
             non_negative=non_negative,
             iterations=iterations,
             tolerance=TOLERANCE,
-            progress=tell.descent(str(index), iterations),
+            progress=descending(part_of(told, index / len(starts), 1.0 / len(starts)), iterations),
         ).images
-        missed = np.where(one.crossing, (objective.projector.forward(images) - objective.lines) / noise, 0.0)
+        missed = np.where(projector.crossing, (projector.forward(images) - objective.lines) / noise, 0.0)
         in_views += _power(missed[:, one.views], exponent)
         in_rays += np.square(missed[:, one.beside]).sum(axis=1)
         rays += int(one.beside.sum())
         found.append(images)
-    views = objective.projector.geometry.angles_rad.size
+    views = projector.geometry.angles_rad.size
     return HeldOut(in_views / views if len(starts) > 1 else np.ones(count), in_rays / rays, np.stack(found))
 
 
@@ -120,13 +119,10 @@ class _Round:
     views : (views,) bool
     beside : (views, detector) bool
         Rays of other views.
-    crossing : (views, detector) bool
-        Rays that cross the field.
     """
 
     views: NDArray[np.bool_]
     beside: NDArray[np.bool_]
-    crossing: NDArray[np.bool_]
 
     def without(self, objective: Objective) -> Objective:
         held = self.beside | self.views[:, None]
@@ -136,15 +132,14 @@ class _Round:
 def _rounds(projector: Projector) -> Iterator[_Round]:
     """One of each ROUNDS neighbouring views in turns, in random order; a single view is not kept back."""
     rng = np.random.default_rng(SEED)
-    size = projector.grid.size
-    crossing = projector.forward(np.ones((size, size), np.float32)) > 0.0
+    crossing = projector.crossing
     views = len(crossing)
     count = min(ROUNDS, views)
     turns = np.concatenate([rng.permutation(count) for _ in range(-(-views // count))])[:views]
     for turn in range(count):
         held = (turns == turn) & (count > 1)
         beside = crossing & ~held[:, None] & (rng.uniform(size=crossing.shape) < HELD_SHARE)
-        yield _Round(held, beside, crossing)
+        yield _Round(held, beside)
 
 
 def _power(residual: Floats, exponent: float) -> Floats:

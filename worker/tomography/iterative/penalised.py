@@ -188,8 +188,15 @@ def widely(
 ) -> Images:
     """Some iterations with the prior widened."""
     wide = replace(objective, prior=objective.prior.widened(WIDENING))
-    lower = 0.0 if non_negative else -np.inf
-    return minimise(wide, start, lower=lower, iterations=WIDE_ITERATIONS, tolerance=tolerance, progress=progress).images
+    return descend(
+        wide,
+        start,
+        non_negative=non_negative,
+        iterations=WIDE_ITERATIONS,
+        tolerance=tolerance,
+        guided=False,
+        progress=progress,
+    ).images
 
 
 @dataclass(frozen=True, eq=False)

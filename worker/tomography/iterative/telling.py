@@ -49,8 +49,12 @@ class Phases:
 
     def descent(self, phase: str, usual: int) -> Progress:
         """To be told the iterations of one phase, which mostly ends after the usual number of them."""
-        tell = self.of(phase)
-        return lambda done, most: tell(share_of_descent(done, most, usual))
+        return descending(self.of(phase), usual)
+
+
+def descending(tell: Told, usual: int) -> Progress:
+    """To be told the iterations of a descent, which mostly ends after the usual number of them, as a share of it."""
+    return lambda done, most: tell(share_of_descent(done, most, usual))
 
 
 def side_by_side(images: int) -> float:
