@@ -54,6 +54,10 @@ bench-memory: install-dev
 bench-http: install-dev
 	@$(BIN)/python benchmarks/http_latency.py
 
+# Slips in counts.
+bench-unsteady: install-dev
+	@$(BIN)/python benchmarks/unsteady.py
+
 bench-seeds: install-dev
 	@$(BIN)/python benchmarks/seeds.py
 

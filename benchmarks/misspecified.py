@@ -74,20 +74,20 @@ def hardening(scan: RandomScan, rng: np.random.Generator) -> Made:
 def rounded_corner(scan: RandomScan, rng: np.random.Generator) -> Made:
     """One corner of the wood is rounded by 5 to 10 mm."""
     radius = rng.uniform(5.0, 10.0)
-    worn = replace(scan.task.phantom, shapes=tuple(_rounded(s, radius, rng) for s in scan.task.phantom.shapes))
+    worn = replace(scan.task.phantom, shapes=tuple(rounded(s, radius, rng) for s in scan.task.phantom.shapes))
     return Made(shadow(scan, worn), scan.task.phantom)
 
 
 def knot(scan: RandomScan, rng: np.random.Generator) -> Made:
     """A knot of 8 to 16 mm, denser by a fifth to a half."""
-    inside = _inside(scan.task.phantom, rng)
+    inside = point_inside(scan.task.phantom, rng)
     grown = Disc(inside, rng.uniform(8.0, 16.0), rng.uniform(0.2, 0.5))
     return Made(shadow(scan, scan.task.phantom, grown), scan.task.phantom)
 
 
 def growth_rings(scan: RandomScan, rng: np.random.Generator) -> Made:
     """Rings of late wood every 8 mm round a pith inside, denser by a tenth to a fifth where they stay inside."""
-    pith = _inside(scan.task.phantom, rng)
+    pith = point_inside(scan.task.phantom, rng)
     density = rng.uniform(0.1, 0.2)
     rings = [
         Disc(pith, radius, sign * density)
@@ -180,7 +180,7 @@ def _blurred(sinogram: FloatArray, rng: np.random.Generator) -> FloatArray:
     return soft
 
 
-def _rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> Polygon | Disc:
+def rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> Polygon | Disc:
     """A polygon with one of its corners replaced by an arc of eight chords."""
     if isinstance(shape, Disc):
         return shape
@@ -199,7 +199,7 @@ def _rounded(shape: Polygon | Disc, radius: float, rng: np.random.Generator) -> 
     return replace(shape, vertices_mm=tuple((x, y) for x, y in rounded))
 
 
-def _inside(body: Phantom, rng: np.random.Generator) -> tuple[float, float]:
+def point_inside(body: Phantom, rng: np.random.Generator) -> tuple[float, float]:
     """A point at least 25 mm or so inside the wood."""
     image = body.rasterise(80, FIELD_MM)
     full = np.lib.stride_tricks.sliding_window_view(image, (9, 9)).min(axis=(2, 3)) > 0.99

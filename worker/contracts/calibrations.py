@@ -205,7 +205,10 @@ class CalibrationResult(Contract):
         description="How far the answer may be relied on; the verdict is pass only where it is calibrated. "
         "Null: an answer of an earlier version, which did not tell.",
     )
-    verdict: Literal["pass", "watch", "fail"]
+    verdict: Literal["pass", "watch", "fail"] = Field(
+        description="pass: the predicted ray error's upper_95 is within the scanner's tolerance, and nothing speaks "
+        "against the answer. watch: only its RMS is, or a reason asks for a look. fail: neither."
+    )
     reasons: list[str]
     scanner: ScannerConstants
     phantom: str

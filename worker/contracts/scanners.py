@@ -12,7 +12,9 @@ class Tolerances(Contract):
     """What the mill accepts. A calibration beyond one of them is not a pass."""
 
     predicted_ray_error_mm: PositiveMm = Field(
-        0.1, description="RMS predicted ray error up to which a calibration passes."
+        0.1,
+        description="A calibration passes where its predicted ray error is below this with 95 % (`upper_95`), and is "
+        "to be watched where only the RMS is.",
     )
     ray_change_mm: PositiveMm = Field(
         0.5, description="RMS ray distance to the active calibration up to which nothing moved."

@@ -241,7 +241,7 @@ def conclude(
     usable = residual * (1.0 if data.weights is None else data.weights > 0.0)
     unsteady = None
     if spread.turn_held:
-        unsteady = find_unsteadiness(held.grams, data, fit, usable, explained_part, radius_mm=phantom.radius_mm)
+        unsteady = find_unsteadiness(phantom, data, fit, held.grams, usable, explained_part)
     bias = np.zeros(5) if unsteady is None else unsteady.bias[:5]
     covariance = spread.covariance[:5, :5] + np.outer(bias, bias)
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
@@ -254,7 +254,7 @@ def conclude(
         of_theta = None
     scale_mm = scale_ray_error(task.scanner, fit.frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm)
     judged = judge(
-        predicted_mm=predicted.rms_mm,
+        predicted=predicted,
         tolerance_mm=task.tolerance_mm,
         fit=fit,
         inflation=spread.inflation,

@@ -1,29 +1,36 @@
 """Whether the phantom, or the angles, kept still during the scan.
 
 What the fit left of the scan is compared, to first order, with what a jump of the pose from some view on, angles that
-run too fast or too slowly, and angles that swing once a turn would have left. Every inner product that this needs is in
-the per-view Gram matrices of least squares.
+run too fast or too slowly, and angles that swing once a turn would have left. Each is judged by its own pattern alone:
+samples weigh by their noise, and a pattern counts where it explains many times what the pose scatters by from stretch
+to stretch of the scan once the pattern is taken out. What else the residual holds, such as stripes of a short flat
+field, has no part in it. Every inner product that this needs is in the per-view Gram matrices of least squares.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
 from worker.tomography.analytic import PARAMETERS
 from worker.tomography.calibration.refine import DATA, MODEL, ONE, Fit, SinogramData, project_out, seen_views
-from worker.tomography.calibration.structure import shared_power
 from worker.tomography.geometry import FloatArray
+from worker.tomography.phantom import Phantom
 
 PSI, T_X, T_Y = 0, 5, 6
-# A wrong drawing or wood that is not uniform looks like one of these by a tenth; a phantom that moved 20 mm, far beyond
-# first order, by a half.
-EXPLAINS = 0.4
-# Of white noise the best of several hundred jumps takes so many variances once in a thousand scans.
+# A pattern is no chance when it explains so many times the variance of a sample: the best of several hundred jumps
+# does so in one of a thousand scans of white noise.
 CHANCE = 30.0
-# Levels of the model in each of which noise is alike.
-LEVELS = 8
+# It is no fault of a few views when its size, squared, is so many times its variance from view to view. Both figures
+# stand between what steady scans and what slips reach: benchmarks/unsteady.py.
+IN_ALL_VIEWS = 20.0
+# Added to scaled normal equations of which the rest without one view may not be enough.
+RIDGE = 1e-9
+# Levels of the model in each of which noise is alike, and how many samples are enough to measure it.
+LEVELS, ENOUGH = 8, 50
+# Noise is measured on about so many samples; a level's is at least this share of the mean: air may be free of it.
+MEASURED, LEAST_NOISE = 50_000, 0.05
 # Stretches of the scan in which what is left of the pose is looked at.
 STRETCHES = (8, 16, 32, 64)
 # A jump is known by so many views, and such a share of them, before and after it.
@@ -48,8 +55,6 @@ class Unsteadiness:
     Attributes
     ----------
     change : Change
-    explains : float
-        The share of the residual's power, less that of noise, which this accounts for.
     bias : (7,) float64
         By how much (psi, R, SDD, u_c, tau, t_x, t_y) are off for not knowing of it.
     by_deg, by_mm : float
@@ -61,7 +66,6 @@ class Unsteadiness:
     """
 
     change: Change
-    explains: float
     bias: FloatArray
     by_deg: float = 0.0
     by_mm: float = 0.0
@@ -70,77 +74,81 @@ class Unsteadiness:
 
 
 def find_unsteadiness(
-    grams: FloatArray, data: SinogramData, fit: Fit, residual: FloatArray, model: FloatArray, *, radius_mm: float
+    phantom: Phantom, data: SinogramData, fit: Fit, grams: FloatArray, residual: FloatArray, model: FloatArray
 ) -> Unsteadiness | None:
-    """What explains most of a residual (views, cells) beside the model that left it, if anything here does.
+    """What changed during the scan that left this residual (views, cells) beside the model, if anything here did.
 
     Parameters
     ----------
+    phantom : Phantom
+        As it is seen.
     grams : (views, 10 or 13, 10 or 13) float64
         `analytic.gram` at the fit.
     residual : (views, cells) float64
         0 where nothing may be used.
-    radius_mm : float
-        Of the phantom.
     """
-    left = _Left(grams, data, fit, shared_power(residual))
-    candidates = [_pace(left), _swing(left)]
+    by_noise = replace(data, weights=_noise_weights(data, residual, model))
+    left = _Left(by_noise.gram(phantom, fit.to_vector(), fit.hardening), by_noise, fit)
+    patterns = [_pace(left), _swing(left)]
     if len(grams) >= 2 * FEWEST_VIEWS:
-        candidates.append(_jump(left, radius_mm))
-    best = max(candidates, key=lambda candidate: candidate.power)
-    if best.change.explains < EXPLAINS or best.power < CHANCE * left.variance_without(best):
+        patterns.append(_jump(left))
+    best = max(patterns, key=lambda pattern: pattern.found.power)
+    if best.found.power < CHANCE * left.variance_without(best) or left.significance(best) < IN_ALL_VIEWS:
         return None
-    lacking = float((residual**2).mean()) - _noise(residual, model)
-    return best.change if best.power > EXPLAINS * lacking * residual.size else None
+    return _described(best, left.in_parameters(best), _Left(grams, data, fit).bias_of(best), phantom.radius_mm)
 
 
-def _noise(residual: FloatArray, model: FloatArray) -> float:
-    """Mean variance of the noise, which may go by what is measured, whatever is large in single samples."""
+def _noise_weights(data: SinogramData, residual: FloatArray, model: FloatArray) -> FloatArray:
+    """One over the noise's variance times the weights that samples have, (views, cells); 1 in the mean where not 0.
+
+    Noise may go by what is measured, as that of photons does; from cell to cell it is not shared.
+    """
     depth = (model - model.min()) / max(float(np.ptp(model)), np.finfo(np.float64).tiny)
-    level = np.minimum((depth[:, 1:] * LEVELS).astype(np.intp), LEVELS - 1)
-    steps = np.abs(np.diff(residual, axis=1))
-    total = 0.0
-    for at in range(LEVELS):
-        here = steps[(level == at) & (steps > 0.0)]
-        if here.size:
-            total += here.size * (1.4826 * float(np.median(here))) ** 2 / 2.0
-    return total / steps.size
+    level = np.minimum((depth * LEVELS).astype(np.intp), LEVELS - 1)
+    views = slice(None, None, max(1, residual.size // MEASURED))
+    steps, at = np.abs(np.diff(residual[views], axis=1)), level[views, 1:]
+    variance = np.zeros(LEVELS)
+    for one in range(LEVELS):
+        here = steps[(at == one) & (steps > 0.0)]
+        if here.size >= ENOUGH:
+            variance[one] = float(np.median(here)) ** 2
+    known = np.flatnonzero(variance)
+    if known.size == 0:  # of an exact scan nothing is noise
+        return np.ones_like(residual) if data.weights is None else data.weights
+    variance = np.interp(np.arange(LEVELS), known, variance[known])
+    inverse = 1.0 / np.maximum(variance, LEAST_NOISE * variance.mean())
+    weights: FloatArray = inverse[level] if data.weights is None else inverse[level] * data.weights
+    weights /= weights[weights > 0.0].mean()
+    return weights
 
 
 @dataclass(frozen=True, eq=False)
 class _Explanation:
-    """What additional derivatives explain: power, its share, and what the fit is off by.
+    """What additional derivatives explain of the residual's power.
 
     `coefficients` are the added terms', `known` those of the fit's own terms beside them; of `trial`, the best.
     """
 
     power: float
-    share: float
     coefficients: FloatArray
     known: FloatArray
-    bias: FloatArray
     trial: int
 
 
 @dataclass(frozen=True, eq=False)
-class _Candidate:
+class _Pattern:
     """A change, and the derivatives, each times its shape (terms, views), that show it."""
 
-    change: Unsteadiness
+    change: Change
     which: list[int]
     shapes: FloatArray
     found: _Explanation
-
-    @property
-    def power(self) -> float:
-        """Of the residual, explained by it."""
-        return self.found.power
 
 
 class _Left:
     """What the fit left, and how much of it additional derivatives explain."""
 
-    def __init__(self, grams: FloatArray, data: SinogramData, fit: Fit, shared: float) -> None:
+    def __init__(self, grams: FloatArray, data: SinogramData, fit: Fit) -> None:
         self.angles = data.angles_rad
         self._free = [i for i in range(PARAMETERS) if fit.covariance[i, i] > 0.0]
         self._gain = fit.gain
@@ -155,8 +163,8 @@ class _Left:
         self._known = [*self._free, *linear]
         self._total = self.grams.sum(axis=0)
         self._scale = 1.0 / np.sqrt(np.diag(self._total)[self._known])
-        self._rss = project_out(self._total, self._known, [DATA])[0].item()
-        self._beyond_noise, self._samples = shared * data.sinogram.size, data.samples
+        self._normal = self._total[np.ix_(self._known, self._known)] * np.outer(self._scale, self._scale)
+        self._samples = data.samples
 
     def shaped(self, which: list[int], shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Inner products of derivatives `which`, each times its shape (terms, views): with all, and their own."""
@@ -165,36 +173,30 @@ class _Left:
 
     def explained(self, products: FloatArray, own: FloatArray) -> _Explanation:
         """By the best of some trials: products (trials, terms, 10 or 13), own (trials, terms, terms)."""
-        cross = products[:, :, self._known] * self._scale
-        normal = self._total[np.ix_(self._known, self._known)] * np.outer(self._scale, self._scale)
-        solved = np.linalg.solve(normal, np.swapaxes(cross, 1, 2))
-        matrix = own - cross @ solved
+        solved = self._solved(products)
+        matrix = own - (products[:, :, self._known] * self._scale) @ solved
         data = self._scale * self._total[self._known, DATA]
         right = products[:, :, DATA] - data @ solved
         coefficients = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right[..., None])[..., 0]
         powers = np.einsum("nt,nt->n", right, coefficients)
         best = int(powers.argmax())
+        known = (np.linalg.solve(self._normal, data) - solved[best] @ coefficients[best]) * self._scale
         # Where nothing is left to explain, rounding may be negative.
-        power, bias = max(float(powers[best]), 0.0), np.zeros(PARAMETERS)
-        moved = -(solved[best] @ coefficients[best]) * self._scale
-        bias[self._free] = moved[: len(self._free)] / self._gain
-        known = np.linalg.solve(normal, data) * self._scale + moved
-        # What is not noise cannot be less than what is explained.
-        share = power / max(power, self._beyond_noise, np.finfo(np.float64).tiny)
-        return _Explanation(power, share, coefficients[best], known, bias, best)
+        return _Explanation(max(float(powers[best]), 0.0), coefficients[best], known, best)
 
-    def variance_without(self, candidate: _Candidate) -> float:
-        """Of a sample, once the candidate is taken out: as large as the pose scatters from stretch to stretch.
+    def variance_without(self, pattern: _Pattern) -> float:
+        """Of a sample, once the pattern is taken out: as large as the pose scatters from stretch to stretch.
 
         Where a model is finer than the scan's rays, or lacks something, the residual is large just where the pose
         matters, and goes on from view to view. What is left in the pose of some views together says so.
         """
-        pose, found = [PSI, T_X, T_Y], candidate.found
+        pose, found = [PSI, T_X, T_Y], pattern.found
         grams = self.grams[:, pose]
         scores = grams[:, :, DATA] - grams[:, :, self._known] @ found.known
-        scores -= np.einsum("tk,kpt,t->kp", candidate.shapes, grams[:, :, candidate.which], found.coefficients)
+        scores -= np.einsum("tk,kpt,t->kp", pattern.shapes, grams[:, :, pattern.which], found.coefficients)
         own = np.einsum("kpp->kp", grams[:, :, pose])
-        variance = max(self._rss - found.power, 0.0) / self._samples
+        left = project_out(self._total, self._known, [DATA])[0].item()
+        variance = max(left - found.power, 0.0) / self._samples
         for stretches in STRETCHES:
             first = np.unique(np.linspace(0, len(grams), stretches, endpoint=False).astype(np.intp))
             power, expected = np.add.reduceat(scores, first) ** 2, np.add.reduceat(own, first)
@@ -202,44 +204,82 @@ class _Left:
             variance = max(variance, float((power[seen] / expected[seen]).mean()))
         return variance
 
-    def in_parameters(self, found: _Explanation) -> FloatArray:
+    def significance(self, pattern: _Pattern) -> float:
+        """Of a pattern's coefficients c, V their covariance by the jackknife over the views: c' V^-1 c.
+
+        What one view in which an edge lies along the rays makes of a coarse model is gone when that view is left out
+        (Efron 1982; of linear regression, the cluster jackknife of Cameron and Miller 2015).
+        """
+        grams, terms, views = self.grams, len(pattern.which), len(self.grams)
+        columns = [*pattern.which, *self._known]
+        shapes = np.ones((views, len(columns)))
+        shapes[:, :terms] = pattern.shapes.T
+        normals = shapes[:, :, None] * shapes[:, None, :] * grams[:, columns][:, :, columns]
+        rights = shapes * grams[:, columns, DATA]
+        scale = 1.0 / np.sqrt(np.diag(normals.sum(axis=0)))
+        normals *= np.outer(scale, scale)
+        rights *= scale
+        without_one = normals.sum(axis=0) - normals + RIDGE * np.eye(len(columns))
+        found = np.linalg.solve(without_one, (rights.sum(axis=0) - rights)[..., None])[:, :terms, 0]
+        coefficients = pattern.found.coefficients / scale[:terms]
+        off = found - coefficients
+        covariance = (views - 1) / views * off.T @ off
+        return float(coefficients @ np.linalg.pinv(covariance, hermitian=True) @ coefficients)
+
+    def in_parameters(self, pattern: _Pattern) -> FloatArray:
         """Its coefficients in radians and mm."""
-        return found.coefficients / self._gain
+        return pattern.found.coefficients / self._gain
+
+    def bias_of(self, pattern: _Pattern) -> FloatArray:
+        """By how much the fit's seven parameters (7,) are off for not knowing of a pattern."""
+        products, _ = self.shaped(pattern.which, pattern.shapes)
+        moved = -(self._solved(products) @ pattern.found.coefficients) * self._scale
+        bias = np.zeros(PARAMETERS)
+        bias[self._free] = moved[: len(self._free)] / self._gain
+        return bias
+
+    def _solved(self, products: FloatArray) -> FloatArray:
+        """What the known terms make of added ones (..., terms, 10 or 13): (..., known, terms), of scaled terms."""
+        cross = products[..., self._known] * self._scale
+        return np.asarray(np.linalg.solve(self._normal, np.swapaxes(cross, -1, -2)), np.float64)
 
 
-def _jump(left: _Left, radius_mm: float) -> _Candidate:
+def _jump(left: _Left) -> _Pattern:
     """Of the pose, from some view on."""
     pose, views = [PSI, T_X, T_Y], len(left.grams)
     fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
     # Of the views from each on, the first and the last few left out.
     after = np.cumsum(left.grams[::-1, pose], axis=0)[::-1][fewest : views - fewest + 1]
     found = left.explained(after, after[:, :, pose])
-    turn, *move = left.in_parameters(found)
-    by_mm, view = math.hypot(*move), fewest + found.trial
-    change = Unsteadiness(
-        Change.ANGLES if by_mm < TURN_ALONE * abs(turn) * radius_mm else Change.PHANTOM,
-        found.share,
-        found.bias,
-        by_deg=math.degrees(abs(turn)),
-        by_mm=by_mm,
-        view=view,
-    )
-    return _Candidate(change, pose, np.tile((np.arange(views) >= view).astype(np.float64), (3, 1)), found)
+    shape = (np.arange(views) >= fewest + found.trial).astype(np.float64)
+    return _Pattern(Change.PHANTOM, pose, np.tile(shape, (3, 1)), found)
 
 
-def _pace(left: _Left) -> _Candidate:
+def _pace(left: _Left) -> _Pattern:
     """Angles that run too fast or too slowly."""
-    shapes = (left.angles - left.angles.mean())[None]
-    products, own = left.shaped([PSI], shapes)
-    found = left.explained(products[None], own[None])
-    change = Unsteadiness(Change.PACE, found.share, found.bias, pace=1.0 + float(left.in_parameters(found)[0]))
-    return _Candidate(change, [PSI], shapes, found)
+    return _turning(left, Change.PACE, (left.angles - left.angles.mean())[None])
 
 
-def _swing(left: _Left) -> _Candidate:
+def _swing(left: _Left) -> _Pattern:
     """Angles that are ahead and behind once a turn."""
-    shapes = np.stack([np.cos(left.angles), np.sin(left.angles)])
-    products, own = left.shaped([PSI, PSI], shapes)
-    found = left.explained(products[None], own[None])
-    by_deg = math.degrees(math.hypot(*left.in_parameters(found)))
-    return _Candidate(Unsteadiness(Change.SWING, found.share, found.bias, by_deg=by_deg), [PSI, PSI], shapes, found)
+    return _turning(left, Change.SWING, np.stack([np.cos(left.angles), np.sin(left.angles)]))
+
+
+def _turning(left: _Left, change: Change, shapes: FloatArray) -> _Pattern:
+    which = [PSI] * len(shapes)
+    products, own = left.shaped(which, shapes)
+    return _Pattern(change, which, shapes, left.explained(products[None], own[None]))
+
+
+def _described(pattern: _Pattern, size: FloatArray, bias: FloatArray, radius_mm: float) -> Unsteadiness:
+    """What a pattern of this size, in radians and mm, means for a phantom of this radius."""
+    match pattern.change:
+        case Change.PACE:
+            return Unsteadiness(Change.PACE, bias, pace=1.0 + float(size[0]))
+        case Change.SWING:
+            return Unsteadiness(Change.SWING, bias, by_deg=math.degrees(math.hypot(*size)))
+    turn, *move = size
+    by_mm = math.hypot(*move)
+    change = Change.ANGLES if by_mm < TURN_ALONE * abs(turn) * radius_mm else Change.PHANTOM
+    view = int(pattern.shapes[0].argmax())
+    return Unsteadiness(change, bias, by_deg=math.degrees(abs(turn)), by_mm=by_mm, view=view)

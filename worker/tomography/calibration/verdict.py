@@ -7,9 +7,8 @@ from worker.tomography.calibration.calibration import HypothesisReport, Status
 from worker.tomography.calibration.refine import Fit
 from worker.tomography.calibration.structure import Place, Structure
 from worker.tomography.calibration.unsteadiness import Change, Unsteadiness
+from worker.tomography.ray_error import PredictedRayError
 
-# Beyond this many times the tolerance a calibration fails; between, it is to be watched.
-FAIL_FACTOR = 2.5
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
 # What the residual holds beside noise, as a share of the sinogram: above the first it is told, above the second the
@@ -53,7 +52,7 @@ class Judgement:
 
 def judge(
     *,
-    predicted_mm: float,
+    predicted: PredictedRayError,
     tolerance_mm: float,
     fit: Fit,
     inflation: float,
@@ -74,7 +73,9 @@ def judge(
 ) -> Judgement:
     """Status, verdict and reasons; `structure` is None where the residual is noise, `unsteady` where nothing changed.
 
-    `unsteady_mm` is what the change puts the rays off by.
+    A tolerance is held when it is held with 95 % (ISO 14253-1): by the predicted ray error's upper bound. Where only
+    its RMS is within the tolerance the calibration is to be watched. `unsteady_mm` is what the change puts the rays off
+    by.
     """
     found = _Findings()
     if not fit.converged:
@@ -83,14 +84,14 @@ def judge(
     if unsteady_mm <= UNSTEADY * tolerance_mm:
         unsteady = None
     if unsteady is not None:
-        _judge_unsteady(found, unsteady, unsteady_mm, tolerance_mm)
+        of_it = f"this puts the rays off by {unsteady_mm:.2g} mm, which the error bars include"
+        found.watch(f"{_change(unsteady)}; {of_it}")
     _judge_rivals(found, hypotheses, turned, samples / inflation, turn_held=turn_held)
-    if predicted_mm > tolerance_mm:
-        imprecise = _imprecise(predicted_mm, tolerance_mm, of_the_model=widening > WIDENED or unsteady is not None)
-        if predicted_mm > FAIL_FACTOR * tolerance_mm:
-            found.fail(imprecise, Status.IMPRECISE)
-        else:
-            found.watch(imprecise, Status.IMPRECISE)
+    if unconstrained_mm is not None:
+        _judge_short_distance(found, unconstrained_mm, source_to_cor_mm, short_of_deviations)
+    if predicted.upper_95_mm > tolerance_mm:
+        imprecise = _imprecise(predicted, tolerance_mm, of_the_model=widening > WIDENED or unsteady is not None)
+        (found.watch if predicted.rms_mm <= tolerance_mm else found.fail)(imprecise, Status.IMPRECISE)
     if structure is not None and structure.share > TOLD and unsteady is None:
         told = (
             f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
@@ -99,9 +100,7 @@ def judge(
         (found.watch if structure.share > STRUCTURED else found.note)(told)
     if not theta_in_bounds:
         found.watch("theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds")
-    if unconstrained_mm is not None:
-        _judge_short_distance(found, unconstrained_mm, source_to_cor_mm, short_of_deviations)
-    elif not source_shift_resolved:
+    if unconstrained_mm is None and not source_shift_resolved:
         found.note("the source shift is not resolved from 0, so theta has no standard deviations; the rays have")
     if scale_ray_error_mm > tolerance_mm:
         found.note(
@@ -195,14 +194,6 @@ def _judge_short_distance(
         )
 
 
-def _judge_unsteady(found: _Findings, unsteady: Unsteadiness, unsteady_mm: float, tolerance_mm: float) -> None:
-    told = f"{_change(unsteady)}; this puts the rays off by {unsteady_mm:.2g} mm, which the error bars include"
-    if unsteady_mm > FAIL_FACTOR * tolerance_mm:
-        found.fail(told, Status.IMPRECISE)
-    else:
-        found.watch(told)
-
-
 def _change(unsteady: Unsteadiness) -> str:
     """What changed, and what to do."""
     match unsteady.change:
@@ -228,10 +219,13 @@ def _change(unsteady: Unsteadiness) -> str:
             )
 
 
-def _imprecise(predicted_mm: float, tolerance_mm: float, *, of_the_model: bool) -> str:
+def _imprecise(predicted: PredictedRayError, tolerance_mm: float, *, of_the_model: bool) -> str:
     cure = (
         "the model is not the scan's, as is said beside this, and more views alone will not help"
         if of_the_model
         else "use more views, more rows or a longer exposure"
     )
-    return f"the predicted ray error is {predicted_mm:.3f} mm where {tolerance_mm:.3f} mm is allowed: {cure}"
+    return (
+        f"the predicted ray error is {predicted.rms_mm:.3f} mm, with 95 % below {predicted.upper_95_mm:.3f} mm, where "
+        f"{tolerance_mm:.3f} mm is allowed: {cure}"
+    )
