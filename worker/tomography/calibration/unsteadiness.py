@@ -20,8 +20,8 @@ from worker.tomography.phantom import Phantom
 
 PSI, T_X, T_Y = 0, 5, 6
 # A pattern is no chance when it explains so many times the variance of a sample: the best of several hundred jumps
-# does so in one of a thousand scans of white noise.
-CHANCE = 30.0
+# reaches 30 in one of a thousand scans of white noise.
+CHANCE = 35.0
 # It is no fault of a few views when its size, squared, is so many times its variance from view to view. Both figures
 # stand between what steady scans and what slips reach: benchmarks/unsteady.py.
 IN_ALL_VIEWS = 20.0
@@ -34,7 +34,7 @@ MEASURED, LEAST_NOISE = 50_000, 0.05
 # Stretches of the scan in which what is left of the pose is looked at.
 STRETCHES = (8, 16, 32, 64)
 # A jump is known by so many views, and such a share of them, before and after it.
-FEWEST_VIEWS, SHARE_OF_VIEWS = 5, 1 / 16
+FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 16
 # A jump that moves the phantom by less than this share of what it turns its rim by is one of the angles.
 TURN_ALONE = 0.1
 
