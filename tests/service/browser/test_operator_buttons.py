@@ -5,9 +5,11 @@ import re
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from service.settings import ServiceSettings
 from worker.contracts.calibrations import CalibrationAsk
 from worker.storage.store import Store
 
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 pytestmark = pytest.mark.usefixtures("seeded")
 
 
@@ -40,3 +42,14 @@ def test_accept_and_roll_back_make_a_calibration_the_active_one(site, store, new
     expected = [re.compile("example.*active$"), re.compile(f"{newer}.*Roll back$"), re.compile("example.*on pass$")]
     expect(history(page)).to_have_text(expected)
     assert store.scanners.get("example").active_calibration_id == "example"
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
+def test_where_there_is_a_token_the_browser_s_password_opens_pages_and_buttons(site, store, newer):
+    page = site.open("/docs", http_credentials={"username": "operator", "password": TOKEN})
+    expect(page.get_by_role("heading", name="Sawmill calibration")).to_be_visible()
+    assert page.evaluate("fetch('/v1/scanners').then(answer => answer.status)") == 200
+    page.goto("/")
+    page.get_by_role("button", name="Accept this calibration").click()
+    expect(page.locator("body")).to_contain_text("History")
+    assert store.scanners.get("example").active_calibration_id == newer
