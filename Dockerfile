@@ -18,4 +18,5 @@ USER sawmill
 WORKDIR /data
 VOLUME /data
 EXPOSE 8000
+# On every address it starts only with SAWMILL_TOKEN or SAWMILL_TOKEN_FILE; SAWMILL_ALLOWED_HOSTS names how clients call it.
 CMD ["sawmill", "serve", "--host", "0.0.0.0"]

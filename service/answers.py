@@ -13,6 +13,9 @@ from pydantic import Field
 from service.problems import Refused
 from worker.contracts.base import Contract
 
+# No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
+_SPAN = re.compile(r"\s*(\d{0,18})-(\d{0,18})\s*")
+
 
 class Png(Response):
     """A picture."""
@@ -81,10 +84,12 @@ def file(request: Request, path: Path, media_type: str, *, save_as: str | None =
 
 def _check_range(header: str, size_bytes: int) -> None:
     """Refuse with a problem what `FileResponse` would refuse in plain text."""
-    spans = [re.fullmatch(r"\s*(\d*)-(\d*)\s*", span) for span in header.removeprefix("bytes=").split(",")]
+    spans = [_SPAN.fullmatch(span) for span in header.removeprefix("bytes=").split(",")]
     starts = [span[1] for span in spans if span is not None and _is_span(*span.groups())]
     if not header.startswith("bytes=") or len(starts) < len(spans):
-        raise Refused(400, "bad-range", f"Range must be as in bytes=0-1023, not {header[:100]!r}")
+        raise Refused(
+            400, "bad-range", f"Range must be as in bytes=0-1023, with at most 18 digits a number, not {header[:100]!r}"
+        )
     if any(start and int(start) >= size_bytes for start in starts):
         beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
         raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})

@@ -89,7 +89,8 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     # The last one added is the outermost.
     app.add_middleware(
         Gate,
-        allowed_hosts=[settings.host, *settings.allowed_hosts],
+        allowed_hosts=settings.names,
+        token=settings.token,
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,

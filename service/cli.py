@@ -25,7 +25,9 @@ def serve(
     data: Annotated[
         Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
     ] = None,
-    host: Annotated[str | None, typer.Option(help="Address to listen on; loopback by default.")] = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on; loopback by default, another needs SAWMILL_TOKEN.")
+    ] = None,
     port: Annotated[int | None, typer.Option(min=0, max=65535, help="8000 by default; 0 takes a free one.")] = None,
     workers: Annotated[
         int | None, typer.Option(min=0, max=64, help="Embedded workers; 0 leaves the work to others.")
@@ -33,10 +35,12 @@ def serve(
     examples: Annotated[bool, typer.Option(help="Put example resources into a fresh data folder.")] = True,  # noqa: FBT002 - a flag
 ) -> None:
     """Run the API, its workers and the schedule on this machine."""
+    from service.listening import ListenError
     from service.serving import serve_until_stopped
     from service.settings import ServiceSettings
     from worker.examples import seed_examples
     from worker.execution.settings import ExecutionSettings
+    from worker.execution.variables import UnknownVariableError, check_variables
     from worker.storage.errors import StorageError
     from worker.storage.settings import StorageSettings
 
@@ -44,14 +48,18 @@ def serve(
         if value is not None:
             os.environ[f"SAWMILL_{name}"] = str(value)
     try:
+        check_variables()
         settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
+    except UnknownVariableError as error:
+        raise typer.BadParameter(str(error)) from error
     except ValidationError as error:
         setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
-        raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}") from error
+        # What is said of several settings together names them itself.
+        raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}" if setting else complaint(error)) from error
     seed = seed_examples if examples else None
     try:
         serve_until_stopped(settings, storage, execution, workers=workers != 0, seed=seed)
-    except (StorageError, OSError) as error:
+    except (ListenError, StorageError, OSError) as error:
         say(str(error), trouble="The service cannot start")
         raise typer.Exit(1) from error
 

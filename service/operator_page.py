@@ -174,15 +174,21 @@ def _row(name: str, value: str) -> str:
 def _history(condition: ScannerCondition) -> str:
     if not condition.history:
         return ""
+    current, *earlier = condition.history
     active = condition.scanner.active_calibration_id
-    entries = "".join(
-        f"<li><time>{escape(entry.activated_at[:16].replace('T', ' '))}</time>"
-        f'<a href="/v1/calibrations/{escape(entry.calibration_id)}">{escape(entry.calibration_id)}</a>'
-        f"<span>{escape(entry.reason)}</span>"
-        f"{'<em>active</em>' if entry.calibration_id == active else _activate(entry.calibration_id, 'Roll back')}</li>"
-        for entry in condition.history
+    entries = _activation(current, "<em>active</em>") + "".join(
+        _activation(entry, "" if entry.calibration_id == active else _activate(entry.calibration_id, "Roll back"))
+        for entry in earlier
     )
     return f"<details><summary>History</summary><ul>{entries}</ul></details>"
+
+
+def _activation(entry: Activation, standing: str) -> str:
+    return (
+        f"<li><time>{escape(entry.activated_at[:16].replace('T', ' '))}</time>"
+        f'<a href="/v1/calibrations/{escape(entry.calibration_id)}">{escape(entry.calibration_id)}</a>'
+        f"<span>{escape(entry.reason)}</span>{standing}</li>"
+    )
 
 
 def _activate(calibration_id: str, label: str) -> str:

@@ -11,6 +11,7 @@ import uvicorn
 
 from service.app import create_app
 from service.dependencies import Wake
+from service.listening import listen
 from service.settings import ServiceSettings
 from worker.execution.celery_app import Waker, make_celery
 from worker.execution.logs import configure_logs
@@ -47,11 +48,16 @@ def serve_until_stopped(
     ------
     StorageError, OSError
         The data folder cannot be used.
+    ListenError
+        The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
     # Uvicorn raises the signal that stopped it again, which by default would end this process before its workers.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     with ExitStack() as stack:
+        listening = stack.enter_context(
+            closing(listen(settings.host, settings.port, guarded=settings.token is not None))
+        )
         store = stack.enter_context(closing(Store.open(storage)))
         wake: Wake = no_wake
         if execution.broker_url is not None:
@@ -62,14 +68,11 @@ def serve_until_stopped(
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         config = uvicorn.Config(
             create_app(settings, store, wake),
-            host=settings.host,
-            port=settings.port,
             log_config=None,
             access_log=False,
             server_header=False,
             timeout_graceful_shutdown=SHUTDOWN_S,
         )
-        listening = stack.enter_context(closing(config.bind_socket()))
         port = listening.getsockname()[1]
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)

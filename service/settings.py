@@ -1,28 +1,48 @@
 """What of the service can be set, by environment variable or by the command that starts it."""
 
-from typing import Annotated
+import re
+from ipaddress import ip_address
+from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 GIB = 2**30
 MIB = 2**20
+SHORTEST_TOKEN = 32  # characters: 128 bits even in hexadecimal digits
+
+
+def _check_token(token: SecretStr) -> SecretStr:
+    text = token.get_secret_value()
+    if len(text) < SHORTEST_TOKEN:
+        msg = f"must have at least {SHORTEST_TOKEN} characters, not {len(text)}"
+        raise ValueError(msg)
+    if not re.fullmatch(r"[!-~]+", text):
+        raise ValueError("must consist of ASCII letters, digits and punctuation, without spaces")
+    return token
 
 
 class ServiceSettings(BaseSettings):
     """Where the service listens and what it accepts; `SAWMILL_PORT=8080` sets `port`."""
 
-    model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True)
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True, hide_input_in_errors=True)
 
     host: str = Field(
-        "127.0.0.1", description="Address to listen on. The service has no accounts, so it stays on this machine."
+        "127.0.0.1", description="Address to listen on. Beyond loopback the service starts only with a token."
     )
     port: Annotated[int, Field(ge=0, le=65535)] = Field(8000, description="TCP port; 0 takes a free one.")
     allowed_hosts: list[str] = Field(
         [],
-        description="Host names (JSON list) by which clients may call it, beside loopback and `host`: "
-        "a page elsewhere must not reach it through a name of its own (DNS rebinding).",
+        description="Host names (JSON list) by which clients may call it, beside `host` and, from this machine, "
+        "loopback: a page elsewhere must not reach it through a name of its own (DNS rebinding).",
     )
+    token: Annotated[SecretStr, AfterValidator(_check_token)] | None = Field(
+        None,
+        description="What requests must bring, those for health apart, as a bearer token or as the password of HTTP "
+        "Basic: at least 32 characters. Null: nothing, on loopback alone.",
+    )
+    token_file: Path | None = Field(None, description="File that holds the token, instead of `SAWMILL_TOKEN`.")
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
     )
@@ -40,3 +60,30 @@ class ServiceSettings(BaseSettings):
     retry_after_s: Annotated[int, Field(ge=1)] = Field(
         1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_token(cls, given: dict[str, Any]) -> dict[str, Any]:
+        if given.get("token_file") is None:
+            return given
+        if given.get("token") is not None:
+            raise ValueError("give SAWMILL_TOKEN or SAWMILL_TOKEN_FILE, not both")
+        try:
+            return {**given, "token": Path(given["token_file"]).read_text().strip()}
+        except (OSError, UnicodeDecodeError) as error:
+            msg = f"SAWMILL_TOKEN_FILE cannot be read: {error}"
+            raise ValueError(msg) from error
+
+    @property
+    def names(self) -> list[str]:
+        """By which clients may call it from anywhere: `host`, unless it stands for every address, and the allowed."""
+        return [*self._own_name(), *self.allowed_hosts]
+
+    def _own_name(self) -> list[str]:
+        try:
+            address = ip_address(self.host)
+        except ValueError:  # a name
+            return [self.host]
+        if address.is_unspecified:
+            return []
+        return [self.host if address.version == 4 else f"[{self.host}]"]

@@ -602,7 +602,12 @@ def worker(
 ) -> None:
     """Run one embedded worker beside a service that uses the same data folder."""
     from worker.execution.poller import main
+    from worker.execution.variables import UnknownVariableError, check_variables
 
+    try:
+        check_variables()
+    except UnknownVariableError as error:
+        raise typer.BadParameter(str(error)) from error
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)
     main([])

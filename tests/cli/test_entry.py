@@ -8,13 +8,16 @@ import time
 from importlib.metadata import version
 from pathlib import Path
 
+import pytest
+
 SAWMILL = Path(sys.executable).with_name("sawmill")
 THETA = "2.55,714.7,319.9,43.7,0.281"
 
 
 def sawmill(*arguments: object, **environment: str) -> subprocess.CompletedProcess[str]:
     command = [SAWMILL, *map(str, arguments)]
-    return subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, check=False)
+    variables = os.environ | environment
+    return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120, check=False)
 
 
 def test_help_names_every_command():
@@ -76,3 +79,11 @@ def test_a_setting_that_is_wrong_is_wrong_use(tmp_path):
     done = sawmill("serve", "--data", tmp_path / "data", SAWMILL_LEASE_S="soon")
     assert done.returncode == 2
     assert "SAWMILL_LEASE_S" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["serve", "worker"])
+def test_a_misspelt_setting_is_wrong_use(command, tmp_path):
+    done = sawmill(command, "--data", tmp_path / "data", SAWMILL_LEASE="30", TERMINAL_WIDTH="200")
+    assert done.returncode == 2
+    assert "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?" in done.stderr
+    assert not (tmp_path / "data").exists()

@@ -1,4 +1,5 @@
 import contextlib
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -104,6 +105,19 @@ def test_a_forking_pool_is_refused(storage, on_redis):
     )
     assert answer.returncode == 1
     assert "use the threads or the solo pool" in answer.stderr
+
+
+def test_a_misspelt_setting_is_refused():
+    answer = subprocess.run(
+        [sys.executable, "-m", "celery", "-A", "worker.execution.celery_app", "worker"],
+        env=os.environ | {"SAWMILL_BROKER_URL": "redis://127.0.0.1:1/0", "SAWMILL_LEASE": "30"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert answer.returncode == 2
+    assert answer.stderr == "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?\n"
 
 
 def test_a_broker_must_be_named(storage):

@@ -1,8 +1,15 @@
+import re
+from pathlib import Path
+
 import pytest
 from pydantic import ValidationError
 
+from service.settings import ServiceSettings
 from worker.execution.environment import environment_with
 from worker.execution.settings import ExecutionSettings
+from worker.execution.variables import KNOWN, OF_THE_SERVICE, UnknownVariableError, check_variables
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_settings_survive_the_way_through_an_environment(monkeypatch):
@@ -19,3 +26,32 @@ def test_settings_survive_the_way_through_an_environment(monkeypatch):
 def test_a_lease_shorter_than_two_heartbeats_is_refused():
     with pytest.raises(ValidationError, match=r"lease_s must be at least twice heartbeat_s \(10.0\), not 15.0"):
         ExecutionSettings(lease_s=15, heartbeat_s=10)
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"),
+    [
+        ("SAWMILL_LEASE", "SAWMILL_LEASE is no setting: did you mean SAWMILL_LEASE_S?"),
+        ("sawmill_brokerurl", "sawmill_brokerurl is no setting: did you mean SAWMILL_BROKER_URL?"),
+        ("SAWMILL_XYZZY", "SAWMILL_XYZZY is no setting: unset it; docs/operations.md lists the settings"),
+    ],
+)
+def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
+    with pytest.raises(UnknownVariableError) as refused:
+        check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
+    assert str(refused.value) == complaint
+
+
+def test_the_service_s_settings_are_known_to_workers():
+    assert {f"SAWMILL_{name.upper()}" for name in ServiceSettings.model_fields} == OF_THE_SERVICE
+
+
+def test_every_variable_that_the_product_names_is_known():
+    named = {
+        name
+        for folder in ("service", "worker")
+        for path in (ROOT / folder).rglob("*.py")
+        for name in re.findall(r"\bSAWMILL_[A-Z_]+[A-Z]\b", path.read_text())
+    }
+    assert named <= KNOWN
+    check_variables(dict.fromkeys(KNOWN, ""))

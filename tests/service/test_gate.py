@@ -27,11 +27,38 @@ def test_a_configured_name_is_answered(client, store):
     assert client.get("/health/live", headers={"Host": "scanner.mill:8000"}).status_code == 200
 
 
+# The address that a client called is where its connection came in; nothing is sent to it here.
+CALLED = "http://192.0.2.7:8000/health/live"
+
+
+@pytest.mark.parametrize("host", ["localhost", "127.0.0.1:8000", "[::1]", "0.0.0.0:8000"])
+def test_a_loopback_name_is_not_answered_from_elsewhere(client, store, host):
+    client.app = create_app(ServiceSettings(host="0.0.0.0"), store, print)  # noqa: S104 - nothing listens
+    answer = client.get(CALLED, headers={"Host": host})
+    assert (answer.status_code, answer.json()["code"]) == (421, "unknown-host")
+    assert client.get("/health/live").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("settings", "host"),
+    [
+        (ServiceSettings(host="0.0.0.0", allowed_hosts=["localhost"]), "localhost:8000"),  # noqa: S104
+        (ServiceSettings(host="192.0.2.7"), "192.0.2.7:8000"),
+        (ServiceSettings(host="scanner.mill"), "Scanner.Mill:8000"),
+        (ServiceSettings(host="2001:db8::7"), "[2001:db8::7]:8000"),
+    ],
+)
+def test_its_own_name_and_allowed_ones_are_answered_from_everywhere(client, store, settings, host):
+    client.app = create_app(settings, store, print)
+    assert client.get(CALLED, headers={"Host": host}).status_code == 200
+
+
 @pytest.mark.parametrize(
     "headers",
     [
         {"Origin": "http://evil.example"},
         {"Origin": "null"},
+        {"Origin": "null", "Sec-Fetch-Site": "same-origin"},
         {"Sec-Fetch-Site": "cross-site"},
         {"Sec-Fetch-Site": "same-site"},
     ],

@@ -24,6 +24,14 @@ def test_requests_are_counted_by_route_not_by_path(client):
     assert counted["sawmill_http_request_seconds_count", "GET", "/v1/scanners/{scanner_id}"] == 2
 
 
+def test_invented_methods_are_counted_as_one(client):
+    for method in ("GET", "BREW", "WHEN"):
+        client.request(method, "/v1/scanners")
+    counted = samples(client)
+    methods = {labels[0]: value for (name, *labels), value in counted.items() if name == "sawmill_http_requests_total"}
+    assert methods == {"GET": 1, "other": 2}
+
+
 def test_jobs_are_counted_by_state(seeded):
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     counted = samples(seeded)

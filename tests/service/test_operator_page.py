@@ -162,5 +162,15 @@ def test_the_buttons_accept_and_roll_back(seeded, newest):
     assert re.findall(r'action="([^"]+)"', seeded.get("/").text) == ["/operator/activate/example"]
 
 
+def test_only_the_newest_activation_is_marked_as_the_active_one(seeded, store, newest):
+    newer = newest()
+    for identifier in (newer, "example"):
+        store.calibrations.activate(identifier, "by hand")
+    _, *entries = cards(seeded)[1].split("<li>")
+    assert ["<em>active</em>" in entry for entry in entries] == [True, False, False]
+    # An earlier activation of what is active already has nothing to roll back to.
+    assert [re.findall(r'action="([^"]+)"', entry) for entry in entries] == [[], [f"/operator/activate/{newer}"], []]
+
+
 def test_another_site_cannot_press_them(seeded):
     assert seeded.post("/operator/activate/example", headers={"Origin": "http://evil.example"}).status_code == 403

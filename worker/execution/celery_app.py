@@ -4,6 +4,7 @@ A message says only that there may be a job: it is acknowledged at once, and los
 Start a worker with `celery -A worker.execution.celery_app worker`.
 """
 
+import sys
 import threading
 from collections.abc import Sequence
 from typing import Any
@@ -19,6 +20,7 @@ from worker.execution.housekeeping import Housekeeping
 from worker.execution.logs import configure_logs
 from worker.execution.runner import ATTEMPT_COMMAND, Runner
 from worker.execution.settings import ExecutionSettings
+from worker.execution.variables import UnknownVariableError, check_variables
 from worker.storage.errors import StorageError
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
@@ -164,6 +166,11 @@ def __getattr__(name: str) -> Celery:
     """Make `app` when Celery's command line looks for it, from the environment; importing makes nothing."""
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        check_variables()
+    except UnknownVariableError as error:
+        sys.stderr.write(f"{error}\n")
+        raise SystemExit(2) from error
     app = make_celery(ExecutionSettings(), StorageSettings())
     globals()["app"] = app
     return app

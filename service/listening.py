@@ -1,0 +1,67 @@
+"""The socket that the service listens on: opened first, so that nothing is begun that could not be served."""
+
+import errno
+import socket
+from ipaddress import IPv6Address, ip_address
+
+
+class ListenError(Exception):
+    """The service cannot or must not listen there; the sentence says what would be right."""
+
+
+def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
+    """Listen on an address; beyond loopback only where a token guards the service.
+
+    Judged is the address that `host` led to, not its text: a name may lead anywhere.
+
+    Parameters
+    ----------
+    host
+        Address or name; one with a colon is an IPv6 address.
+    port
+        0 takes a free one.
+    guarded
+        Whether requests need a token.
+
+    Raises
+    ------
+    ListenError
+        The port is taken, the address is not this machine's, or it is beyond loopback and nothing guards it.
+    """
+    listening = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((host, port))
+        _check_guarded(host, listening.getsockname()[0], guarded=guarded)
+        listening.listen()
+    except OSError as error:
+        listening.close()
+        raise ListenError(_sentence(host, port, error)) from error
+    except ListenError:
+        listening.close()
+        raise
+    return listening
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an IP address is this machine's own, where no other machine's packets arrive."""
+    ip = ip_address(address)
+    mapped = ip.ipv4_mapped if isinstance(ip, IPv6Address) else None
+    return (mapped or ip).is_loopback
+
+
+def _check_guarded(host: str, address: str, *, guarded: bool) -> None:
+    if not guarded and not is_loopback(address):
+        raise ListenError(
+            f"{host} can be reached from other machines, so requests must bring a token: set SAWMILL_TOKEN (at least "
+            "32 characters) or SAWMILL_TOKEN_FILE, or listen on 127.0.0.1"
+        )
+
+
+def _sentence(host: str, port: int, error: OSError) -> str:
+    if error.errno == errno.EADDRINUSE:
+        return (
+            f"port {port} of {host} is taken: stop what listens there, or choose another port with --port or "
+            "SAWMILL_PORT (0 takes a free one)"
+        )
+    return f"{host} with port {port} cannot be listened on: {error.strerror}"

@@ -1,0 +1,105 @@
+"""A real Chromium in front of the service on a real socket.
+
+The browser is Debian's, driven by Playwright. While a module's browser is open, its tests do not use `asyncio.run`
+(and so not the `client` of the other tests): Playwright's loop runs in the same thread.
+"""
+
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from urllib.parse import urlsplit
+
+import pytest
+import uvicorn
+from playwright.sync_api import Browser, Page, sync_playwright
+
+from service.app import create_app
+from service.settings import ServiceSettings
+from worker.storage.store import Store
+
+MISSING = "the browser tests need Debian's Chromium: apt-get install chromium"
+START_S, PATIENCE_MS = 20.0, 10_000
+# No sandbox, for that needs a user of its own; and nothing that Chromium does on its own account.
+FLAGS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    program = shutil.which("chromium")
+    if program is None and os.environ.get("CI") == "true":
+        pytest.fail(MISSING)
+    if program is None:
+        pytest.skip(MISSING)
+    with (
+        sync_playwright() as playwright,
+        closing(playwright.chromium.launch(executable_path=program, args=FLAGS)) as it,
+    ):
+        yield it
+
+
+@dataclass
+class Site:
+    """The service as a browser reaches it, and every request that the browser's pages made."""
+
+    address: str
+    browser: Browser
+    requested: list[str] = field(default_factory=list)
+
+    def open(self, path: str = "/", **options: object) -> Page:
+        """A page in a profile of its own; `options` are those of Playwright's contexts."""
+        context = self.browser.new_context(base_url=self.address, **options)
+        context.on("request", lambda request: self.requested.append(request.url))
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.goto(path)
+        return page
+
+    def hosts_asked(self) -> set[str]:
+        """Hosts with their ports; an address within the page, as data: has it, has none."""
+        return {urlsplit(url).netloc for url in self.requested} - {""}
+
+
+@pytest.fixture
+def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[Site]:
+    """A running service on the test's store, in front of a browser."""
+    with serving(store, settings) as port:
+        site = Site(f"http://127.0.0.1:{port}", browser)
+        yield site
+        for context in browser.contexts:
+            context.close()
+    assert site.hosts_asked() <= {f"127.0.0.1:{port}"}
+
+
+@contextmanager
+def serving(store: Store, settings: ServiceSettings) -> Iterator[int]:
+    """The application on a free loopback port, in a thread."""
+    config = uvicorn.Config(create_app(settings, store, lambda _: None), port=0, log_config=None, lifespan="off")
+    server = uvicorn.Server(config)
+    with closing(config.bind_socket()) as listening:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        try:
+            wait_until(lambda: server.started)
+            yield listening.getsockname()[1]
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + START_S
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)

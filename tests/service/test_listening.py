@@ -1,0 +1,132 @@
+"""Where the service may listen, by real processes and sockets. Requests go to loopback addresses alone."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.listening import ListenError, is_loopback, listen
+
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
+START_S, STOP_S = 60.0, 25.0
+
+
+def command(folder: Path, *flags: str) -> list[str]:
+    sawmill = Path(sys.executable).with_name("sawmill")
+    return [str(sawmill), "serve", "--data", str(folder / "data"), "--workers", "0", "--no-examples", *flags]
+
+
+def environment(**variables: str) -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")} | variables
+
+
+def refused(folder: Path, *flags: str, **variables: str) -> subprocess.CompletedProcess[str]:
+    """A start that is refused; what did not start has left nothing behind."""
+    done = subprocess.run(
+        command(folder, *flags),
+        env=environment(**variables),
+        capture_output=True,
+        text=True,
+        timeout=START_S,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr
+    assert not (folder / "data").exists()
+    return done
+
+
+@contextmanager
+def serving(folder: Path, *flags: str, **variables: str) -> Iterator[int]:
+    """`sawmill serve` on a free port, once it answers."""
+    log = folder / "service.log"
+    with log.open("wb") as sink:
+        process = subprocess.Popen(
+            command(folder, "--port", "0", *flags),
+            env=environment(SAWMILL_LOG_FORMAT="json", **variables),
+            stdout=sink,
+            stderr=sink,
+        )
+    try:
+        yield port_of(process, log)
+    finally:
+        process.terminate()
+        process.wait(STOP_S)
+
+
+def port_of(process: "subprocess.Popen[bytes]", log: Path) -> int:
+    """From its own log, after which it answers: its socket listens already."""
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        assert process.poll() is None, log.read_text()
+        for line in log.read_text().splitlines():
+            if json.loads(line)["event"] == "serving":
+                return int(json.loads(line)["url"].rpartition(":")[2])
+        time.sleep(0.05)
+    raise AssertionError(log.read_text())
+
+
+def test_beyond_loopback_it_does_not_start_without_a_token(tmp_path):
+    done = refused(tmp_path, "--host", EVERYWHERE, "--port", "0")
+    assert done.returncode == 1
+    assert done.stderr.startswith("The service cannot start: 0.0.0.0 can be reached from other machines")
+    assert "SAWMILL_TOKEN" in done.stderr
+
+
+@pytest.mark.parametrize("host", [EVERYWHERE, "::", "::ffff:0.0.0.0"])
+def test_every_address_is_beyond_loopback(host):
+    with pytest.raises(ListenError, match="SAWMILL_TOKEN"):
+        listen(host, 0, guarded=False).close()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.9.8.7", "localhost", "::1"])
+def test_loopback_needs_no_token(host):
+    with listen(host, 0, guarded=False) as listening:
+        assert is_loopback(listening.getsockname()[0])
+
+
+@pytest.mark.parametrize(
+    ("address", "loopback"),
+    [("127.0.0.1", True), ("::ffff:127.0.0.1", True), ("::ffff:192.0.2.1", False), ("192.0.2.1", False), ("::", False)],
+)
+def test_what_is_loopback(address, loopback):
+    assert is_loopback(address) is loopback
+
+
+def test_beyond_loopback_requests_need_the_token(tmp_path):
+    (tmp_path / "token").write_text(f"{TOKEN}\n")
+    variables = {"SAWMILL_TOKEN_FILE": str(tmp_path / "token")}
+    with (
+        serving(tmp_path, "--host", EVERYWHERE, **variables) as port,
+        httpx.Client(base_url=f"http://127.0.0.1:{port}", trust_env=False) as client,
+    ):
+        assert client.get("/health/ready").status_code == 200
+        assert client.get("/v1/scanners").status_code == 401
+        assert client.get("/v1/scanners", headers={"Authorization": "Bearer guessed"}).status_code == 401
+        assert client.get("/v1/scanners", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+        assert client.get("/", auth=("anybody", TOKEN)).status_code == 200
+        assert client.get("/health/live", headers={"Host": "mill.example"}).status_code == 421
+    assert TOKEN not in (tmp_path / "service.log").read_text()
+
+
+def test_a_taken_port_is_reported_in_one_sentence(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        done = refused(tmp_path, "--port", str(port))
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"The service cannot start: port {port} of 127.0.0.1 is taken: ")
+    assert "--port" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_an_address_of_another_machine_cannot_be_listened_on():
+    with pytest.raises(ListenError, match=r"^192\.0\.2\.1 with port 8000 cannot be listened on: "):
+        listen("192.0.2.1", 8000, guarded=True)
