@@ -138,13 +138,14 @@ class Slip:
     """From a share of the views on the phantom lies elsewhere."""
 
     by_mm: float
+    towards_rad: float
     by_deg: float
     at: float
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Slip":
         """0.3 to 0.7 mm, and up to a tenth of a degree."""
-        return cls(rng.uniform(0.3, 0.7), rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.85))
+        return cls(rng.uniform(0.3, 0.7), rng.uniform(0.0, TAU), rng.uniform(-0.1, 0.1), rng.uniform(0.15, 0.85))
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +183,7 @@ def counted_scan(
     lengths = analytic.project(seen, FINE, frame, turned, position_mm=at, rays_per_cell=1)
     view = None
     if slip is not None:
-        view, towards = round(slip.at * angles.size), rng.uniform(0.0, TAU)
+        view, towards = round(slip.at * angles.size), slip.towards_rad
         after = (at[0] + slip.by_mm * math.cos(towards), at[1] + slip.by_mm * math.sin(towards))
         twisted = replace(frame, psi_rad=frame.psi_rad + math.radians(slip.by_deg))
         lengths[view:] = analytic.project(seen, FINE, twisted, turned[view:], position_mm=after, rays_per_cell=1)

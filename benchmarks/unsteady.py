@@ -59,7 +59,7 @@ class Outcomes:
     errors: list[float] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)
     verdicts: Counter[str] = field(default_factory=Counter)
-    slips: int = 0
+    slips: list[bool] = field(default_factory=list)
     unsteady: int = 0
     wrong: int = 0
 
@@ -70,7 +70,7 @@ class Outcomes:
         self.errors.append(error)
         self.bounds.append(found.predicted_ray_error.upper_95_mm)
         self.verdicts[found.verdict] += 1
-        self.slips += any(reason.startswith(UNSTEADY[0]) for reason in found.reasons)
+        self.slips.append(any(reason.startswith(UNSTEADY[0]) for reason in found.reasons))
         self.unsteady += any(reason.startswith(UNSTEADY) for reason in found.reasons)
         self.wrong += found.verdict == "pass" and error > TOLERANCE_MM
 
@@ -80,7 +80,7 @@ class Outcomes:
         return (
             f"{name:32s} {np.median(errors):6.3f} {errors.max():7.3f} {np.median(bounds):6.3f} "
             f"{np.mean(errors <= bounds):5.0%} {self.verdicts['pass']:5d} {self.verdicts['watch']:5d} "
-            f"{self.verdicts['fail']:5d} {self.slips:5d} {self.unsteady:8d} {self.wrong:7d}"
+            f"{self.verdicts['fail']:5d} {sum(self.slips):5d} {self.unsteady:8d} {self.wrong:7d}"
         )
 
 

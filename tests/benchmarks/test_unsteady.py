@@ -1,5 +1,7 @@
 """Slips in counts with ten flats, whichever way rings are treated: named, and never passed."""
 
+from functools import cache
+
 import numba
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from worker.tomography.calibration.default import calibrate
 
 VIEWS = (20, 45, 90)
 SCANS = 31
+RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -20,42 +23,51 @@ def _one_thread():
     numba.set_num_threads(before)
 
 
-def outcomes_of(make, scans, *, seed, remove_rings):
+@cache
+def scans(make, count, seed):
+    return [make(np.random.default_rng([seed, number]), VIEWS) for number in range(count)]
+
+
+def outcomes_of(make, count, *, seed, remove_rings):
     outcomes = Outcomes()
-    for number in range(scans):
-        scan = make(np.random.default_rng([seed, number]), VIEWS)
+    for scan in scans(make, count, seed):
         outcomes.add(scan, calibrate(scan.task(remove_rings=remove_rings)))
     return outcomes
 
 
-@pytest.mark.parametrize("remove_rings", [False, True])
+@RINGS
 def test_slips_are_named_and_never_pass(remove_rings):
     """As many as an independent simulator found to pass; one of 31 may drown in the noise of 20 views."""
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)
     assert found.wrong == 0
-    assert found.slips >= SCANS - 1
-    # The case is one: every other slip puts the rays off by more than half the tolerance.
+    # What leaves the rays right to a quarter of the tolerance need not be told.
+    matters = np.array(found.errors) > 0.025
+    assert matters.sum() >= 20
+    assert np.count_nonzero(matters & ~np.array(found.slips)) <= 1
+
+
+@RINGS
+def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_rings):
+    found = outcomes_of(slipped_with_a_fault, 12, seed=1502, remove_rings=remove_rings)
+    assert found.wrong == 0
     assert np.median(found.errors) > 0.05
 
 
-@pytest.mark.parametrize("remove_rings", [False, True])
-def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_rings):
-    found = outcomes_of(slipped_with_a_fault, 16, seed=1502, remove_rings=remove_rings)
-    assert found.wrong == 0
-
-
-@pytest.mark.parametrize("remove_rings", [False, True])
+@RINGS
 def test_steady_scans_are_judged_by_their_precision_alone(remove_rings):
-    found = outcomes_of(steady, 16, seed=1503, remove_rings=remove_rings)
-    assert (found.slips, found.unsteady, found.wrong) == (0, 0, 0)
+    found = outcomes_of(steady, 12, seed=1503, remove_rings=remove_rings)
+    assert (found.unsteady, found.wrong) == (0, 0)
     precise = sum(bound <= 0.1 for bound in found.bounds)
     # What ring removal itself does to a sinogram may be a reason to look; nothing else is.
-    assert found.verdicts["pass"] == precise if not remove_rings else found.verdicts["pass"] <= precise
+    assert found.verdicts["pass"] <= precise if remove_rings else found.verdicts["pass"] == precise
 
 
-def test_a_simulated_slip_is_where_it_was_put():
-    scan = counted_scan(np.random.default_rng(1504), slip=Slip(0.5, 0.0, 0.5), views=(60,))
-    still = counted_scan(np.random.default_rng(1504), views=(60,))
+def test_a_slip_changes_the_views_after_it_alone():
+    """The scanner, the photons' number and the gains are drawn alike in both scans."""
+    scan, still = (
+        counted_scan(np.random.default_rng(1504), slip=slip, views=(60,)) for slip in (Slip(20.0, 1.0, 0.0, 0.5), None)
+    )
     assert scan.slipped_at == 30
-    assert scan.counts.shape == still.counts.shape == (60, 1, 768)
-    assert scan.flats.shape == scan.darks.shape == (10, 1, 768)
+    # A slip of 20 mm changes what cells count by more than their photons scatter.
+    change = np.abs(scan.counts - still.counts).mean(axis=(1, 2))
+    assert change[30:].min() > change[:30].max()
