@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -180,6 +180,12 @@ def serving(folder: Path, environment: dict[str, str], *flags: str) -> Iterator[
     ):
         wait_until_ready(client, server, log)
         yield Service(client, data)
+
+
+@pytest.fixture
+def serve() -> Callable[..., AbstractContextManager[Service]]:
+    """Start a service of the test's own: folder, environment, flags."""
+    return serving
 
 
 def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", log: Path) -> None:

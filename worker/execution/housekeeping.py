@@ -1,7 +1,6 @@
 """What has to be done now and then, whichever engine runs the jobs."""
 
 import threading
-from collections.abc import Callable
 
 import structlog
 
@@ -21,22 +20,12 @@ class Housekeeping:
         How often.
     stop
         Ends the thread.
-    and_then
-        What else an engine has to do each time.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        settings: ExecutionSettings,
-        stop: threading.Event,
-        *,
-        and_then: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
         self._store = store
         self._settings = settings
         self._stop = stop
-        self._and_then = and_then
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -55,8 +44,6 @@ class Housekeeping:
         for run in self._store.schedules.run_due():
             log.info("schedule-ran", **run.model_dump(mode="json"))
         self._store.files.remove_leftovers()
-        if self._and_then is not None:
-            self._and_then()
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):
