@@ -41,6 +41,8 @@ def settings() -> ExecutionSettings:
         housekeeping_s=0.2,
         sweep_s=0.5,
         stop_grace_s=1,
+        loss_wait_s=0,
+        outage_wait_s=0,
         kill_grace_s=0.3,
         spare_processes=1,
         broker_url=None,

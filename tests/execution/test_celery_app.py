@@ -59,12 +59,28 @@ def redis_process(redis_url):
 
 
 def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_redis, wake, queue, wait_for):
-    job = queue("stumble")
+    job = queue("succeed")
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=job.subject_id, phantom_id="l-shape"))
     with celery_worker(storage, on_redis):
         wake(job.id)
         wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
+    assert store.jobs.get(job.id).state is JobState.SUCCEEDED
+
+
+def test_a_job_that_is_tried_again_needs_no_wake_up_of_its_own(store, storage, on_redis, wake, queue, wait_for):
+    job = queue("stumble")
+    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5})):
+        wake(job.id)
+        wait_for(lambda: store.jobs.get(job.id).state.ended)
     assert (store.jobs.get(job.id).state, store.jobs.get(job.id).attempt) == (JobState.SUCCEEDED, 2)
+
+
+def test_messages_do_not_decide_which_job_is_next(store, storage, on_redis, wake, queue, wait_for):
+    first, second = queue("succeed"), queue("succeed")
+    wake(second.id)
+    with celery_worker(storage, on_redis):
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+    assert store.jobs.get(second.id).state is JobState.QUEUED
 
 
 def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wake, queue, wait_for):

@@ -1,4 +1,5 @@
 import threading
+import time
 
 from structlog.testing import capture_logs
 
@@ -32,20 +33,21 @@ def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, m
     with capture_logs() as log:
         housekeeping = Housekeeping(store, settings, stop)
         housekeeping.start()
-        wait_for(lambda: away.rounds > 1)
+        wait_for(lambda: len(away.calls) > 1)
         stop.set()
         housekeeping.join()
-    assert [entry["event"] for entry in log] == ["housekeeping-put-off"]
+    assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "requeue_expired")]
+    assert away.calls[1] - away.calls[0] >= settings.lease_s, "nobody could renew a lease meanwhile"
 
 
 class Away:
     """Jobs of a database that does not answer at first."""
 
     def __init__(self) -> None:
-        self.rounds = 0
+        self.calls: list[float] = []
 
-    def __call__(self, **_: int) -> list[Job]:
-        self.rounds += 1
-        if self.rounds == 1:
+    def __call__(self, **_: object) -> list[Job]:
+        self.calls.append(time.monotonic())
+        if len(self.calls) == 1:
             raise StorageUnavailable("the database does not answer: away")
         return []

@@ -1,6 +1,7 @@
-"""The cluster's engine: Redis carries wake-ups, Celery workers claim the jobs they are woken for.
+"""The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
 
-A message says only that there may be a job: it is acknowledged at once, and losing or repeating it does no harm.
+A message says only that there may be a job, not which one is next: it is acknowledged at once, and losing or
+repeating it does no harm.
 Start a worker with `celery -A worker.execution.celery_app worker`.
 """
 
@@ -16,12 +17,11 @@ from celery.worker import WorkController
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
-from worker.contracts.jobs import JobState
 from worker.execution.housekeeping import Housekeeping
 from worker.execution.logs import configure_logs
 from worker.execution.runner import ATTEMPT_COMMAND, Runner
 from worker.execution.settings import ExecutionSettings
-from worker.storage.errors import StorageError
+from worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 
@@ -151,7 +151,9 @@ class _Engine:
             self._store = Store.open(self._storage)
         except StorageError as error:  # Celery would log it and go on without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
-        self._runner = Runner(self._store, self._settings, self._stop, command=self._command)
+        self._runner = Runner(
+            self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
+        )
         self._runner.warm_up()
         self._housekeeping = Housekeeping(self._store, self._settings, self._stop)
         self._housekeeping.start()
@@ -169,14 +171,18 @@ class _Engine:
         self._wake.close()
         self._store.close()
 
-    def run_job(self, job_id: str) -> None:
-        state = self._runner.run_next(job_id)
+    def run_job(self, _job_id: str) -> None:
+        """Run the job whose turn it is: the queue's order is the database's, not that of the messages."""
+        try:
+            self._runner.run_next()
+        except (StorageFull, StorageUnavailable) as error:
+            structlog.get_logger().warning("claim-put-off", reason=str(error))
+            return
         self._runner.warm_up()
-        if state is JobState.QUEUED and not self._stop.is_set():
-            self._wake(job_id)
-        if state is not None and state.ended:
-            for waiting in self._store.jobs.waiting_for(job_id):
-                self._wake(waiting)
+
+    def _wake_waiting(self, job_id: str) -> None:
+        for waiting in self._store.jobs.waiting_for(job_id):
+            self._wake(waiting)
 
     def _sweep_until_stopped(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):
