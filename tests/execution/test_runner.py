@@ -176,6 +176,17 @@ def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_bac
     assert not is_running(pid)
 
 
+def test_a_background_job_gives_way(store, runner, queue, in_background, wait_for):
+    example = queue("talk", background=True)
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: store.jobs.get(example.id).progress is not None)
+    asked = queue("succeed")
+    assert outcome.result(timeout=10) is JobState.QUEUED
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert store.jobs.get(asked.id).state is JobState.SUCCEEDED
+    assert store.jobs.get(example.id).losses == 0
+
+
 def test_a_stopping_worker_lets_a_short_job_end(store, runner, stop, queue, in_background, wait_for):
     job = queue("pause")
     outcome = in_background(runner.run_next)

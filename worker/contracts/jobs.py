@@ -68,7 +68,9 @@ class Job(Stamped):
     state: JobState
     subject_id: Identifier = Field(description="The scan, phantom, calibration, reconstruction or plan it works on.")
     queue_position: int | None = Field(None, description="Jobs before it in the queue; null once it runs.")
-    background: Annotated[bool, Field(description="Starts when no other job could, as the examples do.")] = False
+    background: Annotated[
+        bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
+    ] = False
     not_before: Time | None = Field(None, description="While it waits to be tried again: the earliest time.")
     waiting_for: Failure | None = Field(
         None, description="While it waits to be tried again: the passing failure because of which it does."

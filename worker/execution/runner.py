@@ -190,6 +190,7 @@ class _Supervision:
         self._progress: Progress | None = None
         self._last_beat = time.monotonic()
         self._give_back_at: float | None = None
+        self._last_look = self._last_beat
 
     def run(self, output: Path) -> JobState:
         storage = self._store.settings
@@ -230,7 +231,7 @@ class _Supervision:
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)
                 return JobState.CANCELLED
-            if self._time_to_give_back():
+            if self._time_to_give_back() or self._others_wait():
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.release(self._claim)
                 return JobState.QUEUED
@@ -255,6 +256,17 @@ class _Supervision:
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
             structlog.get_logger().warning("heartbeat-missed", job=self._claim.job_id, reason=str(error))
+            return False
+
+    def _others_wait(self) -> bool:
+        """Whether this is a background job in the way of another one."""
+        if not self._claim.job.background or time.monotonic() - self._last_look < self._settings.progress_s:
+            return False
+        self._last_look = time.monotonic()
+        try:
+            return self._store.jobs.foreground_waits()
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", job=self._claim.job_id, reason=str(error))
             return False
 
     def _time_to_give_back(self) -> bool:

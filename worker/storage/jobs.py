@@ -242,7 +242,7 @@ class Jobs:
             self._end(session, _held(session, claim), JobState.CANCELLED, reason=_CANCELLED)
 
     def release(self, claim: Claim) -> None:
-        """Give a running job back to the queue because its worker is stopping, or raise `LeaseLost`."""
+        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`."""
         with self._database.write() as session:
             _requeue(_held(session, claim))
 
@@ -282,6 +282,12 @@ class Jobs:
         statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
         with self._database.read() as session:
             return session.scalars(statement.order_by(*_ORDER)).all()
+
+    def foreground_waits(self) -> bool:
+        """Whether a job could start now that is not for idle times."""
+        statement = _claimable().with_only_columns(JobRow.id).where(~JobRow.background).limit(1)
+        with self._database.read() as session:
+            return session.scalar(statement) is not None
 
     def waiting_for(self, job_id: str) -> Sequence[str]:
         """Queued jobs that needed this one and could start now."""
