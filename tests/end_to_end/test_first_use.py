@@ -12,7 +12,7 @@ QUEUED_S = 30.0
 @pytest.mark.timeout(180)
 def test_a_first_calibration_does_not_wait_for_the_examples(tmp_path, offline, serve, write_phantom_scan):
     write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
-    with serve(tmp_path, offline.variables) as service:
+    with serve(tmp_path, {**offline.variables, "SAWMILL_STOP_GRACE_S": "1"}) as service:
         deadline = time.monotonic() + QUEUED_S
         while service.client.get("/v1/plans/example").status_code != 200:  # the last of them to be queued
             assert time.monotonic() < deadline
