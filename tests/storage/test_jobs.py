@@ -215,6 +215,20 @@ def test_waits_double_up_to_a_minute_and_are_spread(store, upload):
     assert len({round(waited / nominal, 3) for waited, nominal in zip(waits, [5, 10, 20, 40, 60, 60], strict=True)}) > 3
 
 
+def test_a_job_that_waits_is_cancelled_at_once(store, upload):
+    scan = upload(store)
+    store.jobs.fail(claim(store), FULL)
+    ended = store.jobs.request_cancel(scan.job_id)
+    assert (ended.state, ended.not_before, ended.waiting_for) == (JobState.CANCELLED, None, None)
+
+
+def test_a_cancelled_job_is_not_waited_for(store, upload):
+    scan = upload(store)
+    held = claim(store)
+    store.jobs.request_cancel(scan.job_id)
+    assert store.jobs.fail(held, FULL) is JobState.CANCELLED
+
+
 def test_a_wait_ends(store, upload):
     upload(store)
     store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=0.2))

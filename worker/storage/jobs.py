@@ -224,7 +224,7 @@ class Jobs:
         Returns
         -------
         JobState
-            `queued` or `failed`.
+            `queued`, `failed`, or `cancelled` where that was asked for meanwhile.
 
         Raises
         ------
@@ -265,10 +265,7 @@ class Jobs:
         with self._database.write() as session:
             rows = session.scalars(expired).all()
             for row in rows:
-                if row.cancel_requested:
-                    self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
-                else:
-                    self._fail(session, row, _worker_lost(row), retries)
+                self._fail(session, row, _worker_lost(row), retries)
             session.flush()
             jobs = [_read(session, row) for row in rows]
         for job in jobs:
@@ -297,6 +294,9 @@ class Jobs:
 
     def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
         if failure.kind is FailureKind.PASSING:
+            if row.cancel_requested:
+                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                return
             if failure.code in _OUTAGES:
                 row.outages += 1
                 _wait(row, failure, retries.outage_wait_s, row.outages)
@@ -311,7 +311,7 @@ class Jobs:
     def _end(self, session: Session, row: JobRow, state: JobState, *, reason: str | None = None) -> None:
         row.state = state
         row.finished_at = self._database.now()
-        row.lease_expires_s = None
+        row.lease_expires_s = row.not_before_s = row.waiting_for = None
         if reason is not None:
             record_end_without_result(session, row.kind, row.subject_id, reason)
 
