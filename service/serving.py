@@ -61,7 +61,9 @@ def serve_until_stopped(
         store = stack.enter_context(closing(Store.open(storage)))
         wake: Wake = no_wake
         if execution.broker_url is not None:
-            wake = Waker(make_celery(execution, storage))
+            waker = stack.enter_context(closing(Waker(make_celery(execution, storage))))
+            waker.start()
+            wake = waker
         elif workers:
             wake = stack.enter_context(WorkerSupervisor(storage, execution)).wake
         if seed is not None:

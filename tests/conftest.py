@@ -1,6 +1,7 @@
 """What tests of several rooms need."""
 
 import os
+import socket
 from collections.abc import Iterator
 
 import pytest
@@ -20,3 +21,10 @@ def redis_url() -> Iterator[str]:
         pytest.skip(f"no Redis server can be started here: {error}")
     yield f"redis://127.0.0.1:{server.port}/0"
     server.stop()
+
+
+@pytest.fixture
+def silent_redis_url() -> Iterator[str]:
+    """A server that accepts connections, as the kernel does for a process that hangs, and never answers."""
+    with socket.create_server(("127.0.0.1", 0), backlog=200) as server:
+        yield f"redis://127.0.0.1:{server.getsockname()[1]}/0"

@@ -62,10 +62,13 @@ def _wait_until_ready(client: httpx.Client, service: "subprocess.Popen[bytes]", 
         if service.poll() is not None:
             raise DemoError(f"the service ended while starting:\n{log.read_text()[-2000:]}")
         try:
-            if client.get("/health/ready").status_code == httpx.codes.OK:
-                return
+            answer = client.get("/health/ready")
         except httpx.TransportError:  # it does not listen yet
             time.sleep(POLL_S)
+            continue
+        if answer.is_success:
+            return
+        raise DemoError(f"the service cannot be used: {answer.json()['detail']}")
     raise DemoError(f"the service was not ready within {START_TIMEOUT_S:.0f} s")
 
 

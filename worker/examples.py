@@ -75,7 +75,10 @@ def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
 
 
 def seed_examples(store: Store) -> None:
-    """Queue and store the examples once in the life of a data folder; safe to repeat when it was interrupted."""
+    """Queue and store the examples once in the life of a data folder; safe to repeat when it was interrupted.
+
+    They are computed in the background: whoever asks for something of their own does not wait for them.
+    """
     folder = store.files.folder / "examples"
     done = folder / "complete"
     if done.exists():
@@ -92,7 +95,7 @@ def seed_examples(store: Store) -> None:
     _seed_scans(store, stack)
     if EXAMPLE not in {item.id for item in store.calibrations.page().items}:
         ask = CalibrationAsk(scan_id=EXAMPLE, activate=True)
-        store.calibrations.accept(ask, calibration_id=EXAMPLE, job_id=EXAMPLE)
+        store.calibrations.accept(ask, calibration_id=EXAMPLE, job_id=EXAMPLE, background=True)
     reconstructed = {item.id for item in store.reconstructions.page().items}
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
@@ -105,12 +108,13 @@ def seed_examples(store: Store) -> None:
     )
     for identifier, asked in {EXAMPLE: log, SPARSE: sparse}.items():
         if identifier not in reconstructed:
-            store.reconstructions.accept(asked, reconstruction_id=identifier)
+            store.reconstructions.accept(asked, reconstruction_id=identifier, background=True)
     if EXAMPLE not in {item.id for item in store.drifts.page().items}:
-        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE)
+        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE, background=True)
     if EXAMPLE not in {item.id for item in store.plans.page().items}:
         nominal = from_theta(THETA)
-        store.plans.accept(L_SHAPE.name, PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20), plan_id=EXAMPLE)
+        plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
+        store.plans.accept(L_SHAPE.name, plan, plan_id=EXAMPLE, background=True)
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(
@@ -149,7 +153,7 @@ def _seed_scans(store: Store, stack: Path) -> None:
                 phantom_rows=f"0:{PHANTOM_ROWS}",
             )
             received = store.files.receive([stack.read_bytes()], max_bytes=2**30)
-            store.scans.accept(spec, received, scan_id=identifier)
+            store.scans.accept(spec, received, scan_id=identifier, background=True)
 
 
 def _write_npz(path: Path) -> None:

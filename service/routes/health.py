@@ -8,8 +8,10 @@ from prometheus_client import generate_latest
 from pydantic import Field
 
 from service.dependencies import TheStore
+from service.problems import MEDIA_TYPE
 from worker.contracts.base import Contract
 from worker.contracts.jobs import JobState
+from worker.storage.errors import StorageFull
 
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
@@ -21,6 +23,7 @@ class Readiness(StrEnum):
 
     READY = "ready"
     WITHOUT_WORKER = "without-worker"
+    DISK_FULL = "disk-full"
 
 
 class Health(Contract):
@@ -36,13 +39,28 @@ async def live() -> str:
     return "alive"
 
 
-@router.get("/health/ready", summary="Can requests be answered")
-def ready(store: TheStore) -> Health:
-    """503 when the database or the data folder cannot be used.
+@router.get(
+    "/health/ready",
+    summary="Can requests be answered",
+    responses={
+        503: {
+            "model": Health,
+            "description": "`disk-full`; a problem where the database or the data folder cannot be used.",
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
+    },
+)
+def ready(store: TheStore, response: Response) -> Health:
+    """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
+    On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
     Jobs that wait while no worker runs any are told as `without-worker`: requests are still answered.
     """
-    store.check()
+    try:
+        store.check()
+    except StorageFull as error:
+        response.status_code = 503
+        return Health(state=Readiness.DISK_FULL, detail=str(error))
     waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S)
     if waiting and not store.jobs.counts()[JobState.RUNNING]:
         detail = f"{len(waiting)} jobs have waited for more than {PATIENCE_S:.0f} s and no worker runs any: start one"

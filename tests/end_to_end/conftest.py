@@ -7,8 +7,8 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -94,6 +94,7 @@ class Service:
 
     client: httpx.Client
     data: Path
+    process_id: int
 
     def get(self, path: str, **options: Any) -> httpx.Response:
         return self._answered(self.client.get(path, **options))
@@ -169,17 +170,24 @@ def free_port() -> int:
 
 
 @contextmanager
-def serving(folder: Path, environment: dict[str, str], *flags: str) -> Iterator[Service]:
-    """`sawmill serve` with a data folder of its own, once it is ready."""
+def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequence[str] = ()) -> Iterator[Service]:
+    """`sawmill serve` with a data folder of its own, once it is ready; `prefix` is a command that becomes it."""
     port, data, log = free_port(), folder / "data", folder / "service.log"
-    command = [sys.executable, "-m", "service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
+    serve = [sys.executable, "-m", "service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
+    command = [*prefix, *serve]
     address = f"http://127.0.0.1:{port}"
     with (
         process(command, environment, log) as server,
         httpx.Client(base_url=address, timeout=30, trust_env=False) as client,
     ):
         wait_until_ready(client, server, log)
-        yield Service(client, data)
+        yield Service(client, data, server.pid)
+
+
+@pytest.fixture
+def serve() -> Callable[..., AbstractContextManager[Service]]:
+    """Start a service of the test's own: as `serving`."""
+    return serving
 
 
 def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", log: Path) -> None:

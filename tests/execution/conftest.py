@@ -41,6 +41,8 @@ def settings() -> ExecutionSettings:
         housekeeping_s=0.2,
         sweep_s=0.5,
         stop_grace_s=1,
+        loss_wait_s=0,
+        outage_wait_s=0,
         kill_grace_s=0.3,
         spare_processes=1,
         broker_url=None,
@@ -54,14 +56,15 @@ def command() -> list[str]:
 
 
 @pytest.fixture
-def queue(store: Store) -> Callable[[str], Job]:
+def queue(store: Store) -> Callable[..., Job]:
     """Queue a job that behaves as told."""
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
 
-    def accept(behaviour: str) -> Job:
+    def accept(behaviour: str, *, background: bool = False) -> Job:
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
-        scan = store.scans.accept(spec, store.files.receive([behaviour.encode()], max_bytes=100))
+        received = store.files.receive([behaviour.encode()], max_bytes=100)
+        scan = store.scans.accept(spec, received, background=background)
         return store.jobs.get(scan.job_id)
 
     return accept

@@ -47,6 +47,15 @@ def stumble(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
+def outlast(attempt: Attempt) -> dict[str, Any]:
+    """Talk until four workers have been stopped, then stumble once."""
+    if attempt.job.attempt <= 4:
+        return talk(attempt)
+    if attempt.job.attempt == 5:
+        raise JobFailure(FailureKind.PASSING, "busy", "something was busy")
+    return succeed(attempt)
+
+
 def blunder(_: Attempt) -> dict[str, Any]:
     return {}["secret"]
 
@@ -62,6 +71,12 @@ def eat_memory(_: Attempt) -> dict[str, Any]:
 def crash(attempt: Attempt) -> dict[str, Any]:
     (attempt.output / "half").write_text("written")
     os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def crash_on_a_full_disk(_: Attempt) -> dict[str, Any]:
+    """As the HDF5 library does."""
+    os.kill(os.getpid(), signal.SIGSEGV)
     return {}
 
 
@@ -96,7 +111,9 @@ BEHAVIOURS = {
         succeed,
         refuse,
         stumble,
+        outlast,
         blunder,
+        crash_on_a_full_disk,
         fill_the_disk,
         eat_memory,
         crash,

@@ -1,10 +1,14 @@
 import contextlib
 import os
+import signal
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
+import redis
 from structlog.testing import capture_logs
 
 from worker.contracts.calibrations import CalibrationAsk
@@ -21,7 +25,7 @@ NEVER_S = 80_000
 @contextlib.contextmanager
 def celery_worker(storage, settings):
     process = subprocess.Popen(
-        [*CELERY, "worker", "--loglevel", "warning", "--without-mingle", "--without-gossip"],
+        [*CELERY, "worker", "--loglevel", "warning"],
         cwd=HERE,
         env=environment_with(storage, settings),
     )
@@ -39,16 +43,44 @@ def on_redis(settings, redis_url):
 
 @pytest.fixture
 def wake(on_redis, storage):
-    return Waker(make_celery(on_redis, storage))
+    waker = Waker(make_celery(on_redis, storage))
+    waker.start()
+    yield waker
+    waker.close()
+
+
+@pytest.fixture
+def redis_process(redis_url):
+    """The server's process id; it goes on at the end, so that it can be ended."""
+    with redis.Redis.from_url(redis_url) as client:
+        process_id = client.info("server")["process_id"]
+    yield process_id
+    os.kill(process_id, signal.SIGCONT)
 
 
 def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_redis, wake, queue, wait_for):
-    job = queue("stumble")
+    job = queue("succeed")
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=job.subject_id, phantom_id="l-shape"))
     with celery_worker(storage, on_redis):
         wake(job.id)
         wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
+    assert store.jobs.get(job.id).state is JobState.SUCCEEDED
+
+
+def test_a_job_that_is_tried_again_needs_no_wake_up_of_its_own(store, storage, on_redis, wake, queue, wait_for):
+    job = queue("stumble")
+    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5})):
+        wake(job.id)
+        wait_for(lambda: store.jobs.get(job.id).state.ended)
     assert (store.jobs.get(job.id).state, store.jobs.get(job.id).attempt) == (JobState.SUCCEEDED, 2)
+
+
+def test_messages_do_not_decide_which_job_is_next(store, storage, on_redis, wake, queue, wait_for):
+    first, second = queue("succeed"), queue("succeed")
+    wake(second.id)
+    with celery_worker(storage, on_redis):
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+    assert store.jobs.get(second.id).state is JobState.QUEUED
 
 
 def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wake, queue, wait_for):
@@ -76,21 +108,63 @@ def test_a_stopping_celery_worker_gives_its_job_back(store, storage, on_redis, w
     assert not is_running(attempt)
 
 
-def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage):
+def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, wait_for):
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
+    waker = Waker(make_celery(out_of_reach, storage))
     with capture_logs() as log:
-        Waker(make_celery(out_of_reach, storage))("some-job")
+        waker.start()
+        waker("some-job")
+        wait_for(lambda: log)
+        waker.close()
     assert [(entry["event"], entry["job"]) for entry in log] == [("wake-up-not-sent", "some-job")]
 
 
-def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue):
+def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_url):
+    waker = Waker(make_celery(settings.model_copy(update={"broker_url": silent_redis_url}), storage))
+    waker.start()
+    with capture_logs() as log:
+        started = time.monotonic()
+        for number in range(200):
+            waker(f"job-{number}")
+        assert time.monotonic() - started < 0.5
+        waker.close()
+        assert time.monotonic() - started < 4, "the end waits no longer than it says"
+        waker._thread.join()
+    dropped = [entry["job"] for entry in log if entry["event"] == "wake-up-dropped"]
+    assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
+
+
+def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue, wait_for):
     queue("succeed")
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0", "sweep_s": 1e-9})
     engine = _Engine(make_celery(out_of_reach, storage), out_of_reach, storage, ["true"])
     engine._store = store
     with capture_logs() as log:
-        engine._sweep()
-    assert [(entry["event"], entry["waiting"]) for entry in log] == [("sweep-put-off", 1)]
+        sweeping = threading.Thread(target=engine._sweep_until_stopped)
+        sweeping.start()
+        wait_for(lambda: log)
+        engine.stop()
+        sweeping.join()
+    assert {entry["event"] for entry in log} == {"sweep-put-off"}
+
+
+def test_a_silent_redis_holds_up_neither_housekeeping_nor_the_end(
+    store, storage, on_redis, redis_process, queue, wait_for
+):
+    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5, "poll_s": 0.1})) as worker:
+        first = queue("succeed")
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+        os.kill(redis_process, signal.SIGSTOP)
+        swept = queue("succeed")
+        time.sleep(1.5)  # by now the sweep asks for this job, in vain
+        lost = queue("succeed")
+        store.jobs.claim("lost", lease_s=0.01, job_id=lost.id)
+        wait_for(lambda: store.jobs.get(lost.id).state is JobState.QUEUED, timeout_s=5)
+        os.kill(redis_process, signal.SIGCONT)
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in (swept, lost)))
+        os.kill(redis_process, signal.SIGSTOP)
+        worker.terminate()
+        worker.wait(timeout=12)
 
 
 def test_a_forking_pool_is_refused(storage, on_redis):

@@ -1,8 +1,9 @@
 import threading
+import time
 
 from structlog.testing import capture_logs
 
-from worker.contracts.jobs import JobState
+from worker.contracts.jobs import Job, JobState
 from worker.contracts.schedules import ScheduleSpec
 from worker.execution.housekeeping import Housekeeping
 from worker.storage.errors import StorageUnavailable
@@ -25,19 +26,28 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     housekeeping.join()
 
 
-def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for):
-    rounds = []
-
-    def and_then():
-        rounds.append(1)
-        if len(rounds) == 1:
-            raise StorageUnavailable("the database does not answer: away")
-
+def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):
+    away = Away()
+    monkeypatch.setattr(store.jobs, "requeue_expired", away)
     stop = threading.Event()
     with capture_logs() as log:
-        housekeeping = Housekeeping(store, settings, stop, and_then=and_then)
+        housekeeping = Housekeeping(store, settings, stop)
         housekeeping.start()
-        wait_for(lambda: len(rounds) > 1)
+        wait_for(lambda: len(away.calls) > 1)
         stop.set()
         housekeeping.join()
-    assert [entry["event"] for entry in log] == ["housekeeping-put-off"]
+    assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "requeue_expired")]
+    assert away.calls[1] - away.calls[0] >= settings.lease_s, "nobody could renew a lease meanwhile"
+
+
+class Away:
+    """Jobs of a database that does not answer at first."""
+
+    def __init__(self) -> None:
+        self.calls: list[float] = []
+
+    def __call__(self, **_: object) -> list[Job]:
+        self.calls.append(time.monotonic())
+        if len(self.calls) == 1:
+            raise StorageUnavailable("the database does not answer: away")
+        return []

@@ -7,10 +7,12 @@ import pytest
 
 from worker.contracts.jobs import FailureKind, JobState
 from worker.contracts.scans import ScanState
+from worker.execution.poller import run_worker
 from worker.execution.process import AttemptNotStarted
 from worker.execution.runner import Runner
-from worker.storage.errors import StorageUnavailable
+from worker.storage.errors import StorageFull, StorageUnavailable
 from worker.storage.jobs import Jobs
+from worker.storage.store import Store
 
 
 @pytest.fixture
@@ -45,10 +47,13 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
     assert runner.run_next() is None
 
 
-def test_only_the_named_job_is_run(store, runner, queue):
-    first, second = queue("succeed"), queue("succeed")
-    assert runner.run_next(second.id) is JobState.SUCCEEDED
-    assert store.jobs.get(first.id).state is JobState.QUEUED
+def test_the_end_of_a_job_is_told_to_those_who_may_wait_for_it(store, settings, stop, command, queue):
+    ended = []
+    runner = Runner(store, settings, stop, command=command, on_ended=ended.append)
+    first, _ = queue("refuse"), queue("fill-the-disk")
+    assert [runner.run_next(), runner.run_next()] == [JobState.FAILED, JobState.QUEUED]
+    assert ended == [first.id]
+    runner.close()
 
 
 @pytest.mark.parametrize(
@@ -71,12 +76,65 @@ def test_a_failure_is_told_in_its_own_way(store, runner, queue, behaviour, kind,
     assert leftovers(store) == []
 
 
-@pytest.mark.parametrize(("behaviour", "code"), [("crash", "attempt-died"), ("fill-the-disk", "storage-full")])
-def test_a_passing_failure_is_tried_three_times(store, runner, queue, behaviour, code):
-    job = queue(behaviour)
+def test_a_passing_failure_is_tried_three_times(store, runner, queue):
+    job = queue("crash")
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
-    assert store.jobs.get(job.id).failure.code == code
+    assert store.jobs.get(job.id).failure.code == "attempt-died"
     assert leftovers(store) == []
+
+
+def test_a_full_disk_is_waited_out(store, runner, queue):
+    job = queue("fill-the-disk")
+    assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED] * 4
+    waiting = store.jobs.get(job.id)
+    assert (waiting.waiting_for.code, waiting.losses) == ("storage-full", 0)
+    assert leftovers(store) == []
+
+
+@pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
+def test_crashes_and_defects_on_a_full_disk_are_its_consequence(storage, settings, stop, command, queue, behaviour):
+    job = queue(behaviour)
+    full = Store(storage.model_copy(update={"disk_reserve_bytes": 2**62}))
+    runner = Runner(full, settings, stop, command=command)
+    assert runner.run_next() is JobState.QUEUED
+    assert full.jobs.get(job.id).waiting_for.code == "storage-full"
+    runner.close()
+    full.close()
+
+
+class Outage:
+    """A method that fails for a while, as on a full disk."""
+
+    def __init__(self, method, times, error):
+        self.method, self.left, self.error = method, times, error
+
+    def __call__(self, *arguments, **options):
+        if self.left:
+            self.left -= 1
+            raise self.error
+        return self.method(*arguments, **options)
+
+
+@pytest.mark.parametrize("error", [StorageFull("the disk is full"), StorageUnavailable("the database is away")])
+def test_an_end_that_cannot_be_written_is_written_later(store, runner, queue, monkeypatch, error):
+    job = queue("succeed")
+    monkeypatch.setattr(store.jobs, "succeed", Outage(store.jobs.succeed, 1, error))
+    monkeypatch.setattr(store.jobs, "fail", Outage(store.jobs.fail, 2, error))
+    assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
+    assert store.jobs.get(job.id).losses == 0
+    assert leftovers(store) == []
+
+
+def test_a_worker_outlives_claims_that_cannot_be_written(store, settings, command, queue, wait_for, monkeypatch):
+    job = queue("succeed")
+    monkeypatch.setattr(store.jobs, "claim", Outage(store.jobs.claim, 3, StorageFull("the disk is full")))
+    stop = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        outcome = pool.submit(run_worker, store, settings, stop, command=command)
+        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED or outcome.done())
+        stop.set()
+        outcome.result(timeout=10)
+    assert store.jobs.get(job.id).state is JobState.SUCCEEDED
 
 
 def test_what_passes_does_not_come_back(store, runner, queue):
@@ -118,6 +176,17 @@ def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_bac
     assert not is_running(pid)
 
 
+def test_a_background_job_gives_way(store, runner, queue, in_background, wait_for):
+    example = queue("talk", background=True)
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: store.jobs.get(example.id).progress is not None)
+    asked = queue("succeed")
+    assert outcome.result(timeout=10) is JobState.QUEUED
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert store.jobs.get(asked.id).state is JobState.SUCCEEDED
+    assert store.jobs.get(example.id).losses == 0
+
+
 def test_a_stopping_worker_lets_a_short_job_end(store, runner, stop, queue, in_background, wait_for):
     job = queue("pause")
     outcome = in_background(runner.run_next)
@@ -127,7 +196,7 @@ def test_a_stopping_worker_lets_a_short_job_end(store, runner, stop, queue, in_b
 
 
 def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
-    store, runner, queue, in_background, wait_for, is_running
+    store, settings, runner, queue, in_background, wait_for, is_running
 ):
     job = queue("talk")
     outcome = in_background(runner.run_next)
@@ -135,7 +204,7 @@ def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
     pid = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
     with store._database.write() as session:
         session.connection().exec_driver_sql("UPDATE jobs SET lease_expires_s = 0")
-    assert len(store.jobs.requeue_expired()) == 1
+    assert len(store.jobs.requeue_expired(retries=settings.retries)) == 1
     new_owner = store.jobs.claim("other", lease_s=60)
     assert outcome.result(timeout=10) is None
     assert not is_running(pid)
@@ -144,9 +213,10 @@ def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
 
 
 def test_threads_share_a_runner(runner, queue):
-    jobs = [queue("succeed") for _ in range(6)]
+    for _ in range(6):
+        queue("succeed")
     with ThreadPoolExecutor(3) as pool:
-        states = list(pool.map(lambda job: runner.run_next(job.id), jobs))
+        states = list(pool.map(lambda _: runner.run_next(), range(6)))
     assert states == [JobState.SUCCEEDED] * 6
 
 
@@ -162,7 +232,7 @@ def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, q
 def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
     job = queue("succeed")
     stop.set()
-    assert runner.run_next(job.id) is None
+    assert runner.run_next() is None
     assert store.jobs.get(job.id).attempt == 0
 
 

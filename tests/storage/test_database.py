@@ -8,7 +8,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy import text
 
 from worker.storage.database import Database, make_engine
-from worker.storage.errors import StorageUnavailable
+from worker.storage.errors import StorageFull, StorageUnavailable
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 from worker.storage.tables import Base
@@ -18,6 +18,23 @@ def test_the_migrations_make_the_tables_of_the_models(store):
     with store._database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
+
+
+def test_jobs_from_before_are_kept_and_may_start(settings, tmp_path):
+    database = Database(make_engine(f"sqlite:///{tmp_path}/old.db"))
+    database.upgrade("0003")
+    with database.write() as session:
+        session.execute(
+            text(
+                "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
+                " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'queued', 'old', 2, 0)"
+            )
+        )
+    database.engine.dispose()
+    upgraded = Store.open(settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/old.db"}))
+    held = upgraded.jobs.claim("test", lease_s=60)
+    upgraded.close()
+    assert (held.job_id, held.attempt, held.job.losses, held.job.background) == ("old", 3, 0, False)
 
 
 def test_a_commit_is_durable_and_references_are_checked(store):
@@ -55,6 +72,14 @@ def test_check_says_what_is_wrong_with_the_data_folder(store, monkeypatch):
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     with pytest.raises(StorageUnavailable, match="cannot be written to"):
         store.check()
+
+
+def test_a_disk_below_its_reserve_counts_as_full(store):
+    reserved = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
+    with pytest.raises(StorageFull, match=f"SAWMILL_DISK_RESERVE_BYTES wants {2**62}"):
+        reserved.check()
+    reserved.close()
+    assert list((store.files.folder / "incoming").iterdir()) == []
 
 
 def test_opening_a_store_again_keeps_what_is_in_it(settings: StorageSettings):

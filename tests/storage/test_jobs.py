@@ -2,6 +2,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from datetime import UTC, datetime
 
 import pytest
 from pydantic import ValidationError
@@ -9,13 +10,17 @@ from pydantic import ValidationError
 from worker.contracts.calibrations import CalibrationAsk
 from worker.contracts.jobs import Failure, FailureKind, JobState, Progress
 from worker.contracts.reconstructions import ReconstructionAsk
-from worker.contracts.scans import ScanState
+from worker.contracts.scans import DataKind, ScanSpec, ScanState
 from worker.storage.errors import Conflict, LeaseLost, NotFound
+from worker.storage.jobs import Retries
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 
 PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
+FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")
+AWAY = Failure(kind=FailureKind.PASSING, code="storage-unavailable", detail="the database does not answer")
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
+AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
 READING = {
     "format": "NPZ",
     "shape": {"views": 20, "rows": 1, "detector": 768},
@@ -108,7 +113,7 @@ def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     output.mkdir()
     (output / "result").write_text("late")
     time.sleep(0.05)
-    assert [job.state for job in store.jobs.requeue_expired()] == [JobState.QUEUED]
+    assert [job.state for job in store.jobs.requeue_expired(retries=AT_ONCE)] == [JobState.QUEUED]
     finish(store)
     for act in (
         lambda: store.jobs.succeed(late, READING, output),
@@ -162,7 +167,7 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
         assert held.attempt == attempt
         store.files.make_attempt_folder(held.job_id, attempt)
         time.sleep(0.05)
-        states += [job.state for job in store.jobs.requeue_expired()]
+        states += [job.state for job in store.jobs.requeue_expired(retries=AT_ONCE)]
     assert states == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
     job = store.jobs.get(scan.job_id)
     assert (job.failure.kind, job.failure.code) == (FailureKind.PASSING, "worker-lost")
@@ -172,11 +177,64 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
 
 def test_a_passing_failure_is_tried_again_and_the_third_is_final(store, upload):
     upload(store)
-    assert [store.jobs.fail(claim(store), PASSING) for _ in range(3)] == [
+    assert [store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) for _ in range(3)] == [
         JobState.QUEUED,
         JobState.QUEUED,
         JobState.FAILED,
     ]
+
+
+@pytest.mark.parametrize("outage", [FULL, AWAY])
+def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
+    scan = upload(store)
+    for attempt in range(1, 11):
+        held = claim(store)
+        assert (held.attempt, held.job.losses, held.job.waiting_for) == (attempt, 0, None)
+        assert store.jobs.fail(held, outage, retries=AT_ONCE) is JobState.QUEUED
+    waiting = store.jobs.get(scan.job_id)
+    assert (waiting.waiting_for, waiting.failure, waiting.losses) == (outage, None, 0)
+    for losses in (1, 2):
+        assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.QUEUED
+        assert store.jobs.get(scan.job_id).losses == losses
+    assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.FAILED
+
+
+def test_waits_double_up_to_a_minute_and_are_spread(store, upload):
+    scan = upload(store)
+    waits = []
+    for _ in range(6):
+        before = datetime.now(UTC)
+        store.jobs.fail(claim(store), FULL)
+        waits.append((store.jobs.get(scan.job_id).not_before - before).total_seconds())
+        assert store.jobs.claim("test", lease_s=60) is None
+        assert list(store.jobs.queued_job_ids()) == []
+        with store._database.write() as session:
+            session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
+    for waited, nominal in zip(waits, [5, 10, 20, 40, 60, 60], strict=True):
+        assert 0.7 * nominal < waited < 1.3 * nominal
+    assert len({round(waited / nominal, 3) for waited, nominal in zip(waits, [5, 10, 20, 40, 60, 60], strict=True)}) > 3
+
+
+def test_a_job_that_waits_is_cancelled_at_once(store, upload):
+    scan = upload(store)
+    store.jobs.fail(claim(store), FULL)
+    ended = store.jobs.request_cancel(scan.job_id)
+    assert (ended.state, ended.not_before, ended.waiting_for) == (JobState.CANCELLED, None, None)
+
+
+def test_a_cancelled_job_is_not_waited_for(store, upload):
+    scan = upload(store)
+    held = claim(store)
+    store.jobs.request_cancel(scan.job_id)
+    assert store.jobs.fail(held, FULL) is JobState.CANCELLED
+
+
+def test_a_wait_ends(store, upload):
+    upload(store)
+    store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=0.2))
+    assert store.jobs.claim("test", lease_s=60) is None
+    time.sleep(0.3)
+    assert claim(store).job.not_before is None
 
 
 @pytest.mark.parametrize("kind", [FailureKind.INPUT, FailureKind.INTERNAL])
@@ -220,6 +278,38 @@ def test_a_released_job_goes_back_to_its_place(store, upload):
     store.jobs.release(claim(store))
     assert list(store.jobs.queued_job_ids()) == [first.job_id, second.job_id]
     assert claim(store).attempt == 2
+
+
+def test_a_release_is_no_loss(store, upload):
+    scan = upload(store)
+    for _ in range(5):
+        store.jobs.release(claim(store))
+    assert store.jobs.fail(claim(store), PASSING, retries=AT_ONCE) is JobState.QUEUED
+    job = store.jobs.get(scan.job_id)
+    assert (job.attempt, job.losses) == (6, 1)
+
+
+def test_background_jobs_come_last(store, upload, scanner):
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    examples = [
+        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True).job_id for _ in range(2)
+    ]
+    users = [upload(store).job_id for _ in range(2)]
+    order = [*users, *examples]
+    assert [store.jobs.get(job_id).queue_position for job_id in order] == [0, 1, 2, 3]
+    assert list(store.jobs.queued_job_ids()) == order
+    assert [claim(store).job_id for _ in order] == order
+
+
+def test_a_job_brings_forward_what_it_needs(store, scanner):
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
+    scans = [store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True) for _ in range(2)]
+    calibrations = [store.calibrations.accept(CalibrationAsk(scan_id=scan.id), background=True) for scan in scans]
+    assert all(store.jobs.get(job.job_id).background for job in [*scans, *calibrations])
+    store.reconstructions.accept(ReconstructionAsk(scan_id=scans[1].id, calibration_id=calibrations[1].id))
+    forward = {job.job_id for job in [*scans, *calibrations] if not store.jobs.get(job.job_id).background}
+    assert forward == {scans[1].job_id, calibrations[1].job_id}
+    assert claim(store).job_id == scans[1].job_id
 
 
 def test_jobs_are_counted_and_listed_by_state(store, upload):

@@ -162,15 +162,18 @@ def test_an_upload_is_prepared_as_said_and_the_scan_keeps_what_was_done(upload, 
         assert abs(file["entry/instrument/detector/data"][:, :, :8].mean()) < 0.002
 
 
-def test_a_scan_larger_than_the_disk_is_refused_before_it_is_read(upload, attempt, exposed, monkeypatch):
+@pytest.mark.parametrize(("total", "kind"), [(900_000, FailureKind.PASSING), (800_000, FailureKind.INPUT)])
+def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
+    upload, attempt, exposed, monkeypatch, total, kind
+):
     upload(exposed[0])
     reading = attempt(JobKind.INGEST)
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000))
+    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000, total=total))
     with pytest.raises(
         JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
     ) as full:
         run(reading)
-    assert (full.value.kind, full.value.code) == (FailureKind.PASSING, "disk-full")
+    assert (full.value.kind, full.value.code) == (kind, "disk-full")
 
 
 def test_reading_tells_how_far_it_is(upload, attempt, exposed, monkeypatch):

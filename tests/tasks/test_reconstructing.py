@@ -90,7 +90,7 @@ def test_rows_that_cannot_be_read_leave_no_volume(given, tmp_path):
 
 
 def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, monkeypatch):
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5))
+    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5, total=10**9))
     with pytest.raises(JobFailure, match=r"70 x 32 x 32 needs up to 0\.000287 GB and 0\.0001 GB are free") as failure:
         run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"

@@ -2,10 +2,11 @@
 
 from datetime import datetime
 from enum import StrEnum
+from typing import Annotated
 
 from pydantic import Field
 
-from worker.contracts.base import Contract, Identifier, Stamped
+from worker.contracts.base import Contract, Identifier, Stamped, Time
 
 
 class JobKind(StrEnum):
@@ -66,9 +67,23 @@ class Job(Stamped):
     kind: JobKind
     state: JobState
     subject_id: Identifier = Field(description="The scan, phantom, calibration, reconstruction or plan it works on.")
-    queue_position: int | None = Field(None, description="Jobs that will start before it; null once it runs.")
+    queue_position: int | None = Field(None, description="Jobs before it in the queue; null once it runs.")
+    background: Annotated[
+        bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
+    ] = False
+    not_before: Time | None = Field(None, description="While it waits to be tried again: the earliest time.")
+    waiting_for: Failure | None = Field(
+        None, description="While it waits to be tried again: the passing failure because of which it does."
+    )
     progress: Progress | None = None
-    attempt: int = Field(description="How often it was started; at most three.")
+    attempt: int = Field(
+        description="How often it was started; the number tells one attempt from another, and is not limited."
+    )
+    losses: int = Field(
+        0,
+        description="Attempts that were lost, as by a worker that was killed; the third loss fails the job. "
+        "A clean stop of a worker, a full disk and a database that is away are no loss.",
+    )
     worker: str | None = None
     cancel_requested: bool = False
     started_at: datetime | None = None

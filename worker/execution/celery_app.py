@@ -1,12 +1,15 @@
-"""The cluster's engine: Redis carries wake-ups, Celery workers claim the jobs they are woken for.
+"""The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
 
-A message says only that there may be a job: it is acknowledged at once, and losing or repeating it does no harm.
+A message says only that there may be a job, not which one is next: it is acknowledged at once, and losing or
+repeating it does no harm.
 Start a worker with `celery -A worker.execution.celery_app worker`.
 """
 
+import queue
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any
 
 import structlog
@@ -15,19 +18,22 @@ from celery.worker import WorkController
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
-from worker.contracts.jobs import JobState
 from worker.execution.housekeeping import Housekeeping
 from worker.execution.logs import configure_logs
 from worker.execution.runner import ATTEMPT_COMMAND, Runner
 from worker.execution.settings import ExecutionSettings
 from worker.execution.variables import UnknownVariableError, check_variables
-from worker.storage.errors import StorageError
+from worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"
-_CONNECT_TIMEOUT_S = 1.0  # a request that wakes a worker waits about that long when Redis is out of reach
+_CONNECT_TIMEOUT_S = 1.0
+_ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
+_HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
+_MOST_WAITING = 100  # wake-ups; more of them say nothing new
+_CLOSE_S = 2.0
 
 
 def make_celery(
@@ -66,8 +72,10 @@ def make_celery(
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,  # a worker outlives any outage of Redis
         broker_transport_options={
+            "socket_timeout": _ANSWER_TIMEOUT_S,
             "socket_connect_timeout": _CONNECT_TIMEOUT_S,
             "connect_retries_timeout": _CONNECT_TIMEOUT_S,
+            "health_check_interval": _HEALTH_CHECK_S,
             "interval_start": 0.1,
         },
     )
@@ -81,7 +89,7 @@ def make_celery(
 
 
 class Waker:
-    """Sends wake-ups, best effort.
+    """Sends wake-ups from a thread of its own, best effort: whoever wakes a worker never waits for Redis.
 
     Parameters
     ----------
@@ -91,13 +99,34 @@ class Waker:
 
     def __init__(self, app: Celery) -> None:
         self._app = app
+        self._waiting: queue.Queue[str | None] = queue.Queue(_MOST_WAITING)
+        self._given_up = threading.Event()
+        self._thread = threading.Thread(target=self._send_until_closed, name="wake-ups", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._thread.start()
 
     def __call__(self, job_id: str) -> None:
-        """Say that there is a job. When Redis is out of reach the sweep says it again later."""
+        """Say soon that there is a job. What Redis does not take is dropped: the sweep says it again later."""
         try:
-            self._app.send_task(RUN_JOB, args=[job_id])
-        except OperationalError as error:
-            structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
+            self._waiting.put_nowait(job_id)
+        except queue.Full:
+            structlog.get_logger().warning("wake-up-dropped", job=job_id, reason=f"{_MOST_WAITING} wait to be sent")
+
+    def close(self) -> None:
+        """Send what waits, for two seconds at most; the sweep sends the rest."""
+        with suppress(queue.Full):  # then Redis does not answer, and waiting for it would be in vain
+            self._waiting.put_nowait(None)
+            self._thread.join(_CLOSE_S)
+        self._given_up.set()
+
+    def _send_until_closed(self) -> None:
+        while (job_id := self._waiting.get()) is not None and not self._given_up.is_set():
+            try:
+                self._app.send_task(RUN_JOB, args=[job_id])
+            except (OperationalError, RedisError) as error:
+                structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
 
 
 class _Engine:
@@ -117,14 +146,22 @@ class _Engine:
         configure_logs(self._settings.log_format)
         if "prefork" in str(sender.pool_cls):
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
+        # Nobody listens to what workers tell one another, and Celery sends its heartbeat again for ever, in the thread
+        # that has to end the worker, when Redis is silent.
+        sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
         try:
             self._store = Store.open(self._storage)
         except StorageError as error:  # Celery would log it and go on without a store
             raise SystemExit(f"this worker cannot start: {error}") from error
-        self._runner = Runner(self._store, self._settings, self._stop, command=self._command)
+        self._runner = Runner(
+            self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
+        )
         self._runner.warm_up()
-        self._housekeeping = Housekeeping(self._store, self._settings, self._stop, and_then=self._sweep)
+        self._housekeeping = Housekeeping(self._store, self._settings, self._stop)
         self._housekeeping.start()
+        self._wake.start()
+        # Apart from the housekeeping, which goes on whatever Redis does.
+        threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
 
     def stop(self, **_: Any) -> None:  # noqa: ANN401
         self._stop.set()
@@ -133,26 +170,33 @@ class _Engine:
         self._stop.set()
         self._runner.close()
         self._housekeeping.join()
+        self._wake.close()
         self._store.close()
 
-    def run_job(self, job_id: str) -> None:
-        state = self._runner.run_next(job_id)
+    def run_job(self, _job_id: str) -> None:
+        """Run the job whose turn it is: the queue's order is the database's, not that of the messages."""
+        try:
+            self._runner.run_next()
+        except (StorageFull, StorageUnavailable) as error:
+            structlog.get_logger().warning("claim-put-off", reason=str(error))
+            return
         self._runner.warm_up()
-        if state is JobState.QUEUED and not self._stop.is_set():
-            self._wake(job_id)
-        if state is not None and state.ended:
-            for waiting in self._store.jobs.waiting_for(job_id):
-                self._wake(waiting)
+
+    def _wake_waiting(self, job_id: str) -> None:
+        for waiting in self._store.jobs.waiting_for(job_id):
+            self._wake(waiting)
+
+    def _sweep_until_stopped(self) -> None:
+        while not self._stop.wait(self._settings.housekeeping_s):
+            try:
+                self._sweep()
+            except (OperationalError, RedisError, StorageError) as error:
+                structlog.get_logger().warning("sweep-put-off", reason=str(error))
 
     def _sweep(self) -> None:
         """Send the wake-ups of waiting jobs again, once no message is on its way: so they cannot pile up."""
         lost = self._store.jobs.queued_job_ids(older_than_s=self._settings.sweep_s)
-        try:
-            unheard = bool(lost) and self._messages_waiting() == 0
-        except (OperationalError, RedisError) as error:
-            structlog.get_logger().warning("sweep-put-off", waiting=len(lost), reason=str(error))
-            return
-        if unheard:
+        if lost and self._messages_waiting() == 0:
             for job_id in lost:
                 self._wake(job_id)
 

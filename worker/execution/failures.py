@@ -1,10 +1,9 @@
 """What an exception says to whoever asked for the job: the one place where it is translated."""
 
-import errno
 import signal
 
 from worker.contracts.jobs import Failure, FailureKind, JobKind
-from worker.storage.errors import StorageFull, StorageUnavailable
+from worker.storage.errors import StorageFull, StorageUnavailable, says_disk_full
 
 _CRASHES = {signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL}
 
@@ -13,7 +12,7 @@ def failure_of(error: Exception) -> Failure:
     """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
     if isinstance(error, StorageFull | StorageUnavailable):
         return Failure(kind=FailureKind.PASSING, code=error.code, detail=str(error))
-    if isinstance(error, OSError) and error.errno in {errno.ENOSPC, errno.EDQUOT}:
+    if isinstance(error, OSError) and says_disk_full(error):
         detail = "the disk is full: free some space in the data folder and ask again"
         return Failure(kind=FailureKind.PASSING, code=StorageFull.code, detail=detail)
     if isinstance(error, MemoryError):

@@ -1,12 +1,12 @@
 """What has to be done now and then, whichever engine runs the jobs."""
 
 import threading
-from collections.abc import Callable
+import time
 
 import structlog
 
 from worker.execution.settings import ExecutionSettings
-from worker.storage.errors import StorageError
+from worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from worker.storage.store import Store
 
 
@@ -21,22 +21,13 @@ class Housekeeping:
         How often.
     stop
         Ends the thread.
-    and_then
-        What else an engine has to do each time.
     """
 
-    def __init__(
-        self,
-        store: Store,
-        settings: ExecutionSettings,
-        stop: threading.Event,
-        *,
-        and_then: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, store: Store, settings: ExecutionSettings, stop: threading.Event) -> None:
         self._store = store
         self._settings = settings
         self._stop = stop
-        self._and_then = and_then
+        self._leases_hold_until = 0.0
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -48,19 +39,31 @@ class Housekeeping:
         self._thread.join()
 
     def once(self) -> None:
-        """Everything that is due now."""
-        log = structlog.get_logger()
-        for job in self._store.jobs.requeue_expired(max_attempts=self._settings.max_attempts):
-            log.warning("lease-expired", job=job.id, attempt=job.attempt, worker=job.worker, state=job.state.value)
+        """Everything that is due now; what cannot be done does not keep the rest from being done."""
+        for duty in (self._requeue_expired, self._run_due_schedules, self._store.files.remove_leftovers):
+            try:
+                duty()
+            except (StorageError, OSError):
+                structlog.get_logger().exception("housekeeping-put-off", duty=duty.__name__.strip("_"))
+
+    def _requeue_expired(self) -> None:
+        """Give up on workers that say no more; not on those that could not renew their leases in an outage."""
+        if time.monotonic() < self._leases_hold_until:
+            return
+        try:
+            jobs = self._store.jobs.requeue_expired(retries=self._settings.retries)
+        except (StorageFull, StorageUnavailable):
+            self._leases_hold_until = time.monotonic() + self._settings.lease_s
+            raise
+        for job in jobs:
+            structlog.get_logger().warning(
+                "lease-expired", job=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
+            )
+
+    def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():
-            log.info("schedule-ran", **run.model_dump(mode="json"))
-        self._store.files.remove_leftovers()
-        if self._and_then is not None:
-            self._and_then()
+            structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):
-            try:
-                self.once()
-            except (StorageError, OSError):
-                structlog.get_logger().exception("housekeeping-put-off")
+            self.once()

@@ -12,7 +12,7 @@ from worker.execution.housekeeping import Housekeeping
 from worker.execution.logs import configure_logs
 from worker.execution.runner import ATTEMPT_COMMAND, Runner
 from worker.execution.settings import ExecutionSettings
-from worker.storage.errors import StorageUnavailable
+from worker.storage.errors import StorageFull, StorageUnavailable
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 
@@ -46,9 +46,10 @@ def run_worker(
             wake.clear()
             try:
                 idle = runner.run_next() is None
-            except StorageUnavailable:
-                structlog.get_logger().exception("claim-put-off")
-                idle = True
+            except (StorageFull, StorageUnavailable) as error:
+                structlog.get_logger().warning("claim-put-off", reason=str(error))
+                wake.wait(settings.outage_wait_s)
+                continue
             if idle:
                 runner.warm_up()
                 wake.wait(settings.poll_s)

@@ -5,7 +5,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import structlog
@@ -37,6 +37,8 @@ class Runner:
         Once set, a running attempt has `stop_grace_s` left before its job goes back to the queue.
     command
         Starts a process that speaks `worker.execution.protocol`.
+    on_ended
+        Told the id of each job that has ended: others may have waited for it.
     """
 
     def __init__(
@@ -46,8 +48,10 @@ class Runner:
         stop: threading.Event,
         *,
         command: Sequence[str] = ATTEMPT_COMMAND,
+        on_ended: Callable[[str], None] | None = None,
     ) -> None:
         self._store = store
+        self._on_ended = on_ended
         self._settings = settings
         self._stop = stop
         self._command = tuple(command)
@@ -56,13 +60,8 @@ class Runner:
         self._lock = threading.Lock()
         self.name = f"{socket.gethostname()}-{os.getpid()}"
 
-    def run_next(self, job_id: str | None = None) -> JobState | None:
-        """Claim one job and run it to the end of the attempt.
-
-        Parameters
-        ----------
-        job_id
-            Only this job; null: the oldest that may start.
+    def run_next(self) -> JobState | None:
+        """Claim the job whose turn it is and run it to the end of the attempt.
 
         Returns
         -------
@@ -74,14 +73,14 @@ class Runner:
         ------
         AttemptNotStarted
             No process can be started. No job was claimed.
-        StorageUnavailable
-            The database does not answer. A job that was running is left to its lease.
+        StorageFull, StorageUnavailable
+            The database cannot write. No job was claimed.
         """
         if self._stop.is_set():
             return None
         process = self._take_ready()
         try:
-            claim = self._store.jobs.claim(self.name, lease_s=self._settings.lease_s, job_id=job_id)
+            claim = self._store.jobs.claim(self.name, lease_s=self._settings.lease_s)
         except BaseException:
             self._keep(process)
             raise
@@ -132,21 +131,44 @@ class Runner:
     def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
         log = structlog.get_logger().bind(job=claim.job_id, kind=claim.job.kind.value, attempt=claim.attempt)
         log.info("attempt-started")
-        output: Path | None = None
         state: JobState | None = None
         try:
-            output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            state = _Supervision(self._store, self._settings, self._stop, claim, process).run(output)
+            try:
+                state = self._attempt(claim, process)
+            except (StorageFull, StorageUnavailable) as error:
+                state = self._put_off(claim, failure_of(error))
         except LeaseLost:
             log.warning("lease-lost")
-        except StorageFull as error:
-            state = self._store.jobs.fail(claim, failure_of(error), max_attempts=self._settings.max_attempts)
+        log.info("attempt-ended", state=state)
+        if self._on_ended is not None and state is not None and state.ended:
+            self._on_ended(claim.job_id)
+        return state
+
+    def _attempt(self, claim: Claim, process: AttemptProcess) -> JobState:
+        output: Path | None = None
+        try:
+            output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
+            return _Supervision(self._store, self._settings, self._stop, claim, process).run(output)
         finally:
             process.end(self._settings.kill_grace_s)
             if output is not None:
                 self._store.files.remove(output)
-        log.info("attempt-ended", state=state)
-        return state
+
+    def _put_off(self, claim: Claim, outage: Failure) -> JobState | None:
+        """Give a job back because of an outage, as soon as that lets its row be written.
+
+        Returns
+        -------
+        JobState or None
+            None when this worker was told to stop before: the job is left to its lease.
+        """
+        while True:
+            try:
+                return self._store.jobs.fail(claim, outage, retries=self._settings.retries)
+            except (StorageFull, StorageUnavailable) as error:
+                structlog.get_logger().warning("end-put-off", job=claim.job_id, reason=str(error))
+                if self._stop.wait(self._settings.housekeeping_s):
+                    return None
 
 
 class _Supervision:
@@ -168,6 +190,7 @@ class _Supervision:
         self._progress: Progress | None = None
         self._last_beat = time.monotonic()
         self._give_back_at: float | None = None
+        self._last_look = self._last_beat
 
     def run(self, output: Path) -> JobState:
         storage = self._store.settings
@@ -188,27 +211,38 @@ class _Supervision:
             structlog.get_logger().exception("attempt-answered-nonsense", job=self._claim.job_id)
             answer = Failed(failure=_NONSENSE)
         if isinstance(answer, Failed):
-            return self._store.jobs.fail(self._claim, answer.failure, max_attempts=self._settings.max_attempts)
+            return self._store.jobs.fail(self._claim, answer.failure, retries=self._settings.retries)
         return answer
 
     def _watch(self) -> Succeeded | Failed | JobState:
         """Wait for the answer, or for the state in which the job was ended without one."""
         while True:
             for message in self._process.receive(self._settings.progress_s):
+                if isinstance(message, Failed) and message.failure.kind is FailureKind.INTERNAL:
+                    return Failed(failure=self._outage() or message.failure)
                 if isinstance(message, Succeeded | Failed):
                     return message
                 if isinstance(message, ProgressMade):
                     self._progress = message.progress
             if self._process.hung_up:
-                return Failed(failure=died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind))
+                exit_code = self._process.end(self._settings.kill_grace_s)
+                return Failed(failure=self._outage() or died(exit_code, self._claim.job.kind))
             if self._cancellation_came_in():
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)
                 return JobState.CANCELLED
-            if self._time_to_give_back():
+            if self._time_to_give_back() or self._others_wait():
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.release(self._claim)
                 return JobState.QUEUED
+
+    def _outage(self) -> Failure | None:
+        """What crashes and defects come of where nothing can be written: HDF5, for one, crashes on a full disk."""
+        try:
+            self._store.check()
+        except (StorageFull, StorageUnavailable) as error:
+            return failure_of(error)
+        return None
 
     def _cancellation_came_in(self) -> bool:
         silent_s = time.monotonic() - self._last_beat
@@ -219,9 +253,20 @@ class _Supervision:
         progress, self._progress = self._progress, None
         try:
             return self._store.jobs.heartbeat(self._claim, progress, lease_s=self._settings.lease_s)
-        except StorageUnavailable as error:
+        except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
             structlog.get_logger().warning("heartbeat-missed", job=self._claim.job_id, reason=str(error))
+            return False
+
+    def _others_wait(self) -> bool:
+        """Whether this is a background job in the way of another one."""
+        if not self._claim.job.background or time.monotonic() - self._last_look < self._settings.progress_s:
+            return False
+        self._last_look = time.monotonic()
+        try:
+            return self._store.jobs.foreground_waits()
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", job=self._claim.job_id, reason=str(error))
             return False
 
     def _time_to_give_back(self) -> bool:

@@ -5,7 +5,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from worker.storage.jobs import LONGEST_WAIT_S, Retries
+
 Seconds = Annotated[float, Field(gt=0, le=86_400)]
+Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]
 
 
 class ExecutionSettings(BaseSettings):
@@ -24,7 +27,15 @@ class ExecutionSettings(BaseSettings):
         0.2, description="How often an idle embedded worker looks for a job that nobody told it of."
     )
     max_attempts: Annotated[int, Field(ge=1, le=10)] = Field(
-        3, description="Attempts at a job before a passing failure becomes final."
+        3,
+        description="Lost attempts at a job before it fails: a killed process, a worker that says no more. "
+        "A clean stop, a full disk and an absent database are no loss.",
+    )
+    loss_wait_s: Wait = Field(
+        1.0, description="Wait after a lost attempt; twice as long after the second, and so on up to 60 s."
+    )
+    outage_wait_s: Wait = Field(
+        5.0, description="As `loss_wait_s`, while the disk is full or the database does not answer, however often."
     )
     housekeeping_s: Seconds = Field(2.0, description="How often expired leases and due schedules are looked for.")
     sweep_s: Seconds = Field(
@@ -56,6 +67,11 @@ class ExecutionSettings(BaseSettings):
         None, description="Private memory of one attempt; null: no limit. Guards the machine against one huge job."
     )
     log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")
+
+    @property
+    def retries(self) -> Retries:
+        """When a job is tried again."""
+        return Retries(self.max_attempts, self.loss_wait_s, self.outage_wait_s)
 
     @model_validator(mode="after")
     def _lease_outlives_heartbeats(self) -> Self:

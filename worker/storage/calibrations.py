@@ -35,7 +35,12 @@ class Calibrations:
         self._database = database
 
     def accept(
-        self, ask: CalibrationAsk, *, calibration_id: str | None = None, job_id: str | None = None
+        self,
+        ask: CalibrationAsk,
+        *,
+        calibration_id: str | None = None,
+        job_id: str | None = None,
+        background: bool = False,
     ) -> CalibrationAnswer:
         """Queue a calibration; while the scan or the phantom's picture is still being read, it waits for that.
 
@@ -45,6 +50,8 @@ class Calibrations:
             What to calibrate, and how.
         calibration_id, job_id
             Fixed ids; null for new ones.
+        background
+            Only when no other job could start.
 
         Raises
         ------
@@ -54,7 +61,14 @@ class Calibrations:
             The scan or phantom was refused, the scan names no phantom and neither does the ask, or an id is taken.
         """
         with self._database.write() as session:
-            row = queue_calibration(session, ask, self._database.now(), calibration_id=calibration_id, job_id=job_id)
+            row = queue_calibration(
+                session,
+                ask,
+                self._database.now(),
+                calibration_id=calibration_id,
+                job_id=job_id,
+                background=background,
+            )
             return _read(row)
 
     def get(self, calibration_id: str) -> CalibrationAnswer:
@@ -110,6 +124,7 @@ def queue_calibration(
     schedule_id: str | None = None,
     calibration_id: str | None = None,
     job_id: str | None = None,
+    background: bool = False,
 ) -> CalibrationRow:
     """Write a calibration and its job inside the caller's transaction; errors as in `Calibrations.accept`."""
     calibration_id = calibration_id or new_id()
@@ -129,7 +144,9 @@ def queue_calibration(
         schedule_id=schedule_id,
         options=options.model_dump(mode="json"),
         activate=ask.activate,
-        job_id=queue_job(session, JobKind.CALIBRATE, calibration_id, now, needs=needs, job_id=job_id),
+        job_id=queue_job(
+            session, JobKind.CALIBRATE, calibration_id, now, needs=needs, job_id=job_id, background=background
+        ),
     )
     session.add(row)
     session.flush()

@@ -114,14 +114,20 @@ class Database:
         with _database_trouble_told(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
-    def upgrade(self) -> None:
-        """Bring the tables to the newest revision; safe when several processes start together."""
-        with _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+    def upgrade(self, revision: str = "head") -> None:
+        """Bring the tables to a revision, the newest unless told; safe when several processes start together.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with _database_trouble_told(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
             lock_for_setup(connection)
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS))
             config.attributes["connection"] = connection
-            command.upgrade(config, "head")
+            command.upgrade(config, revision)
 
 
 @contextmanager

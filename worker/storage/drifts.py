@@ -20,10 +20,11 @@ class Drifts:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def accept(self, ask: DriftAsk, *, drift_id: str | None = None) -> Drift:
+    def accept(self, ask: DriftAsk, *, drift_id: str | None = None, background: bool = False) -> Drift:
         """Queue a look at drift; while its scan is being read or its calibration computed, it waits for them.
 
         Without a calibration the scanner's active one is taken, as it is now.
+        In the `background` it starts only when no other job could.
 
         Raises
         ------
@@ -50,7 +51,7 @@ class Drifts:
                 scan_id=scan.id,
                 calibration_id=calibration.id,
                 options=options.model_dump(mode="json"),
-                job_id=queue_job(session, JobKind.DRIFT, identifier, now, needs=needs),
+                job_id=queue_job(session, JobKind.DRIFT, identifier, now, needs=needs, background=background),
             )
             session.add(row)
             session.flush()

@@ -25,7 +25,7 @@ from typing import BinaryIO
 from uuid import uuid4
 
 from worker.contracts.jobs import JobKind
-from worker.storage.errors import NotFound, UploadTooLarge, disk_full_told
+from worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told, says_disk_full
 
 _ROOM = {
     JobKind.INGEST: "scans",
@@ -36,6 +36,7 @@ _ROOM = {
     JobKind.DRIFT: "drifts",
 }
 _TEMPORARY = ("incoming", "removed")
+_TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
 
@@ -142,7 +143,30 @@ class FileStore:
             path.rename(parting)
         except FileNotFoundError:
             return
+        except OSError as error:
+            if not says_disk_full(error):
+                raise
+            parting = path  # a full disk may have no room for one more name: then its files go one by one
         _delete(parting)
+
+    def check_room(self, reserve_bytes: int) -> None:
+        """Say whether files can be written, by writing one.
+
+        Raises
+        ------
+        StorageFull
+            Less than `reserve_bytes` is free, or no room for a small file.
+        """
+        free = shutil.disk_usage(self.folder).free
+        if free < reserve_bytes:
+            msg = (
+                f"the disk is full: {free} bytes are free in {str(self.folder)!r} and SAWMILL_DISK_RESERVE_BYTES wants "
+                f"{reserve_bytes}; free some space"
+            )
+            raise StorageFull(msg)
+        with self._incoming(_TRIAL_BYTES, "a trial") as trial:
+            trial.write(bytes(_TRIAL_BYTES))
+            self.discard(trial.finish())
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
         """Give an upload its owner."""
@@ -214,10 +238,10 @@ class FileStore:
         _flush(path.parent)
 
     @contextmanager
-    def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:
+    def _incoming(self, max_bytes: int, what: str = "the upload") -> Iterator["_Upload"]:
         path = self.folder / "incoming" / uuid4().hex
         try:
-            with disk_full_told("the upload"), path.open("xb") as file:
+            with disk_full_told(what), path.open("xb") as file:
                 yield _Upload(path, file, max_bytes)
         except BaseException:
             path.unlink(missing_ok=True)

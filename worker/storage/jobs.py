@@ -1,12 +1,13 @@
 """The job store: claims, leases, ends (DESIGN section 6).
 
 A claim is one conditional UPDATE. The attempt number fences: whatever an attempt reports counts only while
-the row is still running that attempt.
+the row is still running that attempt. Losses are counted apart from it, for a worker that stops cleanly loses nothing.
 """
 
+import random
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +17,42 @@ from sqlalchemy.orm import Session, aliased
 from worker.contracts.base import Page
 from worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Progress
 from worker.storage.database import Database, database_now_s
-from worker.storage.errors import Conflict, LeaseLost
+from worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from worker.storage.files import FileStore
 from worker.storage.paging import found, narrowed, read_page
 from worker.storage.subjects import checked_result, record_end_without_result, record_success
 from worker.storage.tables import JobDependencyRow, JobRow
 
-MAX_ATTEMPTS = 3
+LONGEST_WAIT_S = 60.0
+_JITTER = 0.25  # what failed together is not tried again together
+# Not the job's fault nor its attempt's: waited out for as long as they last. `disk-full` is what a job says beforehand.
+_OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
 _ENDED = [state for state in JobState if state.ended]
 _CANCELLED = "its job was cancelled before it ended"
+
+
+@dataclass(frozen=True)
+class Retries:
+    """When a job is tried again after a passing failure. Waits double from one to the next, up to a minute.
+
+    Attributes
+    ----------
+    max_losses : int
+        The loss that fails the job.
+    loss_wait_s : float
+        First wait after a loss, such as a process that was killed.
+    outage_wait_s : float
+        First wait after a full disk or a database that was away, which are no loss.
+    """
+
+    max_losses: int = 3
+    loss_wait_s: float = 1.0
+    outage_wait_s: float = 5.0
+
+
+RETRIES = Retries()
+# Background jobs last; false sorts before true on SQLite and PostgreSQL.
+_ORDER = (JobRow.background, JobRow.created_at, JobRow.id)
 
 
 @dataclass(frozen=True)
@@ -94,7 +122,7 @@ class Jobs:
             return _read(session, row)
 
     def claim(self, worker: str, *, lease_s: float, job_id: str | None = None) -> Claim | None:
-        """Take a queued job whose dependencies have ended: the oldest, or the one named.
+        """Take the job whose turn it is: the oldest that could start, a background job only when there is no other.
 
         Parameters
         ----------
@@ -110,7 +138,7 @@ class Jobs:
         Claim or None
             None when there is nothing to do. Of many callers at once, one gets a job.
         """
-        ready = _claimable().with_only_columns(JobRow.id).order_by(JobRow.created_at, JobRow.id).limit(1)
+        ready = _claimable().with_only_columns(JobRow.id).order_by(*_ORDER).limit(1)
         if job_id is not None:
             ready = ready.where(JobRow.id == job_id)
         with self._database.write() as session:
@@ -123,6 +151,8 @@ class Jobs:
                     attempt=JobRow.attempt + 1,
                     worker=worker,
                     lease_expires_s=database_now_s() + lease_s,
+                    not_before_s=None,
+                    waiting_for=None,
                     started_at=self._database.now(),
                     progress=None,
                 )
@@ -188,13 +218,13 @@ class Jobs:
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files.
             self._files.publish(output, self._files.results(kind, subject_id))
 
-    def fail(self, claim: Claim, failure: Failure, *, max_attempts: int = MAX_ATTEMPTS) -> JobState:
-        """End an attempt that failed: a passing failure goes back to the queue until `max_attempts` are used up.
+    def fail(self, claim: Claim, failure: Failure, *, retries: Retries = RETRIES) -> JobState:
+        """End an attempt that failed: after a passing failure the job waits in the queue, up to its last loss.
 
         Returns
         -------
         JobState
-            `queued` or `failed`.
+            `queued`, `failed`, or `cancelled` where that was asked for meanwhile.
 
         Raises
         ------
@@ -203,7 +233,7 @@ class Jobs:
         """
         with self._database.write() as session:
             row = _held(session, claim)
-            self._fail(session, row, failure, max_attempts)
+            self._fail(session, row, failure, retries)
             return row.state
 
     def cancelled(self, claim: Claim) -> None:
@@ -212,17 +242,17 @@ class Jobs:
             self._end(session, _held(session, claim), JobState.CANCELLED, reason=_CANCELLED)
 
     def release(self, claim: Claim) -> None:
-        """Give a running job back to the queue because its worker is stopping, or raise `LeaseLost`."""
+        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`."""
         with self._database.write() as session:
             _requeue(_held(session, claim))
 
-    def requeue_expired(self, *, max_attempts: int = MAX_ATTEMPTS) -> Sequence[Job]:
+    def requeue_expired(self, *, retries: Retries = RETRIES) -> Sequence[Job]:
         """See to running jobs whose lease ran out.
 
         Returns
         -------
         list of Job
-            As they stand now: queued again, failed after the last attempt (`worker-lost`), or cancelled if asked.
+            As they stand now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked.
         """
         expired = (
             select(JobRow)
@@ -235,10 +265,7 @@ class Jobs:
         with self._database.write() as session:
             rows = session.scalars(expired).all()
             for row in rows:
-                if row.cancel_requested:
-                    self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
-                else:
-                    self._fail(session, row, _worker_lost(row), max_attempts)
+                self._fail(session, row, _worker_lost(row), retries)
             session.flush()
             jobs = [_read(session, row) for row in rows]
         for job in jobs:
@@ -247,11 +274,17 @@ class Jobs:
         return jobs
 
     def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
-        """Jobs that could start now and were asked for that long ago, oldest first: their wake-up may be lost."""
+        """Jobs that could start now and were asked for that long ago, first come first: their wake-up may be lost."""
         limit = self._database.now() - timedelta(seconds=older_than_s)
         statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
         with self._database.read() as session:
-            return session.scalars(statement.order_by(JobRow.created_at, JobRow.id)).all()
+            return session.scalars(statement.order_by(*_ORDER)).all()
+
+    def foreground_waits(self) -> bool:
+        """Whether a job could start now that is not for idle times."""
+        statement = _claimable().with_only_columns(JobRow.id).where(~JobRow.background).limit(1)
+        with self._database.read() as session:
+            return session.scalar(statement) is not None
 
     def waiting_for(self, job_id: str) -> Sequence[str]:
         """Queued jobs that needed this one and could start now."""
@@ -259,17 +292,26 @@ class Jobs:
         with self._database.read() as session:
             return session.scalars(_claimable().with_only_columns(JobRow.id).where(needs_it)).all()
 
-    def _fail(self, session: Session, row: JobRow, failure: Failure, max_attempts: int) -> None:
-        if failure.kind is FailureKind.PASSING and row.attempt < max_attempts:
-            _requeue(row)
-            return
+    def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
+        if failure.kind is FailureKind.PASSING:
+            if row.cancel_requested:
+                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                return
+            if failure.code in _OUTAGES:
+                row.outages += 1
+                _wait(row, failure, retries.outage_wait_s, row.outages)
+                return
+            row.losses, row.outages = row.losses + 1, 0
+            if row.losses < retries.max_losses:
+                _wait(row, failure, retries.loss_wait_s, row.losses)
+                return
         row.failure = failure.model_dump(mode="json")
         self._end(session, row, JobState.FAILED, reason=failure.detail)
 
     def _end(self, session: Session, row: JobRow, state: JobState, *, reason: str | None = None) -> None:
         row.state = state
         row.finished_at = self._database.now()
-        row.lease_expires_s = None
+        row.lease_expires_s = row.not_before_s = row.waiting_for = None
         if reason is not None:
             record_end_without_result(session, row.kind, row.subject_id, reason)
 
@@ -281,7 +323,8 @@ def _claimable() -> Select[JobRow]:
         needed.id == JobDependencyRow.needs_job_id,
         needed.state.not_in(_ENDED),
     )
-    return select(JobRow).where(JobRow.state == JobState.QUEUED, ~unfinished)
+    due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= database_now_s())
+    return select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
 
 
 def _held_by(claim: Claim) -> ColumnElement[bool]:
@@ -300,6 +343,14 @@ def _requeue(row: JobRow) -> None:
     row.worker = row.lease_expires_s = row.started_at = row.progress = None
 
 
+def _wait(row: JobRow, failure: Failure, first_wait_s: float, time: int) -> None:
+    """Put a job back into the queue until its wait is over: the first one, the second one, and so on."""
+    _requeue(row)
+    wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
+    row.not_before_s = database_now_s() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
+    row.waiting_for = failure.model_dump(mode="json")
+
+
 def _worker_lost(row: JobRow) -> Failure:
     return Failure(
         kind=FailureKind.PASSING,
@@ -312,7 +363,8 @@ def _queue_position(session: Session, row: JobRow) -> int | None:
     if row.state is not JobState.QUEUED:
         return None
     older = or_(JobRow.created_at < row.created_at, and_(JobRow.created_at == row.created_at, JobRow.id < row.id))
-    return session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED, older))
+    before = or_(~JobRow.background, older) if row.background else and_(~JobRow.background, older)
+    return session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED, before))
 
 
 def _read(session: Session, row: JobRow) -> Job:
@@ -324,8 +376,12 @@ def _read(session: Session, row: JobRow) -> Job:
             "state": row.state,
             "subject_id": row.subject_id,
             "queue_position": _queue_position(session, row),
+            "background": row.background,
+            "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
+            "waiting_for": row.waiting_for,
             "progress": row.progress,
             "attempt": row.attempt,
+            "losses": row.losses,
             "worker": row.worker,
             "cancel_requested": row.cancel_requested,
             "started_at": row.started_at,

@@ -21,10 +21,11 @@ class Plans:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def accept(self, phantom_id: str, ask: PlanAsk, *, plan_id: str | None = None) -> Plan:
+    def accept(self, phantom_id: str, ask: PlanAsk, *, plan_id: str | None = None, background: bool = False) -> Plan:
         """Queue a plan; while the phantom's picture is being traced, it waits for that.
 
         Without a theta, that of the scanner's active calibration is taken, as it is now.
+        In the `background` it starts only when no other job could.
 
         Raises
         ------
@@ -50,7 +51,7 @@ class Plans:
                 phantom_id=phantom_id,
                 scanner_id=ask.scanner_id,
                 options=ask.model_dump(mode="json"),
-                job_id=queue_job(session, JobKind.PLAN, identifier, now, needs=needs),
+                job_id=queue_job(session, JobKind.PLAN, identifier, now, needs=needs, background=background),
             )
             session.add(row)
             session.flush()

@@ -1,8 +1,9 @@
 """Writing a job's row, inside the transaction that accepts its subject."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from datetime import datetime
 
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from worker.contracts.jobs import JobKind, JobState
@@ -16,10 +17,14 @@ def queue_job(
     subject_id: str,
     now: datetime,
     *,
-    needs: Iterable[str] = (),
+    needs: Sequence[str] = (),
     job_id: str | None = None,
+    background: bool = False,
 ) -> str:
-    """Queue a job that starts only when the jobs it needs have ended, and return its id."""
+    """Queue a job that starts only when the jobs it needs have ended, and return its id.
+
+    A `background` job starts when no other could; one that another needs is brought forward with it.
+    """
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)
     session.add(
@@ -29,10 +34,22 @@ def queue_job(
             kind=kind,
             state=JobState.QUEUED,
             subject_id=subject_id,
+            background=background,
             attempt=0,
+            losses=0,
+            outages=0,
             cancel_requested=False,
         )
     )
     session.flush()
     session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
+    if not background:
+        _bring_forward(session, needs)
     return job_id
+
+
+def _bring_forward(session: Session, job_ids: Sequence[str]) -> None:
+    while job_ids:
+        session.execute(update(JobRow).where(JobRow.id.in_(job_ids)).values(background=False))
+        needed = select(JobDependencyRow.needs_job_id).where(JobDependencyRow.job_id.in_(job_ids))
+        job_ids = session.scalars(needed).all()

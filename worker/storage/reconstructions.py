@@ -22,10 +22,13 @@ class Reconstructions:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def accept(self, ask: ReconstructionAsk, *, reconstruction_id: str | None = None) -> Reconstruction:
+    def accept(
+        self, ask: ReconstructionAsk, *, reconstruction_id: str | None = None, background: bool = False
+    ) -> Reconstruction:
         """Queue a reconstruction; while its scan is being read or its calibration computed, it waits for them.
 
         Without a calibration and without a theta, the scanner's active calibration is taken, as it is now.
+        In the `background` it starts only when no other job could.
 
         Raises
         ------
@@ -56,7 +59,7 @@ class Reconstructions:
                 scan_id=scan.id,
                 calibration_id=calibration_id,
                 options=ask.model_copy(update={"calibration_id": calibration_id}).model_dump(mode="json"),
-                job_id=queue_job(session, JobKind.RECONSTRUCT, identifier, now, needs=needs),
+                job_id=queue_job(session, JobKind.RECONSTRUCT, identifier, now, needs=needs, background=background),
             )
             session.add(row)
             session.flush()

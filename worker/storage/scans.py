@@ -24,7 +24,9 @@ class Scans:
         self._database = database
         self._files = files
 
-    def accept(self, spec: ScanSpec, received: Received, *, scan_id: str | None = None) -> Scan:
+    def accept(
+        self, spec: ScanSpec, received: Received, *, scan_id: str | None = None, background: bool = False
+    ) -> Scan:
         """Keep an upload and queue the job that reads it.
 
         Parameters
@@ -35,6 +37,8 @@ class Scans:
             From `FileStore.receive`. When this method raises, the upload is discarded.
         scan_id
             A fixed id; null for a new one.
+        background
+            Read only when no other job could start.
 
         Raises
         ------
@@ -56,7 +60,7 @@ class Scans:
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
-            row.job_id = queue_job(session, JobKind.INGEST, row.id, row.created_at)
+            row.job_id = queue_job(session, JobKind.INGEST, row.id, row.created_at, background=background)
             session.add(row)
             session.flush()
             keep()

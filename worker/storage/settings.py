@@ -1,6 +1,7 @@
 """Where rows and files are kept."""
 
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -18,6 +19,12 @@ class StorageSettings(BaseSettings):
     database_url: str | None = Field(
         None,
         description="SQLAlchemy URL; null: SQLite in the data folder, which must then be on a local disk.",
+    )
+
+    disk_reserve_bytes: Annotated[int, Field(ge=0)] = Field(
+        256 * 2**20,
+        description="Free bytes below which the disk counts as full and `/health/ready` says so: "
+        "room for the database, and for what runs to end.",
     )
 
     @property

@@ -70,11 +70,14 @@ class Store:
         ------
         StorageUnavailable
             The database does not answer, or the data folder cannot be written to.
+        StorageFull
+            The disk is full, or nearly so.
         """
         with self._database.read() as session:
             session.execute(text("SELECT 1"))
         if not os.access(self.files.folder, os.W_OK | os.X_OK):
             raise StorageUnavailable(f"the data folder {str(self.files.folder)!r} cannot be written to")
+        self.files.check_room(self.settings.disk_reserve_bytes)
 
     def close(self) -> None:
         """Let go of the database's connections."""

@@ -94,10 +94,17 @@ class JobRow(Resource):
     kind: Mapped[JobKind]
     state: Mapped[JobState]
     subject_id: Mapped[str] = mapped_column(String(64), index=True)
+    # For idle times: claimed when no other job could start.
+    background: Mapped[bool] = mapped_column(default=False)
+    # Fences: grows with each claim. Attempts that were lost are counted apart, and so are full disks in a row.
     attempt: Mapped[int] = mapped_column(default=0)
+    losses: Mapped[int] = mapped_column(default=0)
+    outages: Mapped[int] = mapped_column(default=0)
     worker: Mapped[str | None] = mapped_column(String(200))
     # Seconds since 1970 by the database's clock: the only clock that all workers share.
     lease_expires_s: Mapped[float | None] = mapped_column(Float(53))
+    not_before_s: Mapped[float | None] = mapped_column(Float(53))
+    waiting_for: Mapped[Json | None]
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     progress: Mapped[Json | None]
     failure: Mapped[Json | None]

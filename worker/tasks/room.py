@@ -53,11 +53,12 @@ def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
 
 
 def _check_free(folder: Path, what: str, needed_bytes: int, instead: str) -> None:
-    free = shutil.disk_usage(folder).free
-    if needed_bytes > free:
+    disk = shutil.disk_usage(folder)
+    if needed_bytes > disk.free:
+        # What fits once there is room waits for it; what never fits is the asker's to mend.
         raise JobFailure(
-            FailureKind.PASSING,
+            FailureKind.PASSING if needed_bytes <= disk.total else FailureKind.INPUT,
             "disk-full",
-            f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {free / GIGABYTE:.3g} GB are free in {folder}: "
-            f"make room, or {instead}",
+            f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {disk.free / GIGABYTE:.3g} GB are free in "
+            f"{folder}: make room, or {instead}",
         )
