@@ -391,7 +391,8 @@ def reconstruct(
 def _say_method(done: MethodReport) -> None:
     if done.reason is not None:
         say(f"{done.name.value} was chosen: {done.reason}")
-    if done.data_misfit is not None:
+    # FBP fits no data: its misfit is no measure of the fit, and a remark says where it shows a wrong geometry.
+    if done.data_misfit is not None and done.name is not ReconstructionMethod.FBP:
         say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
     for remark in done.remarks:
         say(remark)
