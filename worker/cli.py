@@ -176,7 +176,7 @@ def drift(
     data: given.Data,
     calibration: Annotated[
         Path,
-        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help="What calibrate --json printed."),
+        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=given.CALIBRATION_HELP),
     ],
     source_to_cor_mm: Annotated[
         float | None, typer.Option(callback=given.length, help="r_S; the calibration carries it.")
@@ -281,7 +281,7 @@ def reconstruct(
     rotation: Annotated[Rotation | None, typer.Option(help="With --theta: which way the angles count.")] = None,
     calibration: Annotated[
         Path | None,
-        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help="What calibrate --json printed."),
+        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=given.CALIBRATION_HELP),
     ] = None,
     method: Annotated[ReconstructionMethod, typer.Option(help="How.")] = ReconstructionMethod.FBP,
     filter_name: Annotated[FilterName, typer.Option("--filter", help="Window on the ramp.")] = FilterName.HANN,
@@ -391,7 +391,8 @@ def reconstruct(
 def _say_method(done: MethodReport) -> None:
     if done.reason is not None:
         say(f"{done.name.value} was chosen: {done.reason}")
-    if done.data_misfit is not None:
+    # FBP fits no data: its misfit is no measure of the fit, and a remark says where it shows a wrong geometry.
+    if done.data_misfit is not None and done.name is not ReconstructionMethod.FBP:
         say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
     for remark in done.remarks:
         say(remark)
@@ -496,7 +497,7 @@ def simulate(
 def export(
     calibration: Annotated[
         Path,
-        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help="What calibrate --json printed."),
+        typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=given.CALIBRATION_HELP),
     ],
     to: Annotated[
         given.ExportTarget,

@@ -11,6 +11,7 @@ from scans import TRUE_FRAME, TRUE_THETA
 
 from paper import pictures
 from paper.experiment import Experiment, Plan, Results, Unit, Values
+from paper.printed import shift_range
 from paper.searches import default_source, default_unit, paper_unit
 from worker.tomography.geometry import FloatArray, Theta
 
@@ -200,6 +201,8 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
         "source": source,
         "dense": str(plan.dense_views),
         "sparse": str(plan.sparse_views),
+        "printed_here": shift_range(PHANTOM),
+        "printed_hole": shift_range("rectangle-with-hole"),
         "column": f"{column.min():.1f} and {column.max():.1f} mm",
         "true_column": f"{TRUE_FRAME.cor_column_mm:.1f}",
         "magnification": f"{ratio.min():.3f} and {ratio.max():.3f}",

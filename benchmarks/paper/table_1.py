@@ -1,4 +1,4 @@
-"""The paper's Table 1: both phantoms, five runs each, the product's two methods beside what the paper prints."""
+"""The paper's Table 1: both phantoms, five runs each, what the paper prints beside the product's two methods."""
 
 from pathlib import Path
 
@@ -7,11 +7,11 @@ from scans import TRUE_THETA, sources
 
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
+from paper.printed import TABLE_1, PrintedRun, judge
 from paper.searches import MadeOf, default_unit, odl_unit, paper_unit
 
-# Relative error and SSIM of the log's FBP, as far as the paper's figures are known here: the best and the worst run.
-PRINTED_BEST, PRINTED_WORST = ("0.045", "0.928"), ("0.122", "not available here")
-NOT_HERE = "not available here"
+# Rays that are off by more are of no run whose log came out with a relative error of a tenth.
+MOST_CREDIBLE_MM = 5.0
 
 
 def scans() -> list[tuple[str, MadeOf]]:
@@ -32,9 +32,15 @@ def runs(plan: Plan, phantom: str, made_of: MadeOf) -> dict[str, list[Unit]]:
     return found
 
 
+def printed_unit(phantom: str, number: int) -> Unit:
+    """What one of the paper's runs is worth, from its printed theta."""
+    return Unit(f"printed-{phantom}-{number}", judge, {"theta": TABLE_1[phantom][number].vector.tolist()}, 0.5)
+
+
 def units(plan: Plan) -> list[Unit]:
     """All of them."""
-    return [unit for scan in scans() for method in runs(plan, *scan).values() for unit in method]
+    printed = [printed_unit(phantom, number) for phantom, rows in TABLE_1.items() for number in range(len(rows))]
+    return [*printed, *(unit for scan in scans() for method in runs(plan, *scan).values() for unit in method)]
 
 
 def _row(method: str, number: int, result: Result) -> list[str]:
@@ -68,17 +74,30 @@ def _truth() -> list[str]:
     ]
 
 
-def _printed(phantom: str) -> list[list[str]]:
-    """What the paper prints, where it is known."""
-    unknown = [NOT_HERE] * 5
-    if phantom != "l-shape":
-        return [["the paper, all runs", *unknown, NOT_HERE, NOT_HERE, "", "", NOT_HERE]]
-    shift = ["", "", "-223 to 425", "", ""]
-    return [
-        ["the paper, best run", *unknown, *PRINTED_BEST, "", "", NOT_HERE],
-        ["the paper, worst run", *unknown, *PRINTED_WORST, "", "", NOT_HERE],
-        ["the paper, all runs", *shift, "", "", "", "", ""],
-    ]
+def _printed_row(number: int, run: PrintedRun, found: Result) -> list[str]:
+    """What is printed, as it is printed; ray error and psi error with what the rounding makes of them."""
+    (least, most), (from_deg, to_deg) = found["ray_error_range_mm"], found["psi_error_range_deg"]
+    rays = f"*{found['ray_error_mm']:.2f} ({least:.2f} to {most:.2f})*"
+    psi = f"*{found['psi_error_deg']:+.2f} ({from_deg:+.2f} to {to_deg:+.2f})*"
+    return [f"the paper, run {number}", *run.theta, run.relative_error, run.ssim, rays, psi, "not printed"]
+
+
+def _printed(phantom: str, results: Results) -> tuple[list[list[str]], str]:
+    """The rows that the paper prints for a phantom, and what they show."""
+    found = [results[printed_unit(phantom, number).name] for number in range(len(TABLE_1[phantom]))]
+    made = list(enumerate(zip(TABLE_1[phantom], found, strict=True), 1))
+    rows = [_printed_row(number, run, judged) for number, (run, judged) in made]
+    errors, ssim = (sorted(column, key=float) for column in zip(*(row[6:8] for row in rows), strict=True))
+    shows = f"The paper: the log's relative error is {errors[0]} to {errors[-1]}, its SSIM {ssim[0]} to {ssim[-1]}."
+    for number, (run, judged) in made:
+        if judged["ray_error_range_mm"][0] > MOST_CREDIBLE_MM:
+            shows += (
+                f" The theta of run {number} cannot be that of the run: its rays are off by "
+                f"{judged['ray_error_mm']:.0f} mm, and the log's FBP with it has a relative error of "
+                f"{judged['relative_error']:.2f} where {run.relative_error} is printed. At least one of its five "
+                "numbers is misprinted, in the paper or in the copy of the table that this page is made from."
+            )
+    return rows, shows
 
 
 HEADER = (
@@ -102,11 +121,13 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:  # noqa: ARG0
     for number, (phantom, made_of) in enumerate(scans()):
         methods = runs(plan, phantom, made_of)
         first = phantom not in {earlier for earlier, _ in scans()[:number]}
-        rows = [_truth(), *(_printed(phantom) if first else ())]
+        printed, shows = _printed(phantom, results) if first else ([], "")
+        rows = [_truth(), *printed]
         rows += [_row(m, n, results[unit.name]) for m, made in methods.items() for n, unit in enumerate(made)]
         noise = "" if made_of == "published" else " with 2 % noise, of its own in each run"
         parts.append(f"### {phantom}, {plan.dense_views} views, {made_of}{noise}\n")
         parts.append(pictures.table(HEADER, rows) + "\n")
+        parts += [f"{shows}\n"] if shows else []
         parts += [_shows(method, [results[unit.name] for unit in made]) + "\n" for method, made in methods.items()]
     return {"tables": "\n".join(parts).rstrip("\n")}
 

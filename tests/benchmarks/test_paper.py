@@ -9,13 +9,17 @@ import pytest
 from paper.conduct import LINE, TEMPLATES, Places, distinct, gather, work_through, write_page
 from paper.experiment import Plan, Unit
 from paper.methods import SSIM, contradictions
+from paper.misspecification import GALLERY
 from paper.objectives import half_width, optimum
+from paper.printed import TABLE_1
 from paper.registry import EXPERIMENTS
 from paper.sparse import COUNTED, OWN, run
 from paper.store import load, save
 from PIL import Image
+from scans import TRUE_THETA
 
 MOST_BYTES = 150_000
+PAGE = Path(__file__).parents[2] / "docs/paper.md"
 
 
 @pytest.fixture(autouse=True)
@@ -61,6 +65,7 @@ def test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice(tin
     assert re.findall(r"^## (.+)$", page, re.MULTILINE) == [experiment.title for experiment in EXPERIMENTS]
     assert not re.search(r"\$\w|\bnan\b|None", page)
     assert all(len(line) <= LINE or line.startswith("|") for line in page.splitlines())
+    check_printed_runs(page)
     pictures = re.findall(r"\]\(([^)]+\.png)\)", page)
     assert {path.name for path in places.pictures.iterdir()} == {Path(name).name for name in pictures}
     for name in pictures:
@@ -68,6 +73,55 @@ def test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice(tin
         assert path.stat().st_size < MOST_BYTES, name
         with Image.open(path) as picture:
             assert picture.width >= 600, name
+
+
+def sections_of(page: str, phantom: str) -> str:
+    """All of Table 1 that is about a phantom."""
+    table = page.partition("## Table 1\n")[2].partition("\n## ")[0]
+    return "\n".join(part for part in table.split("\n### ")[1:] if part.startswith(phantom))
+
+
+def check_printed_runs(page: str) -> None:
+    """Each row that the paper prints stands once in the page, under its phantom, digit by digit."""
+    for phantom, expected in TABLE_1.items():
+        found = [
+            line.strip("| ").split(" | ") for line in sections_of(page, phantom).splitlines() if "the paper," in line
+        ]
+        assert [row[0] for row in found] == [f"the paper, run {number}" for number in range(1, 6)], phantom
+        assert [row[1:8] for row in found] == [[*run.theta, run.relative_error, run.ssim] for run in expected], phantom
+        assert {row[10] for row in found} == {"not printed"}
+    assert "not available here" not in page
+
+
+def test_the_paper_s_runs_stand_under_their_phantom():
+    """The paper's best and worst runs are of the rectangle with a hole; they once stood under the L-shape."""
+    text = PAGE.read_text()
+    check_printed_runs(text)
+    for figures in ("| 0.045 | 0.928 |", "| 0.122 | 0.709 |", "| -223 |"):
+        assert figures in sections_of(text, "rectangle-with-hole")
+        assert figures not in sections_of(text, "l-shape")
+    for figures in ("| 0.064 | 0.847 |", "| 0.083 | 0.764 |", "| 425 |"):
+        assert figures in sections_of(text, "l-shape")
+        assert figures not in sections_of(text, "rectangle-with-hole")
+    words = " ".join(text.split())
+    assert "between -81 and 425 mm with the L-phantom and between -223 and 305 mm with the rectangle" in words
+    assert "-223 and 425" not in words
+
+
+def test_the_gallery_is_the_paper_s():
+    alpha0, r_d, h_s, h_d, alpha_d = TRUE_THETA.to_vector()
+    expected = {
+        "a": (alpha0, r_d, 0, 0, 0),
+        "b": (alpha0, r_d, h_s, 0, 0),
+        "c": (alpha0, r_d, h_s, h_d, 0),
+        "d": (alpha0, r_d, 0, 0, alpha_d),
+        "e": (alpha0, r_d + 50.0, h_s, h_d, alpha_d),
+        "f": (alpha0, r_d, h_s, h_d, alpha_d),
+    }
+    assert {case.name: tuple(case.theta.to_vector()) for case in GALLERY} == expected
+    letters = re.findall(r"^\| \(([a-f])\) \|.*\| (\d\.\d{3}) \| \d\.\d{3} \|", PAGE.read_text(), re.MULTILINE)
+    assert [letter for letter, _ in letters] == list(expected)
+    assert letters[-1] == ("f", "0.000")
 
 
 def test_a_missing_result_leaves_its_section_out_and_a_changed_setting_asks_for_the_run_again(tiny, tmp_path):

@@ -10,6 +10,9 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from service.cli import main
+from worker.contracts.calibrations import CalibrationFile
+from worker.formats.result_files import NamedArray
+from worker.tasks.calibration_files import write_result
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
 SCANNER = ("--source-to-cor-mm", "859.46", "--detector-pitch-mm", "4.508593749")
@@ -77,6 +80,14 @@ def result_file(scans: Path, phantom_scan: Path) -> Path:
     )
     (scans / "result.json").write_text(answer.stdout)
     return scans / "result.json"
+
+
+@pytest.fixture(scope="session")
+def result_hdf5(scans: Path, result_file: Path) -> Path:
+    """The same answer as the service's `result.h5` has it."""
+    known = CalibrationFile.read(result_file.read_text())
+    write_result(scans, known, {"angles_rad": NamedArray(np.zeros(VIEWS), "rad", "view")})
+    return scans / "result.h5"
 
 
 @pytest.fixture

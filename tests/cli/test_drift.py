@@ -7,6 +7,7 @@ import pytest
 from worker.contracts.calibrations import CalibrationFile
 from worker.contracts.drifts import DriftResult
 from worker.contracts.geometry import ScannerConstants, Theta
+from worker.tasks.calibration_files import write_result
 from worker.tasks.conversion import from_frame, to_theta
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
@@ -51,6 +52,17 @@ def test_a_scanner_that_stood_still_is_within_tolerance(run, log_scans, known):
     assert result.within_tolerance
     assert abs(result.change.cor_column_mm) < 4.0 * result.change_standard_deviation.cor_column_mm
     assert (result.views, result.rows, result.tolerance_mm) == (180, (0, 2), 0.5)
+
+
+def test_the_service_s_result_h5_gives_the_same_answer(run, log_scans, known, tmp_path):
+    write_result(tmp_path, CalibrationFile.read(known.read_text()), {})
+    flags = ("--data", "counts", "--json", "--calibration")
+    answers = [
+        json.loads(run("drift", log_scans / "moved.h5", *flags, path).stdout)
+        for path in (known, tmp_path / "result.h5")
+    ]
+    assert answers[0]["change"] == answers[1]["change"]
+    assert answers[0].keys() == answers[1].keys()
 
 
 def test_a_turntable_that_moved_is_told_in_words(run, log_scans, known):

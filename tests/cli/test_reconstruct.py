@@ -17,6 +17,7 @@ from worker.tomography.built_in import L_SHAPE
 from worker.tomography.log_model import LogModel
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
+SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749)
 
 
 def volume(path) -> np.ndarray:
@@ -160,6 +161,21 @@ def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_
     given, found = volume(tmp_path / "theta.h5"), volume(tmp_path / "calibration.h5")
     assert relative_error(given, found) < 0.05
     assert relative_error(given[0], log_truth) < 0.25
+
+
+def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_told(run, tmp_path):
+    """The scan has 90 views: from fewer, FBP with the right geometry misses as much as with a wrong one."""
+    scan, cells = tmp_path / "log.h5", ("--detector-pixels", 256, "--views", 90)
+    run("simulate", "log", "--theta", THETA[1], *SCANNER, *cells, "--rows", 1, "-o", scan)
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "-o", tmp_path / "out.h5")
+    good = run("reconstruct", scan, *flags, "--theta", THETA[1], "--json")
+    assert json.loads(good.stdout)["method"]["data_misfit"] > 1.0
+    assert "the noise" not in good.stderr
+    assert "check the geometry" not in good.stderr
+    wrong = run("reconstruct", scan, *flags, "--theta", "2.55,732,334,33,0.251")
+    assert "check the geometry" in wrong.stderr
+    fitted = run("reconstruct", scan, *flags, "--theta", THETA[1], "--method", "tikhonov", "--size", 64)
+    assert "times the noise" in fitted.stderr
 
 
 def test_a_theta_that_is_off_gives_a_worse_image(run, stack, log_truth, tmp_path):

@@ -27,11 +27,11 @@ ITERATIVE = ("tikhonov", "cauchy_map", "total_variation")
 def log(constants, scanner, theta, turn):
     """Rows of one log from so many views, with 2 % noise, and a background where wanted."""
 
-    def of(*, views=20, rows=1, background=0.0, counts=False):
+    def of(*, views=20, rows=1, background=0.0, counts=False, noise=0.02):
         fan = FanBeamGeometry(scanner, theta, turn(views))
         line = project(LOG, DetectorCells.of(scanner), fan.frame, fan.angles_rad, rays_per_cell=8)
-        noise = 0.02 * np.sqrt(np.mean(line**2))
-        stack = line[:, None] + noise * np.random.default_rng(731).standard_normal((views, rows, line.shape[1]))
+        deviation = noise * np.sqrt(np.mean(line**2))
+        stack = line[:, None] + deviation * np.random.default_rng(731).standard_normal((views, rows, line.shape[1]))
         stack = (stack + background).astype(np.float32)
         return ReconstructionInput(
             read=lambda start, stop: stack[:, start:stop],
@@ -89,6 +89,25 @@ def test_fbp_tells_its_misfit_too(log, reconstruct, theta):
     right, _ = reconstruct(log(views=180))
     wrong, _ = reconstruct(replace(log(views=180), theta=off))
     assert wrong.method.data_misfit > 1.3 * right.method.data_misfit
+
+
+@pytest.mark.parametrize("views", [20, 45, 90, 360])
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+def test_a_good_fbp_says_nothing_alarming(log, reconstruct, views, noise):
+    """However many times the noise it misses the data: without filtering and pixels that would be 1."""
+    good, volume = reconstruct(log(views=views, noise=noise))
+    assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.5
+    assert good.method.data_misfit > 1.2
+    assert not good.method.remarks
+
+
+@pytest.mark.parametrize("views", [90, 360])
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+def test_fbp_says_a_geometry_that_is_far_off_once(log, reconstruct, theta, views, noise):
+    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    wrong, _ = reconstruct(replace(log(views=views, rows=3, noise=noise), theta=off))
+    (remark,) = wrong.method.remarks
+    assert "check the geometry" in remark
 
 
 def test_auto_chooses_by_the_views_and_says_why(log, reconstruct):

@@ -18,6 +18,7 @@ from worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
 from worker.formats.errors import UnreadableScan
 
 LARGEST_MM = 1e5
+CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
 THETA_HELP = "alpha0 (rad), r_D, h_S, h_D (mm), alpha_D, separated by commas."
 THETA_FORM = "a,r,h,h,t"
 

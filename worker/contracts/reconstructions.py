@@ -156,8 +156,9 @@ class MethodReport(Contract):
     noise: float = Field(description="Standard deviation of a line integral, in its unit.")
     data_misfit: float | None = Field(
         description="RMS of what the slices miss the data by, against the noise: near 1 for an iterative method with "
-        "the right geometry, a few times that for `fbp`, far above where the geometry is wrong. Null where the field "
-        "does not hold all that was scanned."
+        "the right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right "
+        "geometry anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold "
+        "all that was scanned."
     )
     worst_data_misfit: float | None = Field(description="Of the slices looked at: all of them, but five for `fbp`.")
     alpha: float | None = Field(None, description="Taken by `tikhonov`, in mm².")

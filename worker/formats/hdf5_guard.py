@@ -194,13 +194,37 @@ def _runs(frames: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
     return ((start, stop) for start, stop in pairwise(bounds) if stop > start)
 
 
-def read_text(start: Node, path: str) -> str | None:
-    """The one string at a path; None where there is none."""
+def read_text(start: Node, path: str, *, most_bytes: int | None = None) -> str | None:
+    """The one string at a path; None where there is none.
+
+    Raises
+    ------
+    UnreadableScan
+        `external-storage`, `unsupported-storage`; `too-large` where it has more than `most_bytes`.
+    """
     node = find(start, path)
     if not isinstance(node, h5py.Dataset) or node.size != 1 or h5py.check_string_dtype(node.dtype) is None:
         return None
-    _check_storage(repr(quoted(path)), node)
+    where = repr(quoted(path))
+    _check_storage(where, node)
+    if most_bytes is not None:
+        claimed = _claimed_bytes(where, node)
+        if claimed > most_bytes:
+            raise UnreadableScan("too-large", f"{where} claims to have {claimed} bytes; at most {most_bytes} are read")
     return _as_text(np.asarray(node[()]).item())
+
+
+def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:
+    """For how many bytes the library would make room to read the one string of a dataset."""
+    if h5py.check_string_dtype(dataset.dtype).length is not None:
+        return math.prod(dataset.chunks or (1,)) * int(dataset.dtype.itemsize)
+    offset = dataset.id.get_offset()
+    if offset is None:
+        raise UnreadableScan("unsupported-storage", f"{where} is not stored in one piece; store it without chunks")
+    # A string without a fixed length: its length and where it lies (HDF5 file format specification, section IV.B).
+    with open(dataset.file.filename, "rb") as stream:  # noqa: PTH123 - as h5py names it
+        stream.seek(offset)
+        return int.from_bytes(stream.read(4), "little")
 
 
 def attribute_text(node: Node, name: str) -> str | None:

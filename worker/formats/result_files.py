@@ -12,12 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.formats.atomic import whole_hdf5
+from worker.formats.errors import UnreadableScan, library_errors_translated
+from worker.formats.hdf5_guard import open_hdf5, read_text
 from worker.formats.nexus import PACKED, PROGRAM, new_entry, new_group, write_mapping, write_scalar
 from worker.formats.packing import write_packed
 from worker.formats.vtk_hdf import add_values, describe_image
 
 # Slices a chunk of the side views: about as many as are written at a time.
 SIDE_VIEW_ROWS = 64
+# Where a calibration's answer lies as JSON text, and the most bytes that are read of one: it has some ten thousand.
+ANSWER = "entry/calibration_json"
+LONGEST_ANSWER = 16 * 2**20
 
 
 class NamedArray(NamedTuple):
@@ -161,12 +166,27 @@ def write_calibration(
     with whole_hdf5(path) as file:
         entry = new_entry(file)
         _write_process(entry, "process", software_version, input_sha256)
-        entry["calibration_json"] = text
+        file[ANSWER] = text
         write_mapping(entry, "calibration", result)
         group = new_group(entry, "arrays", "NXcollection")
         for name, (values, unit, axes) in arrays.items():
             write_scalar(group, name, values, unit)
             group[name].attrs["axes_description"] = axes
+
+
+def read_calibration_json(path: Path) -> str:
+    """The answer as JSON text, from a file that `write_calibration` made, or that somebody says it made.
+
+    Raises
+    ------
+    UnreadableScan
+        `dataset-missing` where the file is another one; it is damaged, or the text is too long.
+    """
+    with library_errors_translated("HDF5"), open_hdf5(path) as file:
+        text = read_text(file, ANSWER, most_bytes=LONGEST_ANSWER)
+    if text is None:
+        raise UnreadableScan("dataset-missing", f"it is HDF5 without /{ANSWER}")
+    return text
 
 
 def _new_volume(

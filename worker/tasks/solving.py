@@ -21,7 +21,7 @@ from worker.tomography.fbp import Block, fbp_block
 from worker.tomography.filters import FilterName
 from worker.tomography.image_grid import ImageGrid
 from worker.tomography.iterative.telling import Phases, Told
-from worker.tomography.noise import data_misfit, estimated_noise, photon_noise
+from worker.tomography.noise import data_misfit, estimated_noise, photon_noise, remark_on_filtered
 from worker.tomography.projector import Projector
 from worker.tomography.stack import most_abreast
 from worker.tomography.tikhonov import AlphaCurve, AlphaRule, tikhonov
@@ -155,6 +155,9 @@ class _Fbp:
         if self._holds_all:
             misfit = data_misfit(self._work.projector, image[None], lines, np.full((1, 1, 1), noise))
             self._findings.misfit.extend(misfit.tolist())
+            remark = remark_on_filtered(float(misfit[0]), lines[0], noise)
+            if remark is not None:
+                self._findings.remark(remark)
 
     def report(self) -> MethodReport:
         return self._findings.report()
