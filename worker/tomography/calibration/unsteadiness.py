@@ -30,7 +30,7 @@ RIDGE = 1e-9
 # Levels of the model in each of which noise is alike, and how many samples are enough to measure it.
 LEVELS, ENOUGH = 8, 50
 # Noise is measured on about so many samples; a level's is at least this share of the mean: air may be free of it.
-MEASURED, LEAST_NOISE = 50_000, 0.05
+MEASURED, LEAST_NOISE = 20_000, 0.05
 # Stretches of the scan in which what is left of the pose is looked at.
 STRETCHES = (8, 16, 32, 64)
 # A jump is known by so many views, and such a share of them, before and after it.
@@ -103,13 +103,15 @@ def _noise_weights(data: SinogramData, residual: FloatArray, model: FloatArray) 
 
     Noise may go by what is measured, as that of photons does; from cell to cell it is not shared.
     """
-    depth = (model - model.min()) / max(float(np.ptp(model)), np.finfo(np.float64).tiny)
-    level = np.minimum((depth * LEVELS).astype(np.intp), LEVELS - 1)
+    low, high = float(model.min()), float(model.max())
+    per_level = LEVELS * (1.0 - 1e-9) / max(high - low, np.finfo(np.float64).tiny)
+    level = ((model - low) * per_level).astype(np.uint8)
     views = slice(None, None, max(1, residual.size // MEASURED))
     steps, at = np.abs(np.diff(residual[views], axis=1)), level[views, 1:]
     variance = np.zeros(LEVELS)
     for one in range(LEVELS):
-        here = steps[(at == one) & (steps > 0.0)]
+        here = steps[at == one]
+        here = here[here > 0.0]
         if here.size >= ENOUGH:
             variance[one] = float(np.median(here)) ** 2
     known = np.flatnonzero(variance)
@@ -117,8 +119,10 @@ def _noise_weights(data: SinogramData, residual: FloatArray, model: FloatArray) 
         return np.ones_like(residual) if data.weights is None else data.weights
     variance = np.interp(np.arange(LEVELS), known, variance[known])
     inverse = 1.0 / np.maximum(variance, LEAST_NOISE * variance.mean())
-    weights: FloatArray = inverse[level] if data.weights is None else inverse[level] * data.weights
-    weights /= weights[weights > 0.0].mean()
+    weights: FloatArray = inverse.take(level)
+    if data.weights is not None:
+        weights *= data.weights
+    weights *= np.count_nonzero(weights) / weights.sum()
     return weights
 
 
