@@ -5,7 +5,7 @@ from typing import Any
 from worker.contracts.base import DataKind, Handedness, Rotation
 from worker.contracts.calibrations import CalibrationSucceeded
 from worker.contracts.geometry import Theta
-from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.reconstructions import ReconstructionAsked
 from worker.formats.scan_file import open_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
@@ -44,7 +44,7 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def _geometry(store: Store, options: ReconstructionAsk) -> tuple[Theta, Rotation, Handedness]:
+def _geometry(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
     if options.theta is not None:
         return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
     if options.calibration_id is None:
