@@ -71,7 +71,7 @@ def test_a_failure_is_told_in_its_own_way(store, runner, queue, behaviour, kind,
     assert leftovers(store) == []
 
 
-@pytest.mark.parametrize(("behaviour", "code"), [("crash", "attempt-died"), ("fill-the-disk", "storage-full")])
+@pytest.mark.parametrize(("behaviour", "code"), [("end-by-sigkill", "attempt-died"), ("fill-the-disk", "storage-full")])
 def test_a_passing_failure_is_tried_three_times(store, runner, queue, behaviour, code):
     job = queue(behaviour)
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
