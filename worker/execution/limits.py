@@ -18,6 +18,8 @@ READING_S, COMPUTING_S = 3600, 7 * 24 * 3600
 _READERS = frozenset({JobKind.INGEST, JobKind.TRACE_PHANTOM})
 # After its processor time a job is told to end, and so much later killed; equal limits would kill it at once.
 PROCESSOR_GRACE_S = 60
+# A limit that the system can count.
+LARGEST = 2**63 - 1
 
 
 class Limits(NamedTuple):
@@ -79,5 +81,5 @@ def keep_to(limits: Limits) -> None:
 
 def _limit(what: int, soft: int, *, hard: int | None = None) -> None:
     _, allowed = resource.getrlimit(what)
-    wanted = (soft, soft if hard is None else hard)
-    resource.setrlimit(what, wanted if allowed == resource.RLIM_INFINITY else tuple(min(n, allowed) for n in wanted))
+    most = LARGEST if allowed == resource.RLIM_INFINITY else allowed
+    resource.setrlimit(what, (min(soft, most), min(soft if hard is None else hard, most)))
