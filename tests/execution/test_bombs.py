@@ -1,6 +1,7 @@
 """Small files that unpack to gigabytes, read by the product's own processes."""
 
 import struct
+import sys
 import threading
 import zlib
 from pathlib import Path
@@ -19,10 +20,11 @@ from worker.execution.limits import DATA_BYTES
 from worker.execution.runner import Runner
 
 CHUNK = 2**20
+WITHOUT_KERNELS = "from worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
 
 
-def checkers(path: Path, side: int = 8192) -> None:
-    """A PNG of black and white pixels in turn, 20 kB: each white one is an outline of its own."""
+def checkers(path: Path, side: int = 6400) -> None:
+    """A PNG of black and white pixels in turn, 13 kB: each white one is an outline of its own."""
     rows = (b"\0" + b"\xaa" * (side // 8) + b"\0" + b"\x55" * (side // 8)) * (side // 2)
     header = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
     parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, 9)), (b"IEND", b""))
@@ -108,8 +110,9 @@ def watch():
 
 @pytest.fixture
 def runner(store, settings):
-    """With the science, and the memory that is allowed by default."""
-    made = Runner(store, settings.model_copy(update={"memory_limit_bytes": None}), threading.Event())
+    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
+    by_default = settings.model_copy(update={"memory_limit_bytes": None})
+    made = Runner(store, by_default, threading.Event(), command=[sys.executable, "-c", WITHOUT_KERNELS])
     yield made
     made.close()
 

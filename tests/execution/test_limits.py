@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import threading
 
 import pytest
@@ -9,12 +10,13 @@ import pytest
 from worker.contracts.geometry import ScannerConstants, Theta
 from worker.contracts.jobs import FailureKind, JobKind, JobState
 from worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture
-from worker.contracts.plans import PlanAsked
+from worker.contracts.plans import PlanAsk
 from worker.contracts.scanners import ScannerSpec
+from worker.execution.failures import died
 from worker.execution.limits import DATA_BYTES, limits_of
 from worker.execution.runner import Runner
 
-CRASHES = ["sigsegv", "sigbus", "sigfpe", "sigill", "sigabrt"]
+CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
     name="Line 2",
     constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5),
@@ -35,37 +37,47 @@ def start(store, settings, command):
         each.close()
 
 
-def test_a_file_that_crashes_its_reader_is_refused_once(store, start, queue):
+@pytest.mark.parametrize("number", CRASHES)
+def test_no_crash_is_tried_again(number):
+    for kind in JobKind:
+        failure = died(-number, kind)
+        if kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
+            assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
+        else:
+            assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
+        assert f"({number.name})" in failure.detail
+
+
+def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     runner = start()
-    for crash in CRASHES:
-        job = queue(f"end-by-{crash}")
+    for crash in ("SIGSEGV", "SIGBUS"):
+        job = queue(f"end-by-{crash.lower()}")
         assert runner.run_next(job.id) is JobState.FAILED
         failure = store.jobs.get(job.id).failure
-        assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
-        assert f"reading the file crashed the reader ({crash.upper()})" in failure.detail
+        assert failure.code == "broken-file"
+        assert f"reading the file crashed the reader ({crash})" in failure.detail
         assert store.scans.get(job.subject_id).reason == failure.detail
-    received = store.files.receive([b"end-by-sigsegv"], max_bytes=100)
+    received = store.files.receive([b"end-by-sigabrt"], max_bytes=100)
     phantom = store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), received)
     assert runner.run_next() is JobState.FAILED
-    assert store.jobs.get(phantom.job_id).failure.code == "broken-file"
-    assert "reading the picture crashed the reader" in store.phantoms.get(phantom.id).reason
+    assert "reading the picture crashed the reader (SIGABRT)" in store.phantoms.get(phantom.id).reason
 
 
 def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_told_once(store, start, monkeypatch, tmp_path):
     body = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
     five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
     theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
-    ask = PlanAsked(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
+    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
     phantom = store.phantoms.create(body).id
     monkeypatch.setenv("FAKE_BEHAVIOUR", str(behaviour := tmp_path / "behaviour"))
     runner = start()
-    for crash in CRASHES:
+    for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
         plan = store.plans.accept(phantom, ask)
-        behaviour.write_text(f"end-by-{crash}")
+        behaviour.write_text(f"end-by-{crash.lower()}")
         assert runner.run_next() is JobState.FAILED
         failure = store.jobs.get(plan.job_id).failure
         assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
-        assert f"crashed ({crash.upper()}), which is a defect; please report it" in failure.detail
+        assert f"crashed ({crash}), which is a defect; please report it" in failure.detail
 
 
 def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, queue):

@@ -13,9 +13,8 @@ from worker.tomography.projector import Projector
 SCANNER = Scanner(859.46, 768, 1.502864583)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_no_kernel_crashes_on_numbers_that_no_scanner_has(seed):
-    fuzz = [sys.executable, str(Path(__file__).with_name("kernel_fuzz.py")), str(seed), "25"]
+def test_no_kernel_crashes_on_numbers_that_no_scanner_has():
+    fuzz = [sys.executable, str(Path(__file__).with_name("kernel_fuzz.py")), "1", "20"]
     ended = subprocess.run(fuzz, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, f"exit code {ended.returncode}: {ended.stderr}"
 

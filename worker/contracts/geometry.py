@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from worker.contracts.base import Contract, CoordinateMm, PositiveMm, Range, check_range
 
@@ -27,6 +27,11 @@ class ThetaBounds(Contract):
     detector_tilt: Range = (-1.0, 1.0)
 
 
+def _as_fields(given: object) -> object:
+    """A model without bounds is given, too: its values are held against them."""
+    return given.model_dump() if isinstance(given, Contract) else given
+
+
 Slope = Annotated[float, Field(ge=-10, le=10)]
 # Ranges that `ThetaBounds` may have where they are given.
 CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(check_range)]
@@ -34,6 +39,8 @@ CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(ch
 
 class GivenThetaBounds(ThetaBounds):
     """Where somebody wants theta to be searched: within what a scanner can be."""
+
+    _unbounded = model_validator(mode="before")(_as_fields)
 
     detector_to_cor_mm: Annotated[tuple[PositiveMm, PositiveMm], AfterValidator(check_range)] = (500.0, 1000.0)
     source_shift_mm: CoordinateRange = (-500.0, 500.0)
@@ -53,6 +60,8 @@ class Theta(Contract):
 
 class GivenTheta(Theta):
     """A theta as somebody gives it: within what a scanner can be, source and detector on either side of the COR."""
+
+    _unbounded = model_validator(mode="before")(_as_fields)
 
     initial_angle_rad: Annotated[float, Field(ge=-1000, le=1000)] = Field(description="alpha0; counts modulo 2 pi.")
     detector_to_cor_mm: PositiveMm = Field(description="r_D; the source stands on the other side.")

@@ -20,7 +20,7 @@ class PlanOptions(Contract):
 
 
 class PlanAsked(PlanOptions):
-    """What was asked, as it is kept."""
+    """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
 
     scanner_id: Identifier
     theta: Theta | None = Field(

@@ -135,7 +135,7 @@ OPTIONS_OF: dict[frozenset[ReconstructionMethod], tuple[str, ...]] = {
 
 
 class ReconstructionAsked(ReconstructionOptions):
-    """What was asked for, as it is kept."""
+    """What was asked for, as it is kept: an earlier version took what `ReconstructionAsk` refuses."""
 
     scan_id: Identifier = Field(examples=["example"])
     calibration_id: Identifier | None = Field(

@@ -40,7 +40,7 @@ class ScannerSpec(Contract):
 
 
 class ScannerAsk(ScannerSpec):
-    """A scanner that is to be taken in."""
+    """A scanner that is to be taken in; an earlier version took what is refused here."""
 
     bounds: GivenThetaBounds | None = Field(
         None, description="Where theta is searched; null: wherever the phantom can be seen."

@@ -6,11 +6,12 @@ and ends (see `protocol`, `limits`).
 
 import os
 import threading
+import traceback
 from typing import BinaryIO
 
 import structlog
 
-from worker.contracts.jobs import Failure, Progress
+from worker.contracts.jobs import Failure, FailureKind, Progress
 from worker.execution.failures import failure_of
 from worker.execution.limits import keep_to, limits_of
 from worker.execution.logs import configure_logs
@@ -46,12 +47,18 @@ def _answer(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int |
     log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
     try:
         return to_line(Succeeded(result=_run(assignment, channel, memory_limit_bytes)))
-    except JobFailure as failure:
-        log.info("job-failed", code=failure.code, detail=failure.detail)
-        return to_line(Failed(failure=Failure(kind=failure.kind, code=failure.code, detail=failure.detail)))
+    except JobFailure as error:
+        failure = Failure(kind=error.kind, code=error.code, detail=error.detail)
+    except MemoryError as error:
+        traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
+        failure = failure_of(error)
     except Exception as error:
-        log.exception("job-failed-unexpectedly")
-        return to_line(Failed(failure=failure_of(error)))
+        failure = failure_of(error)
+        if failure.kind is not FailureKind.INPUT:
+            log.exception("job-failed-unexpectedly")
+            return to_line(Failed(failure=failure))
+    log.info("job-failed", code=failure.code, detail=failure.detail)
+    return to_line(Failed(failure=failure))
 
 
 def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> dict[str, object]:
