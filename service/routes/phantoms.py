@@ -11,7 +11,7 @@ from service.openapi_document import trying, trying_file
 from service.problems import Refused
 from service.uploads import chunks
 from worker.contracts.base import Identifier, Page
-from worker.contracts.phantoms import Phantom, PhantomDrawing, PhantomPicture
+from worker.contracts.phantoms import Phantom, PhantomAsk, PhantomPicture
 from worker.pictures.phantom_drawing import phantom_svg
 
 router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
@@ -27,7 +27,7 @@ EXAMPLE = {
 
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
-def create_phantom(drawing: PhantomDrawing, store: TheStore, response: Response) -> Phantom:
+def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> Phantom:
     """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = store.phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"

@@ -8,7 +8,7 @@ from service.answers import Paging
 from service.dependencies import TheStore
 from service.openapi_document import trying
 from worker.contracts.base import Identifier, Page
-from worker.contracts.scanners import Activation, Scanner, ScannerSpec
+from worker.contracts.scanners import Activation, Scanner, ScannerAsk
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 
@@ -24,7 +24,7 @@ EXAMPLE = {
 
 
 @router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE))
-def create_scanner(spec: ScannerSpec, store: TheStore, response: Response) -> Scanner:
+def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> Scanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
     scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
@@ -48,7 +48,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> Scanner:
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
 )
-def replace_scanner(scanner_id: Identifier, spec: ScannerSpec, store: TheStore) -> Scanner:
+def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> Scanner:
     """Results that exist keep the constants they were made with."""
     return store.scanners.update(scanner_id, spec)
 

@@ -293,6 +293,12 @@ def test_an_output_that_cannot_be_written_is_told(failure, stack, tmp_path):
         ((), "give the geometry as --theta or as --calibration"),
         (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "--theta needs five numbers"),
         (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "--theta needs five numbers"),
+        (
+            ("--theta", "2.55,714.7,319.9,1e300,0.281", "--source-to-cor-mm", 859),
+            "detector_shift_mm must lie between -100000 and 100000, not 1e300",
+        ),
+        (("--theta", "1,-2,3,4,5", "--source-to-cor-mm", 859), "detector_to_cor_mm must lie between 0 and 100000"),
+        ((*THETA, "--field-centre-mm", "1e300,0"), "--field-centre-mm: X and Y must lie between"),
         (("--theta", "1,700,3,4,0"), "--theta needs --source-to-cor-mm"),
         ((*THETA, "--rotation", "left"), "'left' is not one of"),
         ((*THETA, "--method", "guess"), "'guess'"),

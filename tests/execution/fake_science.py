@@ -1,15 +1,21 @@
-"""The real process of an attempt over tasks without science: what it does stands in the uploaded file."""
+"""The real process of an attempt over tasks without science: what it does stands in the uploaded file.
+
+For jobs without one, in the file that the environment variable FAKE_BEHAVIOUR names.
+"""
 
 import errno
+import json
 import os
+import resource
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 from worker.contracts.jobs import FailureKind, Job, JobKind, Progress
 from worker.storage.store import Store
@@ -68,9 +74,28 @@ def eat_memory(_: Attempt) -> dict[str, Any]:
     return {"much": bytearray(2**30)}
 
 
-def crash(attempt: Attempt) -> dict[str, Any]:
-    (attempt.output / "half").write_text("written")
-    os.kill(os.getpid(), signal.SIGKILL)
+def end_by(number: signal.Signals) -> Callable[[Attempt], dict[str, Any]]:
+    def behaviour(attempt: Attempt) -> dict[str, Any]:
+        (attempt.output / "half").write_text("written")
+        os.kill(os.getpid(), number)
+        return {}
+
+    behaviour.__name__ = f"end_by_{number.name.lower()}"
+    return behaviour
+
+
+def burn(_: Attempt) -> dict[str, Any]:
+    """As after an hour: the time that is left is shortened to a moment."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(used.ru_utime + used.ru_stime) + 1, hard))
+    while True:
+        pass
+
+
+def write_much(attempt: Attempt) -> dict[str, Any]:
+    with (attempt.output / "scan.h5").open("wb") as file:
+        file.truncate(2**43)
     return {}
 
 
@@ -78,6 +103,25 @@ def crash_on_a_full_disk(_: Attempt) -> dict[str, Any]:
     """As the HDF5 library does."""
     os.kill(os.getpid(), signal.SIGSEGV)
     return {}
+
+
+def open_many(_: Attempt) -> dict[str, Any]:
+    return {"files": [Path(os.devnull).open() for _ in range(500)]}
+
+
+def start_a_thread(_: Attempt) -> dict[str, Any]:
+    """With a stack that there is no room for."""
+    threading.stack_size(2**30)
+    threading.Thread(target=print).start()
+    return {}
+
+
+def tell_limits(attempt: Attempt) -> dict[str, Any]:
+    names = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
+    told = succeed(attempt)
+    limits = {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}")) for name in names}
+    (attempt.output / "scan.h5").write_text(json.dumps(limits))
+    return told
 
 
 def talk(attempt: Attempt) -> dict[str, Any]:
@@ -116,27 +160,44 @@ BEHAVIOURS = {
         crash_on_a_full_disk,
         fill_the_disk,
         eat_memory,
-        crash,
         talk,
         hang,
         pause,
         answer_nonsense,
+        burn,
+        write_much,
+        open_many,
+        start_a_thread,
+        tell_limits,
+        *map(end_by, (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGKILL)),
     )
 }
 
 
+class Needs(NamedTuple):
+    memory_bytes: int
+    file_bytes: int
+
+
+def needs_of(_: Attempt) -> Needs:
+    return Needs(0, 0)
+
+
 def run(attempt: Attempt) -> dict[str, Any]:
-    if attempt.job.kind is not JobKind.INGEST:
+    if attempt.job.kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
+        told = attempt.store.files.upload(attempt.job.kind, attempt.job.subject_id)
+    elif "FAKE_BEHAVIOUR" in os.environ:
+        told = Path(os.environ["FAKE_BEHAVIOUR"])
+    else:
         return refuse(attempt)
-    upload = attempt.store.files.upload(JobKind.INGEST, attempt.job.subject_id)
-    return BEHAVIOURS[upload.read_text()](attempt)
+    return BEHAVIOURS[told.read_text()](attempt)
 
 
 def install() -> None:
     """Put the fakes where the real process imports the science: no test waits for kernels to compile."""
     fakes: dict[str, dict[str, Any]] = {
         "worker.tasks": {},
-        "worker.tasks.running": {"Attempt": Attempt, "run": run, "warm_up": lambda: None},
+        "worker.tasks.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
         "worker.tasks.failures": {"JobFailure": JobFailure},
     }
     for name, contents in fakes.items():

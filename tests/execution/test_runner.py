@@ -77,7 +77,7 @@ def test_a_failure_is_told_in_its_own_way(store, runner, queue, behaviour, kind,
 
 
 def test_a_passing_failure_is_tried_three_times(store, runner, queue):
-    job = queue("crash")
+    job = queue("end-by-sigkill")
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
     assert store.jobs.get(job.id).failure.code == "attempt-died"
     assert leftovers(store) == []

@@ -7,6 +7,7 @@ from PIL import Image, ImageDraw
 
 import service
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
+from worker.contracts.phantoms import PhantomDrawing
 
 PICTURE = (Path(service.__file__).parent / "static/phantom.png").read_bytes()
 
@@ -74,3 +75,39 @@ def test_a_phantom_that_is_being_traced_has_no_drawing(client):
     answer = client.get(f"{accepted.headers['Location']}/drawing.svg")
     assert (answer.status_code, answer.json()["code"]) == (409, "phantom-without-drawing")
     assert "is tracing and has no drawing" in answer.json()["detail"]
+
+
+SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-50, 50]]}
+
+
+@pytest.mark.parametrize(
+    ("shapes", "told"),
+    [
+        (
+            [{"kind": "polygon", "vertices_mm": [[0, 0], [0, 50], [0, 100]]}],
+            "shape 0, counted from 0, is a polygon that encloses 0 mm²",
+        ),
+        (
+            [SQUARE, {"kind": "polygon", "vertices_mm": [[1, 1], [1, 1], [1, 1]]}],
+            "shape 1, counted from 0, is a polygon that encloses 0",
+        ),
+        (
+            [{"kind": "disc", "center_mm": [100, 0], "radius_mm": 1e-300}],
+            "is a disc of radius 1e-300 mm: give at least 0.1 mm",
+        ),
+        ([{**SQUARE, "density": 1e9}], "has density 1e+09: give one within ±1000"),
+        ([SQUARE, {**SQUARE, "density": -1}], "add up to 0 mm²: wood must outweigh holes"),
+        ([{**SQUARE, "density": 0}], "add up to 0 mm²"),
+    ],
+)
+def test_a_drawing_without_extent_is_a_problem(client, shapes, told):
+    answer = client.post("/v1/phantoms", json={"name": "nothing", "shapes": shapes})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
+    assert told in answer.json()["detail"]
+
+
+def test_a_drawing_without_extent_that_an_earlier_version_accepted_is_drawn(client, store):
+    line = {"kind": "polygon", "vertices_mm": [[0, 0], [0, 50], [0, 100]]}
+    kept = store.phantoms.create(PhantomDrawing(name="line", shapes=[line]))
+    assert client.get(f"/v1/phantoms/{kept.id}").status_code == 200
+    assert client.get(f"/v1/phantoms/{kept.id}/drawing.svg").status_code == 200

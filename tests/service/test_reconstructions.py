@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from worker.contracts.reconstructions import ReconstructionAsked
+
 VOLUME = "/v1/reconstructions/example/volume.h5"
 
 
@@ -27,6 +29,32 @@ def test_a_reconstruction_takes_the_active_calibration(seeded, worker, woken):
 def test_a_theta_of_ones_own_needs_no_calibration(seeded, theta):
     answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", "theta": theta, "rotation": "reversed"})
     assert answer.json()["calibration_id"] is None
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("detector_shift_mm", 1e300, "should be less than or equal to 100000, not 1e+300"),
+        ("source_shift_mm", -1e6, "should be greater than or equal to -100000, not -1000000.0"),
+        ("detector_to_cor_mm", -700.0, "should be greater than 0, not -700.0"),
+        ("detector_tilt", 11.0, "should be less than or equal to 10, not 11.0"),
+        ("initial_angle_rad", 1e9, "should be less than or equal to 1000, not 1000000000.0"),
+    ],
+)
+def test_a_theta_that_no_scanner_has_is_a_problem(seeded, theta, name, value, told):
+    for path, ask in (
+        ("reconstructions", {"scan_id": "example"}),
+        ("phantoms/l-shape/plans", {"scanner_id": "example"}),
+    ):
+        answer = seeded.post(f"/v1/{path}", json={**ask, "theta": {**theta, name: value}})
+        assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
+        assert answer.json()["detail"] == f"body.theta.{name} {told}"
+
+
+def test_a_theta_that_an_earlier_version_accepted_is_still_listed(seeded, store, theta):
+    ask = ReconstructionAsked(scan_id="example", theta={**theta, "detector_shift_mm": 1e300})
+    kept = store.reconstructions.accept(ask)
+    assert seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"]["theta"]["detector_shift_mm"] == 1e300
 
 
 def test_a_theta_and_a_calibration_contradict_each_other(seeded, theta):

@@ -1,3 +1,5 @@
+import pytest
+
 SPEC = {
     "name": "Line 2",
     "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
@@ -37,3 +39,18 @@ def test_a_used_scanner_cannot_be_deleted(seeded):
 def test_history_names_the_active_calibration(seeded):
     assert [entry["calibration_id"] for entry in seeded.get("/v1/scanners/example/history").json()] == ["example"]
     assert seeded.get("/v1/scanners/example").json()["active_calibration_id"] == "example"
+
+
+@pytest.mark.parametrize(
+    "bounds",
+    [
+        {"source_shift_mm": [-1e300, 500]},
+        {"detector_to_cor_mm": [-500, 1000]},
+        {"detector_tilt": [-1, 1e6]},
+        {"detector_shift_mm": [500, -500]},
+    ],
+)
+def test_bounds_that_no_scanner_has_are_a_problem(client, bounds):
+    answer = client.post("/v1/scanners", json={**SPEC, "bounds": bounds})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
+    assert answer.json()["detail"].startswith(f"body.bounds.{next(iter(bounds))}")

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from worker.contracts.base import DataKind, Rotation, Rows
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.geometry import Theta
+from worker.contracts.geometry import GivenTheta, Theta
 from worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
 from worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
 from worker.formats.errors import UnreadableScan
@@ -21,6 +21,8 @@ LARGEST_MM = 1e5
 CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
 THETA_HELP = "alpha0 (rad), r_D, h_S, h_D (mm), alpha_D, separated by commas."
 THETA_FORM = "a,r,h,h,t"
+# What pydantic calls a number beyond its bounds.
+OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 
 
 def length(value: float | None) -> float | None:
@@ -258,17 +260,34 @@ def given_angles(angles_deg: str | None, angles_file: Path | None) -> AnglesGive
 
 
 def parse_theta(text: str) -> Theta:
-    """Theta from five numbers separated by commas."""
+    """Theta from five numbers separated by commas, each within what a scanner can be."""
     try:
-        return Theta.model_validate(dict(zip(Theta.model_fields, text.split(","), strict=True)))
+        return GivenTheta.model_validate(dict(zip(GivenTheta.model_fields, text.split(","), strict=True)))
     except ValueError as error:
-        raise typer.BadParameter(f"--theta needs five numbers a,r,h,h,t, not {text!r}.") from error
+        told = _out_of_bounds(error) if isinstance(error, ValidationError) else None
+        told = told or f"--theta needs five numbers {THETA_FORM}, not {text!r}."
+        raise typer.BadParameter(told) from error
+
+
+def _out_of_bounds(error: ValidationError) -> str | None:
+    """Which of theta's numbers is out of its range; None where something else is wrong with it."""
+    first = error.errors()[0]
+    if first["type"] not in OUT_OF_BOUNDS:
+        return None
+    name = first["loc"][0]
+    allowed = GivenTheta.model_json_schema()["properties"][name]
+    low = allowed.get("minimum", allowed.get("exclusiveMinimum"))
+    return f"--theta: {name} must lie between {low:g} and {allowed['maximum']:g}, not {first['input']}."
 
 
 def parse_position(text: str, flag: str = "--position-mm") -> tuple[float, float]:
-    """X and Y in mm."""
+    """X and Y in mm, each within what a scanner measures."""
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError as error:
         raise typer.BadParameter(f"{flag} needs X,Y, not {text!r}.") from error
+    if not (abs(x) <= LARGEST_MM and abs(y) <= LARGEST_MM):
+        raise typer.BadParameter(
+            f"{flag}: X and Y must lie between {-LARGEST_MM:g} and {LARGEST_MM:g} mm, not {text!r}."
+        )
     return x, y

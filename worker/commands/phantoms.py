@@ -4,7 +4,7 @@ from pydantic import ValidationError
 
 from worker.commands.options import PhantomSaid, complaint
 from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.phantoms import PhantomDrawing
+from worker.contracts.phantoms import PhantomAsk, PhantomDrawing
 from worker.formats.picture import read_picture
 from worker.tasks.conversion import from_phantom
 from worker.tasks.failures import refused
@@ -24,7 +24,7 @@ def drawing_of(said: PhantomSaid) -> PhantomDrawing:
     if said.width_mm is not None:
         return from_phantom(trace(read_picture(said.path), said.width_mm, name=said.path.stem))
     try:
-        return PhantomDrawing.model_validate_json(said.path.read_bytes())
+        return PhantomAsk.model_validate_json(said.path.read_bytes())
     except ValidationError as error:
         where = ".".join(str(part) for part in error.errors()[0]["loc"])
         place = f"{where}: " if where else ""

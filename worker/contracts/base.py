@@ -42,6 +42,7 @@ Identifier = Annotated[
 ]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 PositiveMm = Annotated[float, Field(gt=0, le=1e5)]
+CoordinateMm = Annotated[float, Field(ge=-1e5, le=1e5)]
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.")]
 
 
@@ -96,14 +97,15 @@ SteppedRows = Annotated[
 ]
 
 
-def _check_range(value: tuple[float, float]) -> tuple[float, float]:
+def check_range(value: tuple[float, float]) -> tuple[float, float]:
+    """Refuse what is no [low, high]."""
     if not value[0] < value[1]:
         msg = f"a range must be [low, high] with low < high, not {list(value)}"
         raise ValueError(msg)
     return value
 
 
-Range = Annotated[tuple[float, float], AfterValidator(_check_range)]
+Range = Annotated[tuple[float, float], AfterValidator(check_range)]
 
 
 Item = TypeVar("Item")

@@ -2,9 +2,9 @@
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import AfterValidator, Field, model_validator
 
-from worker.contracts.base import Contract, PositiveMm, Range
+from worker.contracts.base import Contract, CoordinateMm, PositiveMm, Range, check_range
 
 
 class ScannerConstants(Contract):
@@ -27,6 +27,27 @@ class ThetaBounds(Contract):
     detector_tilt: Range = (-1.0, 1.0)
 
 
+def _as_fields(given: object) -> object:
+    """A model without bounds is given, too: its values are held against them."""
+    return given.model_dump() if isinstance(given, Contract) else given
+
+
+Slope = Annotated[float, Field(ge=-10, le=10)]
+# Ranges that `ThetaBounds` may have where they are given.
+CoordinateRange = Annotated[tuple[CoordinateMm, CoordinateMm], AfterValidator(check_range)]
+
+
+class GivenThetaBounds(ThetaBounds):
+    """Where somebody wants theta to be searched: within what a scanner can be."""
+
+    _unbounded = model_validator(mode="before")(_as_fields)
+
+    detector_to_cor_mm: Annotated[tuple[PositiveMm, PositiveMm], AfterValidator(check_range)] = (500.0, 1000.0)
+    source_shift_mm: CoordinateRange = (-500.0, 500.0)
+    detector_shift_mm: CoordinateRange = (-500.0, 500.0)
+    detector_tilt: Annotated[tuple[Slope, Slope], AfterValidator(check_range)] = (-1.0, 1.0)
+
+
 class Theta(Contract):
     """The five numbers that cannot be measured by hand."""
 
@@ -35,6 +56,18 @@ class Theta(Contract):
     source_shift_mm: float = Field(description="h_S.")
     detector_shift_mm: float = Field(description="h_D, counted the other way than h_S.")
     detector_tilt: float = Field(description="alpha_D, a slope: the tilt angle is its arctangent.")
+
+
+class GivenTheta(Theta):
+    """A theta as somebody gives it: within what a scanner can be, source and detector on either side of the COR."""
+
+    _unbounded = model_validator(mode="before")(_as_fields)
+
+    initial_angle_rad: Annotated[float, Field(ge=-1000, le=1000)] = Field(description="alpha0; counts modulo 2 pi.")
+    detector_to_cor_mm: PositiveMm = Field(description="r_D; the source stands on the other side.")
+    source_shift_mm: CoordinateMm = Field(description="h_S.")
+    detector_shift_mm: CoordinateMm = Field(description="h_D, counted the other way than h_S.")
+    detector_tilt: Slope = Field(description="alpha_D, a slope: the tilt angle is its arctangent.")
 
 
 class SourceFrame(Contract):

@@ -6,7 +6,7 @@ from pydantic import Field
 
 from worker.contracts.base import Contract, Identifier, Stamped
 from worker.contracts.calibrations import PredictedRayError, StandardDeviation
-from worker.contracts.geometry import ScannerConstants, SourceFrame, Theta
+from worker.contracts.geometry import GivenTheta, ScannerConstants, SourceFrame, Theta
 from worker.contracts.jobs import Failure
 
 
@@ -19,11 +19,19 @@ class PlanOptions(Contract):
     )
 
 
-class PlanAsk(PlanOptions):
-    """Ask what precision a phantom will give on a scanner."""
+class PlanAsked(PlanOptions):
+    """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
 
     scanner_id: Identifier
     theta: Theta | None = Field(
+        None, description="The nominal geometry; null: that of the scanner's active calibration."
+    )
+
+
+class PlanAsk(PlanAsked):
+    """Ask what precision a phantom will give on a scanner."""
+
+    theta: GivenTheta | None = Field(
         None, description="The nominal geometry; null: that of the scanner's active calibration."
     )
 
@@ -62,7 +70,7 @@ class Plan(Stamped):
     phantom_id: Identifier
     scanner_id: Identifier
     job_id: Identifier
-    options: PlanAsk
+    options: PlanAsked
     result: PlanResult | None = None
     failure: Failure | None = None
     links: PlanLinks | None = None

@@ -5,8 +5,17 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from worker.contracts.base import Contract, Handedness, Identifier, PositiveMm, Rotation, Stamped, SteppedRows
-from worker.contracts.geometry import Theta
+from worker.contracts.base import (
+    Contract,
+    CoordinateMm,
+    Handedness,
+    Identifier,
+    PositiveMm,
+    Rotation,
+    Stamped,
+    SteppedRows,
+)
+from worker.contracts.geometry import GivenTheta, Theta
 from worker.contracts.jobs import Failure
 
 
@@ -47,7 +56,6 @@ def _one_number(value: object, info: ValidationInfo) -> object:
 
 OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
-CoordinateMm = Annotated[float, Field(ge=-1e5, le=1e5)]
 
 
 class ReconstructionOptions(Contract):
@@ -126,8 +134,8 @@ OPTIONS_OF: dict[frozenset[ReconstructionMethod], tuple[str, ...]] = {
 }
 
 
-class ReconstructionAsk(ReconstructionOptions):
-    """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+class ReconstructionAsked(ReconstructionOptions):
+    """What was asked for, as it is kept: an earlier version took what `ReconstructionAsk` refuses."""
 
     scan_id: Identifier = Field(examples=["example"])
     calibration_id: Identifier | None = Field(
@@ -138,7 +146,7 @@ class ReconstructionAsk(ReconstructionOptions):
     handedness: Handedness | None = Field(None, description="With theta: recorded in the result.")
 
     @model_validator(mode="after")
-    def _one_geometry(self) -> "ReconstructionAsk":
+    def _one_geometry(self) -> "ReconstructionAsked":
         if self.theta is not None and self.calibration_id is not None:
             msg = "give calibration_id or theta, not both"
             raise ValueError(msg)
@@ -146,6 +154,12 @@ class ReconstructionAsk(ReconstructionOptions):
             msg = "rotation and handedness come with theta; a calibration carries its own"
             raise ValueError(msg)
         return self
+
+
+class ReconstructionAsk(ReconstructionAsked):
+    """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+
+    theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
 
 
 class MethodReport(Contract):
@@ -209,7 +223,7 @@ class Reconstruction(Stamped):
     scan_id: Identifier
     calibration_id: Identifier | None
     job_id: Identifier
-    options: ReconstructionAsk
+    options: ReconstructionAsked
     result: ReconstructionResult | None = None
     failure: Failure | None = None
     links: ReconstructionLinks | None = None

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import Field
 
 from worker.contracts.base import Contract, Handedness, Identifier, Name, PositiveMm, Rotation, Stamped
-from worker.contracts.geometry import ScannerConstants, ThetaBounds
+from worker.contracts.geometry import GivenThetaBounds, ScannerConstants, ThetaBounds
 
 
 class Tolerances(Contract):
@@ -39,6 +39,14 @@ class ScannerSpec(Contract):
     )
     handedness: Handedness | None = Field(None, description="Null: every calibration tries both.")
     rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")
+
+
+class ScannerAsk(ScannerSpec):
+    """A scanner that is to be taken in; an earlier version took what is refused here."""
+
+    bounds: GivenThetaBounds | None = Field(
+        None, description="Where theta is searched; null: wherever the phantom can be seen."
+    )
 
 
 class Scanner(Stamped, ScannerSpec):

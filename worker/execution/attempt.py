@@ -1,18 +1,19 @@
 """The fresh process in which one attempt at a job runs: `python -m worker.execution.attempt`.
 
-It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it and ends
-(see `protocol`).
+It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it within its limits
+and ends (see `protocol`, `limits`).
 """
 
 import os
-import resource
 import threading
+import traceback
 from typing import BinaryIO
 
 import structlog
 
-from worker.contracts.jobs import Failure, Progress
+from worker.contracts.jobs import Failure, FailureKind, Progress
 from worker.execution.failures import failure_of
+from worker.execution.limits import keep_to, limits_of
 from worker.execution.logs import configure_logs
 from worker.execution.protocol import CHANNEL, Assignment, Failed, ProgressMade, Ready, Succeeded, to_line
 from worker.execution.settings import ExecutionSettings
@@ -20,15 +21,13 @@ from worker.storage.files import flush_tree
 from worker.storage.settings import StorageSettings
 from worker.storage.store import Store
 from worker.tasks.failures import JobFailure
-from worker.tasks.running import Attempt, run, warm_up
+from worker.tasks.running import Attempt, needs_of, run, warm_up
 
 
 def main() -> None:
     """Run one attempt, or none when the supervisor goes away first."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
-    if settings.memory_limit_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_DATA, (settings.memory_limit_bytes, settings.memory_limit_bytes))
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
         warm_up()
@@ -36,7 +35,7 @@ def main() -> None:
         line = supervisor.readline()
         if line:
             threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
-            channel.write(_answer(Assignment.model_validate_json(line), channel))
+            channel.write(_answer(Assignment.model_validate_json(line), channel, settings.memory_limit_bytes))
 
 
 def _end_with(supervisor: BinaryIO) -> None:
@@ -44,24 +43,33 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(assignment: Assignment, channel: BinaryIO) -> bytes:
+def _answer(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> bytes:
     log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
     try:
-        return to_line(Succeeded(result=_run(assignment, channel)))
-    except JobFailure as failure:
-        log.info("job-failed", code=failure.code, detail=failure.detail)
-        return to_line(Failed(failure=Failure(kind=failure.kind, code=failure.code, detail=failure.detail)))
+        return to_line(Succeeded(result=_run(assignment, channel, memory_limit_bytes)))
+    except JobFailure as error:
+        failure = Failure(kind=error.kind, code=error.code, detail=error.detail)
+    except MemoryError as error:
+        traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
+        failure = failure_of(error)
     except Exception as error:
-        log.exception("job-failed-unexpectedly")
-        return to_line(Failed(failure=failure_of(error)))
+        failure = failure_of(error)
+        if failure.kind is not FailureKind.INPUT:
+            log.exception("job-failed-unexpectedly")
+            return to_line(Failed(failure=failure))
+    log.info("job-failed", code=failure.code, detail=failure.detail)
+    return to_line(Failed(failure=failure))
 
 
-def _run(assignment: Assignment, channel: BinaryIO) -> dict[str, object]:
+def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> dict[str, object]:
     def report(progress: Progress) -> None:
         channel.write(to_line(ProgressMade(progress=progress)))
 
     store = Store(StorageSettings(data_folder=assignment.data_folder, database_url=assignment.database_url))
-    result = run(Attempt(job=assignment.job, store=store, output=assignment.output, report=report))
+    attempt = Attempt(job=assignment.job, store=store, output=assignment.output, report=report)
+    # Only now: the process was started before anybody knew which job it would run.
+    keep_to(limits_of(assignment.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=memory_limit_bytes))
+    result = run(attempt)
     flush_tree(assignment.output)
     return result
 

@@ -64,7 +64,9 @@ class ExecutionSettings(BaseSettings):
         None, description="Cores for one job; null: all. Set it when several workers share a machine."
     )
     memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
-        None, description="Private memory of one attempt; null: no limit. Guards the machine against one huge job."
+        None,
+        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its scan need if that "
+        "is more, and 64 MiB on top for each core beyond eight.",
     )
     log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")
 

@@ -194,9 +194,11 @@ def _draw_foot(root: ET.Element, page: _Page, title: str) -> None:
 
 
 def _dimension(root: ET.Element, start: Point, end: Point) -> None:
-    """A line with an arrow at each end, upright or level."""
+    """A line with an arrow at each end, upright or level; no arrows where it has no length."""
     _line(root, start, end, colour=DIMENSION)
     length = max(abs(end[0] - start[0]), abs(end[1] - start[1]))
+    if length == 0.0:
+        return
     along = ((end[0] - start[0]) / length, (end[1] - start[1]) / length)
     reach = min(ARROW_MM, 0.4 * length)
     for tip, sign in ((start, 1.0), (end, -1.0)):

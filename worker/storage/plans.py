@@ -6,7 +6,7 @@ from sqlalchemy.orm import Session
 from worker.contracts.base import Page
 from worker.contracts.jobs import JobKind
 from worker.contracts.phantoms import PhantomState
-from worker.contracts.plans import Plan, PlanAsk
+from worker.contracts.plans import Plan, PlanAsk, PlanAsked
 from worker.storage.database import Database
 from worker.storage.errors import Conflict
 from worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
@@ -42,15 +42,16 @@ class Plans:
             if phantom.state is PhantomState.REFUSED:
                 raise Conflict("phantom-refused", f"phantom {phantom_id!r} cannot be used: {phantom.reason}")
             found(session, ScannerRow, "scanner", ask.scanner_id)
-            if ask.theta is None:
-                ask = PlanAsk.model_validate(ask.model_dump() | {"theta": _active_theta(session, ask.scanner_id)})
+            asked: PlanAsked = ask
+            if asked.theta is None:
+                asked = PlanAsked.model_validate(ask.model_dump() | {"theta": _active_theta(session, ask.scanner_id)})
             needs = [phantom.job_id] if phantom.state is PhantomState.TRACING and phantom.job_id else []
             row = PlanRow(
                 id=identifier,
                 created_at=now,
                 phantom_id=phantom_id,
                 scanner_id=ask.scanner_id,
-                options=ask.model_dump(mode="json"),
+                options=asked.model_dump(mode="json"),
                 job_id=queue_job(session, JobKind.PLAN, identifier, now, needs=needs, background=background),
             )
             session.add(row)

@@ -5,6 +5,7 @@ from contextlib import contextmanager
 
 from worker.contracts.jobs import FailureKind
 from worker.formats.errors import UnreadableScan
+from worker.tasks.own_memory import limit_bytes, ran_short
 from worker.tomography.calibration.calibration import CalibrationError
 from worker.tomography.drift import DriftError
 from worker.tomography.geometry import GeometryError
@@ -41,7 +42,9 @@ def input_errors_translated() -> Iterator[None]:
     """Turn what formats and science say of unusable input into the asker's failure, the cause chained."""
     try:
         yield
-    except (UnreadableScan, CalibrationError, DriftError) as error:
+    except UnreadableScan as error:
+        raise _of_file(error) from error
+    except (CalibrationError, DriftError) as error:
         raise refused(error.code, str(error)) from error
     except GeometryError as error:
         raise refused("geometry", str(error)) from error
@@ -51,3 +54,15 @@ def input_errors_translated() -> Iterator[None]:
         raise refused("rows-not-aligned", str(error)) from error
     except CountsError as error:
         raise refused("counts", str(error)) from error
+
+
+def _of_file(error: UnreadableScan) -> JobFailure:
+    """As the reader says; but some libraries call a file damaged where they found no memory to unpack it into."""
+    limit = limit_bytes()
+    if error.code != "broken-file" or limit is None or not ran_short():
+        return refused(error.code, str(error))
+    return refused(
+        "out-of-memory",
+        f"reading the file took most of the {limit / 2**30:.3g} GiB of memory that it may take, and failed: it unpacks "
+        "to more than that, or is damaged; store it in smaller pieces, or export it again",
+    )

@@ -2,7 +2,11 @@
 
 from typing import Any
 
+from worker.contracts.phantoms import PhantomDrawing
+from worker.contracts.plans import Plan
+from worker.contracts.scanners import Scanner
 from worker.storage.errors import NotFound
+from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
 from worker.tasks.calibrate import drawing_of
 from worker.tasks.failures import refused
@@ -14,9 +18,14 @@ def plan(attempt: Attempt) -> dict[str, Any]:
     store = attempt.store
     asked = store.plans.get(attempt.job.subject_id)
     assert asked.options.theta is not None  # noqa: S101 - settled when it was asked for
-    try:
-        scanner, drawing = store.scanners.get(asked.scanner_id), drawing_of(store, asked.phantom_id)
-    except NotFound as error:  # deleted since it was asked for, which a plan does not stand in the way of
-        raise refused(error.code, str(error)) from error
+    scanner, drawing = planned_with(store, asked)
     given = PlanInput(drawing, scanner.constants, asked.options.theta, scanner.log_radius_mm)
     return run_plan(given, asked.options).model_dump(mode="json")
+
+
+def planned_with(store: Store, asked: Plan) -> tuple[Scanner, PhantomDrawing]:
+    """Of a plan; refused where one was deleted since it was asked for, which a plan does not stand in the way of."""
+    try:
+        return store.scanners.get(asked.scanner_id), drawing_of(store, asked.phantom_id)
+    except NotFound as error:
+        raise refused(error.code, str(error)) from error

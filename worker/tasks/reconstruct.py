@@ -5,7 +5,7 @@ from typing import Any
 from worker.contracts.base import DataKind, Handedness, Rotation
 from worker.contracts.calibrations import CalibrationSucceeded
 from worker.contracts.geometry import Theta
-from worker.contracts.reconstructions import ReconstructionAsk
+from worker.contracts.reconstructions import ReconstructionAsked
 from worker.formats.scan_file import open_scan
 from worker.storage.store import Store
 from worker.tasks.attempt import Attempt
@@ -24,7 +24,7 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
     assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
     rows = range(scan.shape.rows)[chosen_rows(options.rows, scan.shape.rows)]
     views = chosen_views(options.views, scan.shape.views)
-    theta, rotation, handedness = _geometry(store, options)
+    theta, rotation, handedness = geometry_of(store, options)
     constants = store.scanners.get(asked.scanner_id).constants
     with open_scan(store.files.scan(scan.id)) as stored:
         given = ReconstructionInput(
@@ -44,7 +44,8 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def _geometry(store: Store, options: ReconstructionAsk) -> tuple[Theta, Rotation, Handedness]:
+def geometry_of(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
+    """The theta that was given, or the calibration's; refused where it has none."""
     if options.theta is not None:
         return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
     if options.calibration_id is None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from worker.contracts.jobs import FailureKind
 from worker.tasks.failures import JobFailure, refused
+from worker.tasks.own_memory import left_bytes
 
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")
@@ -13,7 +14,13 @@ GIGABYTE = 1e9
 
 
 def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
-    """Bytes that can be had without swapping: of the machine, or of the container where that has less."""
+    """Bytes that can be had without swapping: of the machine, the container, or this process's limit, the least."""
+    machine = _of_machine(meminfo, cgroup)
+    left = left_bytes()
+    return machine if left is None else min(machine, left)
+
+
+def _of_machine(meminfo: Path, cgroup: Path) -> int:
     lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
     machine = int(lines["MemAvailable"].split()[0]) * 1024
     limit, used = cgroup / "memory.max", cgroup / "memory.current"

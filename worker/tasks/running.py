@@ -10,12 +10,13 @@ from worker.tasks.calibrate import calibrate
 from worker.tasks.drift import drift
 from worker.tasks.failures import input_errors_translated
 from worker.tasks.ingest import ingest
+from worker.tasks.needs import Needs, needs_of
 from worker.tasks.plan import plan
 from worker.tasks.reconstruct import reconstruct
 from worker.tasks.trace_phantom import trace_phantom
 from worker.tomography.warm_up import warm_up
 
-__all__ = ["Attempt", "run", "warm_up"]
+__all__ = ["Attempt", "Needs", "needs_of", "run", "warm_up"]
 
 _TASKS: Mapping[JobKind, Callable[[Attempt], dict[str, Any]]] = MappingProxyType(
     {

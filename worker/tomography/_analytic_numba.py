@@ -52,6 +52,13 @@ def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, ro
 
 
 @njit(inline="always")
+def _cell_under(u, u_first, pitch, cells):
+    """The cell that u lies in: -1 before the first and of what is not a number, `cells` beyond the last."""
+    # Bounded while it is a float: a number that no integer holds may become any. -1 first, or not a number would pass.
+    return int(math.floor(min(max(-1.0, (u - u_first) / pitch), float(cells))))
+
+
+@njit(inline="always")
 def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
     """Add one polygon edge to the row of one view."""
     big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
@@ -70,8 +77,8 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
     ex, ey = qbx - qax, qby - qay
     x = qax * qby - qay * qbx
     dx = (-big_r * ey, -ex, c_b * ey + s_b * ex, s_b * ey - c_b * ex)
-    first = max(0, int(math.floor((low - u_first) / pitch)))
-    last = min(cells - 1, int(math.floor((high - u_first) / pitch)))
+    first = max(0, _cell_under(low, u_first, pitch, cells))
+    last = min(cells - 1, _cell_under(high, u_first, pitch, cells))
     y_slope = c_tau * ey - s_tau * ex
     for m in range(first, last + 1):
         left = u_first + m * pitch
@@ -148,8 +155,8 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
     half = math.asin(r / math.sqrt(qx * qx + qy * qy))
     low = u_c + sdd * math.sin(direction - half) / math.cos(direction - half + tau)
     high = u_c + sdd * math.sin(direction + half) / math.cos(direction + half + tau)
-    first = max(0, int(math.floor((low - u_first) / pitch)))
-    last = min(cells - 1, int(math.floor((high - u_first) / pitch)))
+    first = max(0, _cell_under(low, u_first, pitch, cells))
+    last = min(cells - 1, _cell_under(high, u_first, pitch, cells))
     if rays > 0:
         for m in range(first, last + 1):
             for i in range(rays):

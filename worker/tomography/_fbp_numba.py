@@ -37,7 +37,8 @@ def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, 
         i, j = along_x[p], along_y[p]
         inverse = one / (depth + i * depth_x + j * depth_y)
         t = (across + i * across_x + j * across_y) * inverse + offset
-        t = min(max(t, zero), top)
+        # Zero first: of a shadow that is nowhere, not a number, it is the zero that counts.
+        t = min(max(zero, t), top)
         cell = np.int32(t)
         weight = live * inverse * (inverse if power == 2 else one)
         share = weight * (t - np.float32(cell))

@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 FloatArray = NDArray[np.float64]
 
 TAU = 2.0 * math.pi
+# Of theta's lengths in mm, and of its angle and slope, beyond which no scanner is and double precision loses the rays.
+LARGEST = 1e5
 
 
 class GeometryError(ValueError):
@@ -277,11 +279,14 @@ class FanBeamGeometry:
     angles_rad: FloatArray
 
     def __post_init__(self) -> None:
-        """Refuse angles that are not a list of finite numbers."""
+        """Refuse angles that are not a list of finite numbers, and a theta that no scanner has."""
         angles = np.ascontiguousarray(self.angles_rad, dtype=np.float64)
         if angles.ndim != 1 or angles.size == 0 or not np.isfinite(angles).all():
             raise GeometryError("angles_rad must be one finite number of radians for each view")
         object.__setattr__(self, "angles_rad", angles)
+        for name, value in vars(self.theta).items():
+            if not abs(value) <= LARGEST:  # nor is what is not a number
+                raise GeometryError(f"{name} must lie between {-LARGEST:g} and {LARGEST:g}, not {value:.6g}")
 
     @property
     def frame(self) -> SourceFrame:

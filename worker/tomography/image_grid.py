@@ -7,6 +7,9 @@ import numpy as np
 
 from worker.tomography.geometry import FloatArray, GeometryError
 
+# Below it, as many pixels as hold a log are more than can be counted.
+SMALLEST_FIELD_MM = 1e-3
+
 
 @dataclass(frozen=True)
 class ImageGrid:
@@ -30,8 +33,10 @@ class ImageGrid:
         """Refuse grids without pixels, and grids nowhere."""
         if self.size < 1:
             raise GeometryError(f"size must be at least one pixel, not {self.size}")
-        if not (math.isfinite(self.field_mm) and self.field_mm > 0.0):
-            raise GeometryError(f"field_mm must be a positive number of millimetres, not {self.field_mm}")
+        if not (math.isfinite(self.field_mm) and self.field_mm >= SMALLEST_FIELD_MM):
+            raise GeometryError(
+                f"field_mm must be a positive number of millimetres, {SMALLEST_FIELD_MM:g} or more, not {self.field_mm}"
+            )
         if not all(math.isfinite(value) for value in self.centre_mm):
             raise GeometryError(f"centre_mm must be two finite numbers of millimetres, not {self.centre_mm}")
 

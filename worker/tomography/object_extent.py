@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from worker.tomography.air import find_air
-from worker.tomography.geometry import FanBeamGeometry, GeometryError
+from worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from worker.tomography.projector import Image
 
 
@@ -31,12 +31,19 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     of the design page, section 3. An object that reaches an end of the detector is held by what that end sees. 0 where
     all is air.
     """
-    scanner, frame = geometry.scanner, geometry.frame
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
-    if not shadowed.any():
-        return 0.0
-    centres = scanner.cell_centres_mm[shadowed]
+    return _radius_mm(geometry, geometry.scanner.cell_centres_mm[shadowed]) if shadowed.any() else 0.0
+
+
+def seen_radius_mm(geometry: FanBeamGeometry) -> float:
+    """Radius of the disc around the COR that the whole detector sees: no object's is larger."""
+    return _radius_mm(geometry, geometry.scanner.cell_centres_mm)
+
+
+def _radius_mm(geometry: FanBeamGeometry, centres: FloatArray) -> float:
+    """Of the disc around the COR that the farthest ray to cells with these centres passes."""
+    scanner, frame = geometry.scanner, geometry.frame
     half = 0.5 * scanner.detector_pitch_mm
     ends = np.array([centres.min() - half, centres.max() + half]) - frame.cor_column_mm
     gamma = np.arctan2(ends * math.cos(frame.tilt_rad), frame.source_to_detector_mm + ends * math.sin(frame.tilt_rad))

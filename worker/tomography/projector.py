@@ -22,6 +22,9 @@ BLOCK = 16
 _FEW = BLOCK // 2
 # The kernels' widths of a vector.
 _LANES = (1, 4, BLOCK)
+# What the kernels count with 32 bits: pixels of the image with its border, and of a view's cells with one at either end
+# those of all views.
+LARGEST_SIZE, MOST_CELLS = 2**16 - 1 - kernels.BORDER, 2**31 - 1
 # Views a quarter turn apart to this share their tables: 0.2 micrometres at the edge of a log.
 _SAME_ANGLE_RAD = 1e-6
 
@@ -34,7 +37,13 @@ class Projector:
     grid: ImageGrid
 
     def __post_init__(self) -> None:
-        """Refuse a field that the source or the detector runs through."""
+        """Refuse a field that the source or the detector runs through, and more than the kernels count."""
+        views, cells = self.geometry.sinogram_shape
+        if self.grid.size > LARGEST_SIZE:
+            raise GeometryError(f"size must be at most {LARGEST_SIZE} pixels, not {self.grid.size}")
+        if views * (cells + 2) > MOST_CELLS:
+            most = MOST_CELLS // (cells + 2)
+            raise GeometryError(f"{views} views of {cells} cells are too many: at most {most} views of as many cells")
         frame = self.geometry.frame
         corner = self.grid.reach_mm
         if corner >= frame.source_distance_mm * np.cos(frame.tilt_rad):

@@ -1,0 +1,141 @@
+"""Small files that unpack to gigabytes, read by the product's own processes."""
+
+import struct
+import sys
+import threading
+import zlib
+from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import h5py
+import numpy as np
+import pytest
+
+from worker.contracts.geometry import ScannerConstants
+from worker.contracts.jobs import JobState
+from worker.contracts.phantoms import PhantomPicture
+from worker.contracts.scanners import ScannerSpec
+from worker.contracts.scans import DataKind, ScanSpec, ScanState
+from worker.execution.limits import DATA_BYTES
+from worker.execution.runner import Runner
+
+CHUNK = 2**20
+WITHOUT_KERNELS = "from worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
+
+
+def checkers(path: Path, side: int = 6400) -> None:
+    """A PNG of black and white pixels in turn, 13 kB: each white one is an outline of its own."""
+    rows = (b"\0" + b"\xaa" * (side // 8) + b"\0" + b"\x55" * (side // 8)) * (side // 2)
+    header = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
+    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, 9)), (b"IEND", b""))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_png_part(kind, data) for kind, data in parts))
+
+
+def _png_part(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def deflated_twice(path: Path, inflated: int = 2**32) -> None:
+    """HDF5 whose one chunk, of 60 kB as declared, inflates to 4 GiB."""
+    shape = (20, 1, 768)
+    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    layout.set_chunk(shape)
+    layout.set_deflate(9)
+    layout.set_deflate(9)
+    with h5py.File(path, "w") as file:
+        space = h5py.h5s.create_simple(shape)
+        dataset = h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_FLOAT, space, layout)
+        dataset.write_direct_chunk((0, 0, 0), zlib.compress(_deflated_zeros(inflated), 9))
+
+
+def _deflated_zeros(count: int) -> bytes:
+    """As zlib would, but a mebibyte is deflated once and repeated."""
+    deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    mebibyte = deflate.compress(bytes(CHUNK)) + deflate.flush(zlib.Z_FULL_FLUSH)
+    checksum = (count % 65521) << 16 | 1  # Adler's, of zeros
+    return b"\x78\xda" + mebibyte * (count // CHUNK) + b"\x03\x00" + struct.pack(">I", checksum)
+
+
+def packed_zeros(path: Path, samples: int = 20 * 768 * 15_000) -> None:
+    """NPZ of bytes, which are read as a whole and become four times as many."""
+    header = {"descr": "|u1", "fortran_order": False, "shape": (20, samples // 20 // 768, 768)}
+    with (
+        ZipFile(path, "w", ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("data.npy", "w", force_zip64=True) as file,
+    ):
+        np.lib.format.write_array_header_1_0(file, header)
+        for _ in range(samples // 2**24):
+            file.write(bytes(2**24))
+        file.write(bytes(samples % 2**24))
+
+
+def small_scan(path: Path) -> None:
+    """Nothing of the kind."""
+    with path.open("wb") as file:
+        np.save(file, np.ones((20, 1, 768), np.float32))
+
+
+class Watch(threading.Thread):
+    """Looks from outside at the private memory of this process's children."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.most = 0
+        self.ended = threading.Event()
+
+    def run(self):
+        while not self.ended.wait(0.01):
+            self.most = max([self.most, *(self._data(child) for child in self._children())])
+
+    @staticmethod
+    def _children():
+        return [pid for task in Path("/proc/self/task").glob("*/children") for pid in task.read_text().split()]
+
+    @staticmethod
+    def _data(pid):
+        try:
+            lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+        except OSError:  # it has ended meanwhile
+            return 0
+        return sum(1024 * int(line.split()[1]) for line in lines if line.startswith("VmData"))
+
+
+@pytest.fixture
+def watch():
+    thread = Watch()
+    thread.start()
+    yield thread
+    thread.ended.set()
+
+
+@pytest.fixture
+def runner(store, settings):
+    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
+    by_default = settings.model_copy(update={"memory_limit_bytes": None})
+    made = Runner(store, by_default, threading.Event(), command=[sys.executable, "-c", WITHOUT_KERNELS])
+    yield made
+    made.close()
+
+
+def test_small_files_that_unpack_to_gigabytes_are_refused_once_within_the_limit(store, runner, watch, tmp_path):
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants)).id
+    spec = ScanSpec(scanner_id=scanner, data=DataKind.LINE_INTEGRALS, angles_deg="0:18")
+
+    def upload(make):
+        make(tmp_path / "bomb")
+        data = (tmp_path / "bomb").read_bytes()
+        assert len(data) < 2 * 10**6
+        return store.files.receive([data], max_bytes=2**24)
+
+    scans = [store.scans.accept(spec, upload(make)) for make in (deflated_twice, packed_zeros)]
+    picture = store.phantoms.accept_picture(PhantomPicture(name="checkers", width_mm=400), upload(checkers))
+    good = store.scans.accept(spec, upload(small_scan))
+    states = [runner.run_next() for _ in range(5)]
+    assert states == [JobState.FAILED] * 3 + [JobState.SUCCEEDED, None]
+    codes = [store.jobs.get(job_id).failure.code for job_id in (*(scan.job_id for scan in scans), picture.job_id)]
+    assert codes == ["out-of-memory", "too-large", "out-of-memory"]
+    assert "most of the 2 GiB of memory" in store.scans.get(scans[0].id).reason
+    assert "2 GiB that it may take" in store.phantoms.get(picture.id).reason
+    assert store.scans.get(good.id).state is ScanState.READY
+    assert DATA_BYTES / 2 < watch.most <= DATA_BYTES

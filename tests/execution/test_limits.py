@@ -1,0 +1,122 @@
+"""Attempts that crash or take more than they may, in real processes over tasks without science."""
+
+import json
+import os
+import signal
+import threading
+
+import pytest
+
+from worker.contracts.geometry import ScannerConstants, Theta
+from worker.contracts.jobs import FailureKind, JobKind, JobState
+from worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture
+from worker.contracts.plans import PlanAsk
+from worker.contracts.scanners import ScannerSpec
+from worker.execution.failures import died
+from worker.execution.limits import DATA_BYTES, limits_of
+from worker.execution.runner import Runner
+
+CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
+SCANNER = ScannerSpec(
+    name="Line 2",
+    constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5),
+)
+
+
+@pytest.fixture
+def start(store, settings, command):
+    """Make a runner with settings of its own."""
+    made = []
+
+    def runner(**changed):
+        made.append(Runner(store, settings.model_copy(update=changed), threading.Event(), command=command))
+        return made[-1]
+
+    yield runner
+    for each in made:
+        each.close()
+
+
+@pytest.mark.parametrize("number", CRASHES)
+def test_no_crash_is_tried_again(number):
+    for kind in JobKind:
+        failure = died(-number, kind)
+        if kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
+            assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
+        else:
+            assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
+        assert f"({number.name})" in failure.detail
+
+
+def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
+    runner = start()
+    for crash in ("SIGSEGV", "SIGBUS"):
+        job = queue(f"end-by-{crash.lower()}")
+        assert runner.run_next(job.id) is JobState.FAILED
+        failure = store.jobs.get(job.id).failure
+        assert failure.code == "broken-file"
+        assert f"reading the file crashed the reader ({crash})" in failure.detail
+        assert store.scans.get(job.subject_id).reason == failure.detail
+    received = store.files.receive([b"end-by-sigabrt"], max_bytes=100)
+    phantom = store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), received)
+    assert runner.run_next() is JobState.FAILED
+    assert "reading the picture crashed the reader (SIGABRT)" in store.phantoms.get(phantom.id).reason
+
+
+def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_told_once(store, start, monkeypatch, tmp_path):
+    body = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
+    theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
+    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
+    phantom = store.phantoms.create(body).id
+    monkeypatch.setenv("FAKE_BEHAVIOUR", str(behaviour := tmp_path / "behaviour"))
+    runner = start()
+    for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
+        plan = store.plans.accept(phantom, ask)
+        behaviour.write_text(f"end-by-{crash.lower()}")
+        assert runner.run_next() is JobState.FAILED
+        failure = store.jobs.get(plan.job_id).failure
+        assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
+        assert f"crashed ({crash}), which is a defect; please report it" in failure.detail
+
+
+def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, queue):
+    runner = start()
+    for behaviour, code, words in (
+        ("eat-memory", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
+        ("start-a-thread", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
+        ("burn", "too-long", "hours of processor time that it may take"),
+        ("write-much", "file-too-large", "a larger file than it may"),
+        ("open-many", "too-many-files", "more than the 256 open files that it may have"),
+    ):
+        job = queue(behaviour)
+        assert runner.run_next() is JobState.FAILED
+        failure = store.jobs.get(job.id).failure
+        assert (failure.kind, failure.code) == (FailureKind.INPUT, code)
+        assert words in failure.detail
+
+
+def test_every_attempt_has_limits_by_default(store, start, queue):
+    job = queue("tell-limits")
+    assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED
+    soft = {name: soft for name, (soft, _) in json.loads(store.files.scan(job.subject_id).read_text()).items()}
+    hours = len(os.sched_getaffinity(0))
+    assert soft["DATA"] == limits_of(JobKind.INGEST, memory_bytes=0, file_bytes=0, memory_limit_bytes=None).data_bytes
+    assert 0 < soft["CPU"] <= 3600 * hours + 60
+    assert 0 < soft["FSIZE"] < 2**34
+    assert (soft["NOFILE"], soft["CORE"]) == (256, 0)
+
+
+@pytest.mark.parametrize(
+    ("cores", "needed", "override", "limit"),
+    [
+        (2, 0, None, DATA_BYTES),
+        (8, 3 * 2**30, None, 3 * 2**30),
+        (64, 0, None, DATA_BYTES + 56 * 64 * 2**20),
+        (64, 3 * 2**30, 2**29, 2**29),
+    ],
+)
+def test_memory_is_what_the_sizes_need_and_room_for_threads(monkeypatch, cores, needed, override, limit):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
+    limits = limits_of(JobKind.CALIBRATE, memory_bytes=needed, file_bytes=0, memory_limit_bytes=override)
+    assert limits.data_bytes == limit
