@@ -13,7 +13,7 @@ CORES_INCLUDED, DATA_BYTES_A_CORE = 8, 64 * 2**20
 # Any file that is written, where the job's sizes do not need more.
 FILE_BYTES = 4 * 2**30
 OPEN_FILES = 256
-# Processor time of one core, in seconds, for each core that a job may use: reading, and computing, which may take hours.
+# Processor time in seconds for each core that a job may use: reading, and computing, which may take hours.
 READING_S, COMPUTING_S = 3600, 24 * 3600
 _READERS = frozenset({JobKind.INGEST, JobKind.TRACE_PHANTOM})
 # After its processor time a job is told to end, and so much later killed; equal limits would kill it at once.
