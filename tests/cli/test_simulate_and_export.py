@@ -113,7 +113,7 @@ def test_an_impossible_geometry_is_refused(run, tmp_path):
         "simulate",
         "l-shape",
         "--theta",
-        "0,-2000,0,0,0",
+        "0,700,0,0,10",
         *SMALL,
         "--data",
         "line-integrals",
