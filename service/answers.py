@@ -85,12 +85,12 @@ def file(request: Request, path: Path, media_type: str, *, save_as: str | None =
 def _check_range(header: str, size_bytes: int) -> None:
     """Refuse with a problem what `FileResponse` would refuse in plain text."""
     spans = [_SPAN.fullmatch(span) for span in header.removeprefix("bytes=").split(",")]
-    starts = [span[1] for span in spans if span is not None and _is_span(*span.groups())]
-    if not header.startswith("bytes=") or len(starts) < len(spans):
+    named = [(span[1], span[2]) for span in spans if span is not None and _is_span(*span.groups())]
+    if not header.startswith("bytes=") or len(named) < len(spans):
         raise Refused(
             400, "bad-range", f"Range must be as in bytes=0-1023, with at most 18 digits a number, not {header[:100]!r}"
         )
-    if any(start and int(start) >= size_bytes for start in starts):
+    if any(int(start) >= size_bytes if start else int(last) == 0 for start, last in named):
         beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
         raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
 

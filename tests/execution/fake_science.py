@@ -141,7 +141,7 @@ def hang(_: Attempt) -> dict[str, Any]:
 
 
 def pause(attempt: Attempt) -> dict[str, Any]:
-    time.sleep(0.7)
+    time.sleep(0.3)
     return succeed(attempt)
 
 

@@ -134,6 +134,24 @@ def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_u
     assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
 
 
+def test_waking_outlives_what_nobody_foresaw(settings, storage, redis_url, monkeypatch, wait_for):
+    app = make_celery(settings.model_copy(update={"broker_url": redis_url}), storage)
+    sent = []
+
+    def send(_, args):
+        sent.append(args)
+        if len(sent) == 1:
+            raise OSError("no more sockets")
+
+    monkeypatch.setattr(app, "send_task", send)
+    waker = Waker(app)
+    waker.start()
+    waker("first")
+    waker("second")
+    wait_for(lambda: sent == [["first"], ["second"]])
+    waker.close()
+
+
 def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue, wait_for):
     queue("succeed")
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0", "sweep_s": 1e-9})

@@ -52,7 +52,7 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     runner = start()
     for crash in ("SIGSEGV", "SIGBUS"):
         job = queue(f"end-by-{crash.lower()}")
-        assert runner.run_next(job.id) is JobState.FAILED
+        assert runner.run_next() is JobState.FAILED
         failure = store.jobs.get(job.id).failure
         assert failure.code == "broken-file"
         assert f"reading the file crashed the reader ({crash})" in failure.detail

@@ -91,17 +91,6 @@ def test_a_full_disk_is_waited_out(store, runner, queue):
     assert leftovers(store) == []
 
 
-@pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
-def test_crashes_and_defects_on_a_full_disk_are_its_consequence(storage, settings, stop, command, queue, behaviour):
-    job = queue(behaviour)
-    full = Store(storage.model_copy(update={"disk_reserve_bytes": 2**62}))
-    runner = Runner(full, settings, stop, command=command)
-    assert runner.run_next() is JobState.QUEUED
-    assert full.jobs.get(job.id).waiting_for.code == "storage-full"
-    runner.close()
-    full.close()
-
-
 class Outage:
     """A method that fails for a while, as on a full disk."""
 
@@ -113,6 +102,24 @@ class Outage:
             self.left -= 1
             raise self.error
         return self.method(*arguments, **options)
+
+
+@pytest.mark.parametrize("behaviour", ["crash-on-a-full-disk", "blunder"])
+def test_crashes_and_defects_on_a_full_disk_are_its_consequence(store, runner, queue, monkeypatch, behaviour):
+    job = queue(behaviour)
+    monkeypatch.setattr(store, "check", Outage(store.check, 1, StorageFull("the disk is full")))
+    assert runner.run_next() is JobState.QUEUED
+    assert store.jobs.get(job.id).waiting_for.code == "storage-full"
+
+
+def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, settings, stop, command, queue):
+    job = queue("crash-on-a-full-disk")
+    nearly_full = Store(storage.model_copy(update={"disk_reserve_bytes": 2**62}))
+    runner = Runner(nearly_full, settings, stop, command=command)
+    assert runner.run_next() is JobState.FAILED
+    assert nearly_full.jobs.get(job.id).failure.code == "broken-file"
+    runner.close()
+    nearly_full.close()
 
 
 @pytest.mark.parametrize("error", [StorageFull("the disk is full"), StorageUnavailable("the database is away")])

@@ -23,6 +23,12 @@ def test_settings_survive_the_way_through_an_environment(monkeypatch):
     assert ExecutionSettings() == sent
 
 
+def test_the_service_s_token_stays_with_the_service(monkeypatch):
+    monkeypatch.setenv("SAWMILL_TOKEN", "t" * 32)
+    monkeypatch.setenv("SAWMILL_TOKEN_FILE", "/run/secrets/token")
+    assert not {"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"} & set(environment_with(ExecutionSettings()))
+
+
 def test_a_lease_shorter_than_two_heartbeats_is_refused():
     with pytest.raises(ValidationError, match=r"lease_s must be at least twice heartbeat_s \(10.0\), not 15.0"):
         ExecutionSettings(lease_s=15, heartbeat_s=10)

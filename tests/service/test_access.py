@@ -59,6 +59,7 @@ def test_the_token_opens_as_a_bearer_s_and_as_a_password(guarded, brought):
         "Basic not*base64",
         "Basic " + b64encode(TOKEN.encode()).decode(),
         "Bearer \xff\xfe",
+        "Basic \xfc\xfc",
     ],
 )
 def test_nothing_else_opens(guarded, brought):

@@ -252,6 +252,7 @@ def test_the_size_can_be_asked_for_alone(seeded):
     ("span", "status"),
     [
         ("bytes=999999999-", 416),
+        ("bytes=-0", 416),
         ("bytes=abc", 400),
         ("bytes=-", 400),
         ("bytes=5-2", 400),

@@ -289,6 +289,24 @@ def test_a_release_is_no_loss(store, upload):
     assert (job.attempt, job.losses) == (6, 1)
 
 
+def test_a_release_of_a_job_that_is_to_be_cancelled_ends_it(store, upload):
+    scan, held = upload(store), claim(store)
+    store.jobs.request_cancel(scan.job_id)
+    assert store.jobs.release(held) is JobState.CANCELLED
+    assert store.jobs.get(scan.job_id).state is JobState.CANCELLED
+
+
+def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upload, scanner):
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
+    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True)
+    held = claim(store)
+    assert not store.jobs.is_in_the_way(held)
+    upload(store)
+    assert store.jobs.is_in_the_way(held)
+    store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    assert not store.jobs.is_in_the_way(held)
+
+
 def test_background_jobs_come_last(store, upload, scanner):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     examples = [

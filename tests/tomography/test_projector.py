@@ -244,3 +244,12 @@ def test_a_grid_without_pixels_is_refused(size, field, says):
 def test_pixels_are_centred_on_the_centre_of_rotation():
     np.testing.assert_allclose(ImageGrid(4, 8.0).x_mm, [-3.0, -1.0, 1.0, 3.0], atol=1e-15)
     np.testing.assert_allclose(ImageGrid(3, 9.0).x_mm, [-3.0, 0.0, 3.0], atol=1e-15)
+
+
+def test_a_field_that_no_ray_crosses_is_refused_in_a_sentence():
+    """As with a detector shift of a metre given by mistake: every method asks, before it divides by nothing."""
+    beside = Theta(0.0, 700.0, 0.0, 1500.0, 0.0)
+    geometry = FanBeamGeometry(Scanner(859.46, 64, 5.0), beside, np.arange(12) * np.pi / 6.0)
+    projector = Projector(geometry, ImageGrid(16, 200.0))
+    with pytest.raises(GeometryError, match="no measured ray crosses the field"):
+        _ = projector.crossing

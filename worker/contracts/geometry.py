@@ -42,7 +42,9 @@ class GivenThetaBounds(ThetaBounds):
 
     _unbounded = model_validator(mode="before")(_as_fields)
 
-    detector_to_cor_mm: Annotated[tuple[PositiveMm, PositiveMm], AfterValidator(check_range)] = (500.0, 1000.0)
+    detector_to_cor_mm: Annotated[
+        tuple[Annotated[float, Field(ge=0, le=1e5)], PositiveMm], AfterValidator(check_range)
+    ] = (500.0, 1000.0)
     source_shift_mm: CoordinateRange = (-500.0, 500.0)
     detector_shift_mm: CoordinateRange = (-500.0, 500.0)
     detector_tilt: Annotated[tuple[Slope, Slope], AfterValidator(check_range)] = (-1.0, 1.0)

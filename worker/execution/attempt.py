@@ -35,7 +35,10 @@ def main() -> None:
         line = supervisor.readline()
         if line:
             threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
-            channel.write(_answer(Assignment.model_validate_json(line), channel, settings.memory_limit_bytes))
+            assignment = Assignment.model_validate_json(line)
+            answer, error = _answer(assignment, channel, settings.memory_limit_bytes)
+            channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
+            _log(assignment, answer, error)
 
 
 def _end_with(supervisor: BinaryIO) -> None:
@@ -43,22 +46,28 @@ def _end_with(supervisor: BinaryIO) -> None:
     os._exit(1)
 
 
-def _answer(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> bytes:
-    log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
+def _answer(
+    assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None
+) -> tuple[Succeeded | Failed, Exception | None]:
+    """What came of the attempt, and the exception that nobody foresaw."""
     try:
-        return to_line(Succeeded(result=_run(assignment, channel, memory_limit_bytes)))
+        return Succeeded(result=_run(assignment, channel, memory_limit_bytes)), None
     except JobFailure as error:
-        failure = Failure(kind=error.kind, code=error.code, detail=error.detail)
+        return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except MemoryError as error:
         traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
+        return Failed(failure=failure_of(error)), None
+    except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
         failure = failure_of(error)
-    except Exception as error:
-        failure = failure_of(error)
-        if failure.kind is not FailureKind.INPUT:
-            log.exception("job-failed-unexpectedly")
-            return to_line(Failed(failure=failure))
-    log.info("job-failed", code=failure.code, detail=failure.detail)
-    return to_line(Failed(failure=failure))
+        return Failed(failure=failure), None if failure.kind is FailureKind.INPUT else error
+
+
+def _log(assignment: Assignment, answer: Succeeded | Failed, error: Exception | None) -> None:
+    log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
+    if error is not None:
+        log.error("job-failed-unexpectedly", exc_info=error)
+    elif isinstance(answer, Failed):
+        log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
 def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> dict[str, object]:

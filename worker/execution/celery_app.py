@@ -127,6 +127,8 @@ class Waker:
                 self._app.send_task(RUN_JOB, args=[job_id])
             except (OperationalError, RedisError) as error:
                 structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
+            except Exception:  # noqa: BLE001 - jobs are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("wake-up-not-sent", job=job_id)
 
 
 class _Engine:
@@ -192,12 +194,14 @@ class _Engine:
                 self._sweep()
             except (OperationalError, RedisError, StorageError) as error:
                 structlog.get_logger().warning("sweep-put-off", reason=str(error))
+            except Exception:  # noqa: BLE001 - lost wake-ups are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("sweep-put-off")
 
     def _sweep(self) -> None:
         """Send the wake-ups of waiting jobs again, once no message is on its way: so they cannot pile up."""
         lost = self._store.jobs.queued_job_ids(older_than_s=self._settings.sweep_s)
         if lost and self._messages_waiting() == 0:
-            for job_id in lost:
+            for job_id in lost[:_MOST_WAITING]:
                 self._wake(job_id)
 
     def _messages_waiting(self) -> int:

@@ -12,6 +12,8 @@ from worker.storage.errors import StorageFull, StorageUnavailable, says_disk_ful
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
 # What the kinds that read a stranger's file call it.
 _READ = {JobKind.INGEST: "file", JobKind.TRACE_PHANTOM: "picture"}
+# A job that took more than it may was at fault, whatever else was wrong.
+LIMITS_MET = frozenset({"too-long", "file-too-large"})
 # What Python says when there is no room for a thread's stack.
 _NO_THREAD = "can't start new thread"
 

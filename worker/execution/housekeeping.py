@@ -6,7 +6,7 @@ import time
 import structlog
 
 from worker.execution.settings import ExecutionSettings
-from worker.storage.errors import StorageError, StorageFull, StorageUnavailable
+from worker.storage.errors import StorageFull, StorageUnavailable
 from worker.storage.store import Store
 
 
@@ -43,7 +43,7 @@ class Housekeeping:
         for duty in (self._requeue_expired, self._run_due_schedules, self._store.files.remove_leftovers):
             try:
                 duty()
-            except (StorageError, OSError):
+            except Exception:  # noqa: BLE001 - nobody else does these duties: whatever happens, the next round comes
                 structlog.get_logger().exception("housekeeping-put-off", duty=duty.__name__.strip("_"))
 
     def _requeue_expired(self) -> None:

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from worker.contracts.jobs import Failure, FailureKind, JobState, Progress
 from worker.execution.environment import environment_with
-from worker.execution.failures import died, failure_of
+from worker.execution.failures import LIMITS_MET, died, failure_of
 from worker.execution.process import AttemptProcess
 from worker.execution.protocol import Assignment, Failed, ProgressMade, Succeeded
 from worker.execution.settings import ExecutionSettings
@@ -21,6 +21,8 @@ from worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
 from worker.storage.jobs import Claim
 from worker.storage.store import Store
 
+# What a library may have failed to write at once, and so what a full disk may have left free.
+BUFFER_BYTES = 16 * 2**20
 ATTEMPT_COMMAND = (sys.executable, "-m", "worker.execution.attempt")
 
 
@@ -225,21 +227,21 @@ class _Supervision:
                 if isinstance(message, ProgressMade):
                     self._progress = message.progress
             if self._process.hung_up:
-                exit_code = self._process.end(self._settings.kill_grace_s)
-                return Failed(failure=self._outage() or died(exit_code, self._claim.job.kind))
+                failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
+                own_limit = failure.code in LIMITS_MET
+                return Failed(failure=failure if own_limit else self._outage() or failure)
             if self._cancellation_came_in():
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)
                 return JobState.CANCELLED
             if self._time_to_give_back() or self._others_wait():
                 self._process.end(self._settings.kill_grace_s)
-                self._store.jobs.release(self._claim)
-                return JobState.QUEUED
+                return self._store.jobs.release(self._claim)
 
     def _outage(self) -> Failure | None:
         """What crashes and defects come of where nothing can be written: HDF5, for one, crashes on a full disk."""
         try:
-            self._store.check()
+            self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
         except (StorageFull, StorageUnavailable) as error:
             return failure_of(error)
         return None
@@ -259,12 +261,12 @@ class _Supervision:
             return False
 
     def _others_wait(self) -> bool:
-        """Whether this is a background job in the way of another one."""
+        """Whether this is a background job, and another one waits."""
         if not self._claim.job.background or time.monotonic() - self._last_look < self._settings.progress_s:
             return False
         self._last_look = time.monotonic()
         try:
-            return self._store.jobs.foreground_waits()
+            return self._store.jobs.is_in_the_way(self._claim)
         except StorageUnavailable as error:
             structlog.get_logger().warning("look-put-off", job=self._claim.job_id, reason=str(error))
             return False

@@ -11,7 +11,8 @@ from typing import Any
 from alembic import command
 from alembic.config import Config
 from sqlalchemy import Connection, Engine, Float, create_engine, event, text
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import InterfaceError, OperationalError
+from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
 from sqlalchemy.sql.compiler import SQLCompiler
@@ -138,6 +139,8 @@ def _database_trouble_told() -> Iterator[None]:
         if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
             raise StorageFull("the disk is full: the database cannot grow; free some space and try again") from error
         raise StorageUnavailable(f"the database does not answer: {error.orig}") from error
+    except (InterfaceError, PoolTimeoutError) as error:
+        raise StorageUnavailable(f"the database does not answer: {error}") from error
 
 
 def lock_for_setup(connection: Connection | Session) -> None:

@@ -160,13 +160,16 @@ class FileStore:
         free = shutil.disk_usage(self.folder).free
         if free < reserve_bytes:
             msg = (
-                f"the disk is full: {free} bytes are free in {str(self.folder)!r} and SAWMILL_DISK_RESERVE_BYTES wants "
+                f"the disk is full: {free} bytes are free in the data folder, where SAWMILL_DISK_RESERVE_BYTES wants "
                 f"{reserve_bytes}; free some space"
             )
             raise StorageFull(msg)
-        with self._incoming(_TRIAL_BYTES, "a trial") as trial:
-            trial.write(bytes(_TRIAL_BYTES))
-            self.discard(trial.finish())
+        trial = self.folder / "incoming" / uuid4().hex
+        try:
+            with disk_full_told("a trial"):
+                trial.write_bytes(bytes(_TRIAL_BYTES))
+        finally:
+            trial.unlink(missing_ok=True)
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
         """Give an upload its owner."""
@@ -238,10 +241,10 @@ class FileStore:
         _flush(path.parent)
 
     @contextmanager
-    def _incoming(self, max_bytes: int, what: str = "the upload") -> Iterator["_Upload"]:
+    def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:
         path = self.folder / "incoming" / uuid4().hex
         try:
-            with disk_full_told(what), path.open("xb") as file:
+            with disk_full_told("the upload"), path.open("xb") as file:
                 yield _Upload(path, file, max_bytes)
         except BaseException:
             path.unlink(missing_ok=True)

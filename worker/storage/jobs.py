@@ -241,10 +241,21 @@ class Jobs:
         with self._database.write() as session:
             self._end(session, _held(session, claim), JobState.CANCELLED, reason=_CANCELLED)
 
-    def release(self, claim: Claim) -> None:
-        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`."""
+    def release(self, claim: Claim) -> JobState:
+        """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`.
+
+        Returns
+        -------
+        JobState
+            `queued`, or `cancelled` where that was asked for meanwhile.
+        """
         with self._database.write() as session:
-            _requeue(_held(session, claim))
+            row = _held(session, claim)
+            if row.cancel_requested:
+                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+            else:
+                _requeue(row)
+            return row.state
 
     def requeue_expired(self, *, retries: Retries = RETRIES) -> Sequence[Job]:
         """See to running jobs whose lease ran out.
@@ -274,17 +285,19 @@ class Jobs:
         return jobs
 
     def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
-        """Jobs that could start now and were asked for that long ago, first come first: their wake-up may be lost."""
+        """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
         limit = self._database.now() - timedelta(seconds=older_than_s)
-        statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
+        due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= database_now_s() - older_than_s)
+        statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit, due)
         with self._database.read() as session:
             return session.scalars(statement.order_by(*_ORDER)).all()
 
-    def foreground_waits(self) -> bool:
-        """Whether a job could start now that is not for idle times."""
-        statement = _claimable().with_only_columns(JobRow.id).where(~JobRow.background).limit(1)
+    def is_in_the_way(self, claim: Claim) -> bool:
+        """Whether an attempt's job is for idle times, as its row stands now, and one could start that is not."""
+        other = _claimable().with_only_columns(JobRow.id).where(~JobRow.background).limit(1)
+        itself = select(JobRow.id).where(_held_by(claim), JobRow.background)
         with self._database.read() as session:
-            return session.scalar(statement) is not None
+            return session.scalar(other) is not None and session.scalar(itself) is not None
 
     def waiting_for(self, job_id: str) -> Sequence[str]:
         """Queued jobs that needed this one and could start now."""

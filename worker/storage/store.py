@@ -63,8 +63,13 @@ class Store:
         store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
         return store
 
-    def check(self) -> None:
+    def check(self, *, reserve_bytes: int | None = None) -> None:
         """Say whether rows and files can be written.
+
+        Parameters
+        ----------
+        reserve_bytes
+            Free bytes below which the disk counts as full; null: those of the settings.
 
         Raises
         ------
@@ -77,7 +82,7 @@ class Store:
             session.execute(text("SELECT 1"))
         if not os.access(self.files.folder, os.W_OK | os.X_OK):
             raise StorageUnavailable(f"the data folder {str(self.files.folder)!r} cannot be written to")
-        self.files.check_room(self.settings.disk_reserve_bytes)
+        self.files.check_room(self.settings.disk_reserve_bytes if reserve_bytes is None else reserve_bytes)
 
     def close(self) -> None:
         """Let go of the database's connections."""

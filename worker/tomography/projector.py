@@ -120,8 +120,18 @@ class Projector:
 
     @cached_property
     def crossing(self) -> NDArray[np.bool_]:
-        """Which rays (views, detector) cross the field."""
+        """Which rays (views, detector) cross the field.
+
+        Raises
+        ------
+        GeometryError
+            If none does.
+        """
         shown: NDArray[np.bool_] = self.forward(np.ones((self.grid.size, self.grid.size), np.float32)) > 0.0
+        if not shown.any():
+            raise GeometryError(
+                "no measured ray crosses the field: check theta, the field's size and where its middle lies"
+            )
         return shown
 
     @cached_property
