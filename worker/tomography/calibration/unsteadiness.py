@@ -119,7 +119,7 @@ def _noise_weights(data: SinogramData, residual: FloatArray, model: FloatArray) 
         return np.ones_like(residual) if data.weights is None else data.weights
     variance = np.interp(np.arange(LEVELS), known, variance[known])
     inverse = 1.0 / np.maximum(variance, LEAST_NOISE * variance.mean())
-    weights: FloatArray = inverse.take(level)
+    weights: FloatArray = inverse[level]
     if data.weights is not None:
         weights *= data.weights
     weights *= np.count_nonzero(weights) / weights.sum()
