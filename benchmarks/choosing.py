@@ -27,11 +27,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.descent import Floats, Images
-from worker.tomography.iterative.penalised import (
+from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.descent import Floats, Images
+from sawmill_worker.tomography.iterative.penalised import (
     Inside,
     Objective,
     Prior,
@@ -40,12 +40,12 @@ from worker.tomography.iterative.penalised import (
     typical_attenuation,
     widely,
 )
-from worker.tomography.log_model import LogModel
-from worker.tomography.phantom import Disc, Phantom, Polygon, Shape
-from worker.tomography.projector import Image, Projector
-from worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
-from worker.tomography.simulate import simulate_sinogram
-from worker.tomography.total_variation import SMOOTHING_SHARE, total_variation
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.total_variation import SMOOTHING_SHARE, total_variation
 
 VIEWS = (17, 20, 24, 30, 45, 60, 90)
 # Multiples of the noise; shares of the wood's attenuation, from large to small; and times the latter's inverse.

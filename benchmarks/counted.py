@@ -14,11 +14,11 @@ from scanners import PHANTOMS, SCANNER
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from worker.tomography import analytic
-from worker.tomography.air import AirCorrection
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.geometry import (
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.air import AirCorrection
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.geometry import (
     TAU,
     FloatArray,
     GeometryError,
@@ -28,10 +28,10 @@ from worker.tomography.geometry import (
     Theta,
     ThetaBounds,
 )
-from worker.tomography.log_model import SAPWOOD_PER_MM
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.preparing.preparation import Measures, Preparation
-from worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
+from sawmill_worker.tomography.preparing.preprocess import line_integrals
 
 RAYS, FRAMES, DARK_LEVEL, DARK_NOISE, GAIN_SPREAD = 8, 10, 200.0, 5.0, 0.03
 VIEWS = (20, 45, 60, 90, 120, 180, 360)

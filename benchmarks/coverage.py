@@ -12,11 +12,11 @@ import numpy as np
 from rich.progress import track
 from scanners import SCANNER, random_scan
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import Handedness, angle_difference
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import Handedness, angle_difference
+from sawmill_worker.tomography.ray_error import ray_error
 
 NAMES = ("psi", "R", "SDD", "u_c", "tau")
 NOISE = 0.02

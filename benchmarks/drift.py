@@ -17,13 +17,13 @@ import numpy as np
 from rich.progress import track
 from scanners import SCANNER
 
-from worker.tomography.conjugate_rays import conjugate_fit
-from worker.tomography.drift import ConjugateFit, DriftError
-from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
-from worker.tomography.log_model import LogModel
-from worker.tomography.phantom import Phantom
-from worker.tomography.preparing.preprocess import line_integrals
-from worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.tomography.conjugate_rays import conjugate_fit
+from sawmill_worker.tomography.drift import ConjugateFit, DriftError
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 KINDS = ("off centre", "exactly centred", "counts", "gain of each view 1 %", "faulty cells and views")
 VIEWS = (120, 180, 360, 720)

@@ -8,11 +8,11 @@ import time
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
-from worker.tomography.calibration.calibration import Calibration, SearchReport
-from worker.tomography.calibration.default import CalibrationTask, conclude
-from worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
-from worker.tomography.calibration.refine import Fit, SinogramData, refine
-from worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.calibration.calibration import Calibration, SearchReport
+from sawmill_worker.tomography.calibration.default import CalibrationTask, conclude
+from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
+from sawmill_worker.tomography.calibration.refine import Fit, SinogramData, refine
+from sawmill_worker.tomography.geometry import FloatArray
 
 
 def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:

@@ -24,11 +24,11 @@ from majorising import Counted, Tracked, memory_gradient, reweighted
 from scanners import SCANNER
 from scipy.optimize import minimize
 
-from worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.descent import Floats, Images, Indices, minimise
-from worker.tomography.iterative.penalised import (
+from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices, minimise
+from sawmill_worker.tomography.iterative.penalised import (
     WIDE_ITERATIONS,
     WIDENING,
     Curvature,
@@ -37,9 +37,9 @@ from worker.tomography.iterative.penalised import (
     mean_along_rays,
     widely,
 )
-from worker.tomography.log_model import LogModel
-from worker.tomography.projector import Projector
-from worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.simulate import simulate_sinogram
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16

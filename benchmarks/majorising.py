@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from worker.tomography.iterative.descent import ARMIJO, ROUNDING, SHORTEST, SHRINK, Floats, Images, Indices
-from worker.tomography.iterative.penalised import Curvature, Objective
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography.iterative.descent import ARMIJO, ROUNDING, SHORTEST, SHRINK, Floats, Images, Indices
+from sawmill_worker.tomography.iterative.penalised import Curvature, Objective
+from sawmill_worker.tomography.projector import Projector
 
 ONE = np.zeros(1, np.int64)
 # The conjugate gradients end when their preconditioned residual has fallen to this share.

@@ -23,15 +23,15 @@ import tifffile
 from numpy.typing import NDArray
 from scanners import SCANNER
 
-from worker.contracts.base import DataKind
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import JobKind
-from worker.contracts.scanners import ScannerSpec, Tolerances
-from worker.contracts.scans import ScanSpec
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
-from worker.tasks.attempt import Attempt
-from worker.tasks.running import run
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tasks.attempt import Attempt
+from sawmill_worker.tasks.running import run
 
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels
 FIELDS, PHOTONS, DARK = 10, 40_000.0, 200.0
@@ -130,7 +130,7 @@ def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
     """The command line."""
     told = () if kind is DataKind.COUNTS else TOLD
     volume = str(path.with_name("volume.h5"))
-    return "-m", "service.cli", "reconstruct", str(path), f"--data={kind}", *told, *GEOMETRY, "-o", volume
+    return "-m", "sawmill_service.cli", "reconstruct", str(path), f"--data={kind}", *told, *GEOMETRY, "-o", volume
 
 
 def watched(*command: str) -> str:

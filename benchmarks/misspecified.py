@@ -21,15 +21,15 @@ from rich.progress import track
 from scanners import SCANNER, RandomScan, random_scan
 from scipy.ndimage import gaussian_filter1d
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.calibration import Calibration, CalibrationError
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import TAU, FloatArray, Handedness
-from worker.tomography.log_model import SAPWOOD_PER_MM
-from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.ray_error import ray_error
-from worker.tomography.tracing import trace
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Handedness
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.tracing import trace
 
 RAYS = 8
 FIELD_MM = 400.0

@@ -12,17 +12,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.log_model import LogModel
-from worker.tomography.preparing.matched_rows import shifts_by_features
-from worker.tomography.preparing.missing_rows import RowsError, RowShifts
-from worker.tomography.preparing.ring_removal import remove_rings
-from worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.preparing.matched_rows import shifts_by_features
+from sawmill_worker.tomography.preparing.missing_rows import RowsError, RowShifts
+from sawmill_worker.tomography.preparing.ring_removal import remove_rings
+from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
+from sawmill_worker.tomography.projector import Projector
 
 Stack = NDArray[np.float32]
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

@@ -9,9 +9,9 @@ import odl
 from odl.applications import tomo
 from scipy.optimize import OptimizeResult, differential_evolution
 
-from worker.tomography.calibration.paper import remove_background
-from worker.tomography.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds
-from worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.calibration.paper import remove_background
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds
+from sawmill_worker.tomography.phantom import Phantom
 
 SIZE, FIELD_MM = 256, 400.0
 

@@ -15,9 +15,9 @@ from evolution import calibrate_by_evolution
 from rich.progress import track
 from scanners import SCANNER, random_scan
 
-from worker.tomography.calibration.calibration import CalibrationError
-from worker.tomography.calibration.default import calibrate
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.calibration.calibration import CalibrationError
+from sawmill_worker.tomography.calibration.default import calibrate
+from sawmill_worker.tomography.ray_error import ray_error
 
 LIMIT_MM = 0.1
 

@@ -26,23 +26,23 @@ from published_pipeline import PublishedObjective
 from scanners import SCANNER
 from scipy.optimize import nnls
 
-from worker.contracts.base import Handedness, Rotation
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.reconstructions import ReconstructionOptions
-from worker.formats.result_files import new_reconstruction
-from worker.formats.scan_file import open_scan, write_scan
-from worker.tasks.conversion import from_theta
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
-from worker.tomography import analytic, cost
-from worker.tomography._fbp_numba import back_project_block
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.fbp import Preparation, fbp, fbp_block
-from worker.tomography.filters import FilterName
-from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.projector import Projector
-from worker.tomography.stack import most_abreast, reconstruct_stack
+from sawmill_worker.contracts.base import Handedness, Rotation
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.formats.result_files import new_reconstruction
+from sawmill_worker.formats.scan_file import open_scan, write_scan
+from sawmill_worker.tasks.conversion import from_theta
+from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from sawmill_worker.tomography import analytic, cost
+from sawmill_worker.tomography._fbp_numba import back_project_block
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.fbp import Preparation, fbp, fbp_block
+from sawmill_worker.tomography.filters import FilterName
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.stack import most_abreast, reconstruct_stack
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.geometry import (
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.geometry import (
     TAU,
     GeometryError,
     Handedness,
@@ -18,7 +18,7 @@ from worker.tomography.geometry import (
     Theta,
     ThetaBounds,
 )
-from worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 CUSTOM = Phantom(

@@ -21,11 +21,11 @@ from rich.progress import track
 from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, TRUE_THETA, log_quality, published_l_phantom, simulated, sources
 
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.calibration import Calibration
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import FloatArray, angle_difference
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import FloatArray, angle_difference
+from sawmill_worker.tomography.ray_error import ray_error
 
 NOISE = 0.02
 RESULTS = Path("build/paper")

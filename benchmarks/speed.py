@@ -19,15 +19,15 @@ from published_pipeline import PublishedObjective, search
 from scanners import SCANNER
 from scipy.io import loadmat
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.projector import Projector
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.ray_error import ray_error
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 MEASURED_EVALUATIONS = {360: 4389, 20: 3498}

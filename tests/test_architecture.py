@@ -8,9 +8,15 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SCIENCE = sorted(
-    ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in (ROOT / "worker/tomography").rglob("*.py")
-)
+WORKER = ROOT / "worker"
+OURS = ("sawmill_worker", "sawmill_service", "sawmill_calibration")
+
+
+def modules_of(room: str) -> str:
+    """Every module of a room of the worker, by its import name and with commas between."""
+    paths = sorted((WORKER / "sawmill_worker" / room).rglob("*.py"))
+    names = (".".join(path.relative_to(WORKER).with_suffix("").parts) for path in paths)
+    return ", ".join(name.removesuffix(".__init__") for name in names)
 
 
 def imported_by(statements: str) -> set[str]:
@@ -34,34 +40,35 @@ def test_the_import_contracts_are_kept():
 
 
 def test_the_science_stands_alone():
-    modules = imported_by("import " + ", ".join(name.removesuffix(".__init__") for name in SCIENCE))
-    assert of(("worker", "service"), modules) <= {"worker", *of(("worker.tomography",), modules)}
+    modules = imported_by(f"import {modules_of('tomography')}")
+    assert of(OURS, modules) <= {"sawmill_worker", *of(("sawmill_worker.tomography",), modules)}
     assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
 
 
 @pytest.mark.parametrize("package", ["formats", "pictures"])
 def test_leaves_import_nothing_of_ours(package):
-    names = [path.stem for path in (ROOT / "worker" / package).glob("*.py") if path.stem != "__init__"]
-    modules = imported_by("import " + ", ".join(f"worker.{package}.{name}" for name in names))
-    assert of(("worker", "service"), modules) <= {"worker", *of((f"worker.{package}",), modules)}
+    modules = imported_by(f"import {modules_of(package)}")
+    assert of(OURS, modules) <= {"sawmill_worker", *of((f"sawmill_worker.{package}",), modules)}
 
 
 def test_the_service_wakes_no_science():
-    modules = imported_by("import service.app, service.serving")
-    assert not of(("numba", "scipy", "skimage", "matplotlib", "worker.tomography", "worker.formats"), modules)
+    modules = imported_by("import sawmill_service.app, sawmill_service.serving")
+    assert not of(
+        ("numba", "scipy", "skimage", "matplotlib", "sawmill_worker.tomography", "sawmill_worker.formats"), modules
+    )
 
 
 def test_the_commands_start_before_what_they_need_is_imported():
     slow = ("numba", "scipy", "skimage", "matplotlib", "h5py", "sqlalchemy", "celery", "fastapi", "uvicorn")
-    assert not of(slow, imported_by("import service.cli"))
+    assert not of(slow, imported_by("import sawmill_service.cli"))
 
 
 def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():
-    modules = imported_by("import service.cli, worker.commands.calibrate")
+    modules = imported_by("import sawmill_service.cli, sawmill_worker.commands.calibrate")
     assert not of(("skimage", "matplotlib", "sqlalchemy", "celery", "fastapi"), modules)
 
 
 def test_a_process_that_is_kept_ready_has_all_tasks_imported():
-    modules = imported_by("import worker.execution.attempt")
+    modules = imported_by("import sawmill_worker.execution.attempt")
     tasks = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
-    assert {f"worker.tasks.{task}" for task in tasks} <= modules
+    assert {f"sawmill_worker.tasks.{task}" for task in tasks} <= modules

@@ -20,10 +20,10 @@ from pydantic_settings import BaseSettings
 from redis import Redis
 from redis.exceptions import ConnectionError as RedisConnectionError
 
-from service.cli import main
-from service.settings import ServiceSettings
-from worker.execution.settings import ExecutionSettings
-from worker.storage.settings import StorageSettings
+from sawmill_service.cli import main
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.settings import StorageSettings
 
 ROOT = Path(__file__).parents[1]
 COMPOSE = ROOT / "docker-compose.yml"

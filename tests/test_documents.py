@@ -21,17 +21,17 @@ from PIL import Image
 from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
 
-from service.cli import main
-from service.settings import ServiceSettings
-from worker.contracts.phantoms import PhantomDrawing
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.schedules import ScheduleSpec
-from worker.execution.settings import ExecutionSettings
-from worker.formats.reading import reading_scan
-from worker.formats.result_files import new_reconstruction
-from worker.storage.settings import StorageSettings
-from worker.tomography.geometry import Scanner, SourceFrame, Theta
-from worker.tomography.ray_error import ray_error
+from sawmill_service.cli import main
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.formats.reading import reading_scan
+from sawmill_worker.formats.result_files import new_reconstruction
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta
+from sawmill_worker.tomography.ray_error import ray_error
 
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"

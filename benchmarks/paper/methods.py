@@ -15,16 +15,16 @@ from scans import ANGLES, GRID, TRUE_THETA, Source, log_sinogram, log_truth, sou
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import every_so_many
-from worker.tomography.cauchy_map import cauchy_map
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import FanBeamGeometry, FloatArray
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.log_model import SAPWOOD_PER_MM
-from worker.tomography.noise import data_misfit, noise_of_each_ray
-from worker.tomography.projector import Image, Projector
-from worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
-from worker.tomography.tikhonov import tikhonov
-from worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.cauchy_map import cauchy_map
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
+from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray
+from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
+from sawmill_worker.tomography.tikhonov import tikhonov
+from sawmill_worker.tomography.total_variation import total_variation
 
 # The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
 PUBLISHED_WOOD = 0.4

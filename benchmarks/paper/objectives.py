@@ -12,10 +12,10 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.pairs import FRAME_LABELS, TO_DEGREES
 from paper.searches import MadeOf, binned, default_source, every_so_many, phantom_scan, scores
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
-from worker.tomography.geometry import FloatArray, Rotation, SourceFrame
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
+from sawmill_worker.tomography.geometry import FloatArray, Rotation, SourceFrame
 
 # Farthest from the truth that each profile goes: psi, R, SDD, u_c, tau.
 REACH = np.array([np.radians(1.0), 40.0, 60.0, 4.0, np.radians(3.0)])

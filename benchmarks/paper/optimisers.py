@@ -11,11 +11,11 @@ from scipy.optimize import Bounds, differential_evolution, dual_annealing, minim
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, default_unit, every_so_many, phantom_scan
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.calibration.paper import PaperObjective, PaperOptions
-from worker.tomography.geometry import FloatArray, Rotation, Theta, ThetaBounds
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions
+from sawmill_worker.tomography.geometry import FloatArray, Rotation, Theta, ThetaBounds
+from sawmill_worker.tomography.ray_error import ray_error
 
 CHECKPOINTS = 60
 # The share of the best J known within which a run counts as a success: SciPy's own default stop.

@@ -9,11 +9,11 @@ from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, Source, log_quality, published_l_phantom, simulated, sources
 
 from paper.experiment import Plan, Result, Unit
-from worker.tomography.built_in import BUILT_IN
-from worker.tomography.calibration.calibration import Calibration
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
-from worker.tomography.geometry import (
+from sawmill_worker.tomography.built_in import BUILT_IN
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
+from sawmill_worker.tomography.geometry import (
     FloatArray,
     Handedness,
     Rotation,
@@ -22,7 +22,7 @@ from worker.tomography.geometry import (
     Theta,
     angle_difference,
 )
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.ray_error import ray_error
 
 NOISE = 0.02
 MadeOf = Literal["published", "simulated", "exact"]

@@ -9,10 +9,10 @@ from scans import ANGLES, GRID, TRUE_FRAME, log_image, log_quality, reference_im
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, every_so_many, phantom_scan
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import TAU, FloatArray, angle_difference
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import TAU, FloatArray, angle_difference
+from sawmill_worker.tomography.ray_error import ray_error
 
 OWN, COUNTED = "own", "counted"
 

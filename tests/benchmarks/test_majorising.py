@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from majorising import Counted, memory_gradient, reweighted
 
-from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.descent import minimise
-from worker.tomography.iterative.penalised import Curvature, Objective, Prior
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.descent import minimise
+from sawmill_worker.tomography.iterative.penalised import Curvature, Objective, Prior
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from worker.contracts.plans import PlanResult
+from sawmill_worker.contracts.plans import PlanResult
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 

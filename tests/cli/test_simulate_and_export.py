@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281")

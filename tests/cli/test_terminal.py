@@ -7,8 +7,8 @@ import signal
 import pytest
 import typer
 
-from worker.commands.terminal import answering, say, showing_progress
-from worker.contracts.jobs import Progress
+from sawmill_worker.commands.terminal import answering, say, showing_progress
+from sawmill_worker.contracts.jobs import Progress
 
 
 @pytest.mark.parametrize(

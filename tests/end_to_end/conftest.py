@@ -17,11 +17,11 @@ import httpx
 import numpy as np
 import pytest
 
-from worker.formats.scan_file import write_raw_scan
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
-from worker.tomography.simulate import simulate_stack
+from sawmill_worker.formats.scan_file import write_raw_scan
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.simulate import simulate_stack
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=512, detector_pitch_mm=2.25)
 THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
@@ -173,7 +173,7 @@ def free_port() -> int:
 def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequence[str] = ()) -> Iterator[Service]:
     """`sawmill serve` with a data folder of its own, once it is ready; `prefix` is a command that becomes it."""
     port, data, log = free_port(), folder / "data", folder / "service.log"
-    serve = [sys.executable, "-m", "service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
+    serve = [sys.executable, "-m", "sawmill_service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
     command = [*prefix, *serve]
     address = f"http://127.0.0.1:{port}"
     with (
@@ -204,7 +204,7 @@ def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", lo
 
 @contextmanager
 def celery_worker(folder: Path, environment: dict[str, str]) -> Iterator[None]:
-    command = [sys.executable, "-m", "celery", "-A", "worker.execution.celery_app", "worker"]
+    command = [sys.executable, "-m", "celery", "-A", "sawmill_worker.execution.celery_app", "worker"]
     with process(command, environment, folder / "celery.log"):
         yield
 

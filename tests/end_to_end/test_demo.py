@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-COMMAND = [sys.executable, "-m", "service.cli", "demo"]
+COMMAND = [sys.executable, "-m", "sawmill_service.cli", "demo"]
 
 
 class Page(HTMLParser):

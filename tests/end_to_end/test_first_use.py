@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from worker.tomography.geometry import Theta
+from sawmill_worker.tomography.geometry import Theta
 
 QUEUED_S = 30.0
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from worker.tomography.geometry import Theta
+from sawmill_worker.tomography.geometry import Theta
 
 DISK_MIB = 48
 # In a mount namespace of its own: nothing stays mounted, however the test ends.
@@ -48,7 +48,7 @@ def workers(process_id: int) -> set[int]:
             command = (stat.parent / "cmdline").read_bytes()
         except (FileNotFoundError, ProcessLookupError):
             continue
-        if parent == process_id and b"worker.execution.poller" in command:
+        if parent == process_id and b"sawmill_worker.execution.poller" in command:
             found.add(int(stat.parent.name))
     return found
 

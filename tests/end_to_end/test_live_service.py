@@ -15,10 +15,10 @@ import pytest
 import scipy.io
 import tifffile
 
-from worker.contracts.schedules import ScheduleSpec
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
-from worker.tomography.geometry import Theta
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tomography.geometry import Theta
 
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
 VIEWS, CELLS = 12, 512

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import Job
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.scans import DataKind, ScanSpec
-from worker.execution.settings import ExecutionSettings
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Job
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 HERE = Path(__file__).parent
 

@@ -17,8 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from worker.contracts.jobs import FailureKind, Job, JobKind, Progress
-from worker.storage.store import Store
+from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind, Progress
+from sawmill_worker.storage.store import Store
 
 
 class JobFailure(Exception):  # noqa: N818 - the name of the real one
@@ -196,9 +196,9 @@ def run(attempt: Attempt) -> dict[str, Any]:
 def install() -> None:
     """Put the fakes where the real process imports the science: no test waits for kernels to compile."""
     fakes: dict[str, dict[str, Any]] = {
-        "worker.tasks": {},
-        "worker.tasks.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
-        "worker.tasks.failures": {"JobFailure": JobFailure},
+        "sawmill_worker.tasks": {},
+        "sawmill_worker.tasks.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
+        "sawmill_worker.tasks.failures": {"JobFailure": JobFailure},
     }
     for name, contents in fakes.items():
         module = ModuleType(name)
@@ -208,6 +208,6 @@ def install() -> None:
 
 if __name__ == "__main__":
     install()
-    from worker.execution.attempt import main
+    from sawmill_worker.execution.attempt import main
 
     main()

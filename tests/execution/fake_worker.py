@@ -5,10 +5,10 @@ import sys
 import threading
 from pathlib import Path
 
-from worker.execution.poller import _listen_to_parent, run_worker
-from worker.execution.settings import ExecutionSettings
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_worker.execution.poller import _listen_to_parent, run_worker
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))

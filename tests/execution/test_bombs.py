@@ -11,16 +11,16 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import JobState
-from worker.contracts.phantoms import PhantomPicture
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.scans import DataKind, ScanSpec, ScanState
-from worker.execution.limits import DATA_BYTES
-from worker.execution.runner import Runner
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, ScanSpec, ScanState
+from sawmill_worker.execution.limits import DATA_BYTES
+from sawmill_worker.execution.runner import Runner
 
 CHUNK = 2**20
-WITHOUT_KERNELS = "from worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
+WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
 
 
 def checkers(path: Path, side: int = 6400) -> None:

@@ -11,11 +11,11 @@ import pytest
 import redis
 from structlog.testing import capture_logs
 
-from worker.contracts.calibrations import CalibrationAsk
-from worker.contracts.jobs import JobState
-from worker.execution.celery_app import Waker, _Engine, make_celery
-from worker.execution.environment import environment_with
-from worker.execution.settings import ExecutionSettings
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
+from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.settings import ExecutionSettings
 
 HERE = Path(__file__).parent
 CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery"]
@@ -201,7 +201,7 @@ def test_a_forking_pool_is_refused(storage, on_redis):
 
 def test_a_misspelt_setting_is_refused():
     answer = subprocess.run(
-        [sys.executable, "-m", "celery", "-A", "worker.execution.celery_app", "worker"],
+        [sys.executable, "-m", "celery", "-A", "sawmill_worker.execution.celery_app", "worker"],
         env=os.environ | {"SAWMILL_BROKER_URL": "redis://127.0.0.1:1/0", "SAWMILL_LEASE": "30"},
         capture_output=True,
         text=True,
@@ -218,6 +218,6 @@ def test_a_broker_must_be_named(storage):
 
 
 def test_importing_the_module_makes_nothing():
-    program = "import worker.execution.celery_app as module; assert 'app' not in vars(module); module.app"
+    program = "import sawmill_worker.execution.celery_app as module; assert 'app' not in vars(module); module.app"
     answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert "SAWMILL_BROKER_URL" in answer.stderr

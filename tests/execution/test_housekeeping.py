@@ -3,10 +3,10 @@ import time
 
 from structlog.testing import capture_logs
 
-from worker.contracts.jobs import Job, JobState
-from worker.contracts.schedules import ScheduleSpec
-from worker.execution.housekeeping import Housekeeping
-from worker.storage.errors import StorageUnavailable
+from sawmill_worker.contracts.jobs import Job, JobState
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.execution.housekeeping import Housekeeping
+from sawmill_worker.storage.errors import StorageUnavailable
 
 
 def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):

@@ -7,14 +7,14 @@ import threading
 
 import pytest
 
-from worker.contracts.geometry import ScannerConstants, Theta
-from worker.contracts.jobs import FailureKind, JobKind, JobState
-from worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture
-from worker.contracts.plans import PlanAsk
-from worker.contracts.scanners import ScannerSpec
-from worker.execution.failures import died
-from worker.execution.limits import DATA_BYTES, limits_of
-from worker.execution.runner import Runner
+from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.execution.failures import died
+from sawmill_worker.execution.limits import DATA_BYTES, limits_of
+from sawmill_worker.execution.runner import Runner
 
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(

@@ -5,14 +5,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from worker.contracts.jobs import FailureKind, JobState
-from worker.contracts.scans import ScanState
-from worker.execution.poller import run_worker
-from worker.execution.process import AttemptNotStarted
-from worker.execution.runner import Runner
-from worker.storage.errors import StorageFull, StorageUnavailable
-from worker.storage.jobs import Jobs
-from worker.storage.store import Store
+from sawmill_worker.contracts.jobs import FailureKind, JobState
+from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.execution.poller import run_worker
+from sawmill_worker.execution.process import AttemptNotStarted
+from sawmill_worker.execution.runner import Runner
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.jobs import Jobs
+from sawmill_worker.storage.store import Store
 
 
 @pytest.fixture

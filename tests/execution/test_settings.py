@@ -4,10 +4,10 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from service.settings import ServiceSettings
-from worker.execution.environment import environment_with
-from worker.execution.settings import ExecutionSettings
-from worker.execution.variables import KNOWN, OF_THE_SERVICE, UnknownVariableError, check_variables
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.variables import KNOWN, OF_THE_SERVICE, UnknownVariableError, check_variables
 
 ROOT = Path(__file__).parents[2]
 

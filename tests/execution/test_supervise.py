@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from worker.contracts.jobs import JobState
-from worker.execution.environment import environment_with
-from worker.execution.supervise import WorkerSupervisor
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.supervise import WorkerSupervisor
 
 HERE = Path(__file__).parent
 WORKER = [sys.executable, str(HERE / "fake_worker.py")]
@@ -95,8 +95,9 @@ def test_workers_that_are_stopped_lose_nothing(store, storage, settings, queue, 
 
 def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
     program = (
-        "import sys, time; from worker.execution.supervise import WorkerSupervisor;"
-        "from worker.execution.settings import ExecutionSettings; from worker.storage.settings import StorageSettings;"
+        "import sys, time; from sawmill_worker.execution.supervise import WorkerSupervisor;"
+        "from sawmill_worker.execution.settings import ExecutionSettings;"
+        "from sawmill_worker.storage.settings import StorageSettings;"
         f"WorkerSupervisor(StorageSettings(), ExecutionSettings(), command={WORKER!r}).__enter__(); time.sleep(60)"
     )
     service = subprocess.Popen([sys.executable, "-c", program], env=environment_with(storage, settings))

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from worker.formats.angles import AngleList, AngleSteps, parse_angles, read_angles_file
-from worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.angles import AngleList, AngleSteps, parse_angles, read_angles_file
+from sawmill_worker.formats.errors import UnreadableScan
 
 
 def test_start_and_step():

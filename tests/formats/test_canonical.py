@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from worker.formats.canonical import CanonicalScan
-from worker.formats.contents import Projections, held
-from worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.canonical import CanonicalScan
+from sawmill_worker.formats.contents import Projections, held
+from sawmill_worker.formats.errors import UnreadableScan
 
 
 @pytest.fixture

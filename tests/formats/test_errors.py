@@ -2,7 +2,7 @@ import errno
 
 import pytest
 
-from worker.formats.errors import UnreadableScan, library_errors_translated, quoted
+from sawmill_worker.formats.errors import UnreadableScan, library_errors_translated, quoted
 
 
 def test_a_librarys_complaint_becomes_one_sentence_with_its_cause():

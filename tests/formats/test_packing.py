@@ -6,8 +6,8 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.formats.nexus import PACKED
-from worker.formats.packing import fletcher32, write_packed
+from sawmill_worker.formats.nexus import PACKED
+from sawmill_worker.formats.packing import fletcher32, write_packed
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.formats.errors import UnreadableScan
-from worker.formats.picture import read_picture
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.picture import read_picture
 
 GREY = np.random.default_rng(6).integers(0, 256, (9, 14), np.uint8)
 

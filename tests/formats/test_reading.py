@@ -11,9 +11,9 @@ import pytest
 import scipy.io
 import tifffile
 
-from worker.formats.angles import AngleList, AngleSteps
-from worker.formats.errors import UnreadableScan
-from worker.formats.reading import reading_scan
+from sawmill_worker.formats.angles import AngleList, AngleSteps
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.reading import reading_scan
 
 STEPS = AngleSteps(0.0, 60.0)
 

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.formats.result_files import new_reconstruction
+from sawmill_worker.formats.result_files import new_reconstruction
 
 
 @pytest.fixture

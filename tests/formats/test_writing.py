@@ -12,11 +12,11 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.formats.atomic import whole_hdf5
-from worker.formats.nexus import unit_of, write_mapping
-from worker.formats.reading import reading_scan
-from worker.formats.result_files import NamedArray, new_reconstruction, write_calibration
-from worker.formats.scan_file import read_stored_scan, write_raw_scan, write_scan
+from sawmill_worker.formats.atomic import whole_hdf5
+from sawmill_worker.formats.nexus import unit_of, write_mapping
+from sawmill_worker.formats.reading import reading_scan
+from sawmill_worker.formats.result_files import NamedArray, new_reconstruction, write_calibration
+from sawmill_worker.formats.scan_file import read_stored_scan, write_raw_scan, write_scan
 
 
 def read_scan(path, **said):
@@ -294,7 +294,7 @@ def test_full_disk_is_a_sentence_and_leaves_nothing(tmp_path, then):
     program = f"""
         import resource, numpy
         from pathlib import Path
-        from worker.formats.scan_file import new_scan
+        from sawmill_worker.formats.scan_file import new_scan
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, {resource.RLIM_INFINITY}))
         stack = numpy.random.default_rng(5).random((50, 60, 4000), dtype="f4")
         new = new_scan(Path({str(tmp_path / "scan.h5")!r}), stack.shape, angles_rad=numpy.arange(50.0),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.pictures.calibration_report import overlay_png, report_png
-from worker.pictures.calibration_table import calibration_table
-from worker.pictures.image_panels import log_comparison_png
+from sawmill_worker.pictures.calibration_report import overlay_png, report_png
+from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.pictures.image_panels import log_comparison_png
 
 FIELD_MM = 400.0
 THETA = {

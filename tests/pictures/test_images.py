@@ -7,9 +7,9 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 
-from worker.pictures.color_maps import ColorMap, painted
-from worker.pictures.images import image_png, image_png16, sinogram_png
-from worker.pictures.windows import round_length, ticks, window_of
+from sawmill_worker.pictures.color_maps import ColorMap, painted
+from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
+from sawmill_worker.pictures.windows import round_length, ticks, window_of
 
 
 @pytest.fixture
@@ -148,18 +148,18 @@ def test_window_leaves_outliers_out(rng):
 
 def test_images_need_neither_matplotlib_nor_anything_of_ours():
     program = (
-        "import sys, worker.pictures.images, worker.pictures.log_pictures; "
+        "import sys, sawmill_worker.pictures.images, sawmill_worker.pictures.log_pictures; "
         "print(sorted(m for m in sys.modules if m.split('.')[0] in ('matplotlib', 'worker', 'service')))"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == str(
         [
-            "worker",
-            "worker.pictures",
-            "worker.pictures.color_maps",
-            "worker.pictures.images",
-            "worker.pictures.log_pictures",
-            "worker.pictures.pages",
-            "worker.pictures.windows",
+            "sawmill_worker",
+            "sawmill_worker.pictures",
+            "sawmill_worker.pictures.color_maps",
+            "sawmill_worker.pictures.images",
+            "sawmill_worker.pictures.log_pictures",
+            "sawmill_worker.pictures.pages",
+            "sawmill_worker.pictures.windows",
         ]
     )

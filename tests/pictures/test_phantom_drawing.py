@@ -3,7 +3,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from worker.pictures.phantom_drawing import phantom_svg
+from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 

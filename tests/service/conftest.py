@@ -13,25 +13,25 @@ import httpx
 import numpy as np
 import pytest
 
-from service.app import create_app
-from service.openapi_document import Application
-from service.settings import ServiceSettings
-from worker.contracts.calibrations import CalibrationAsk
-from worker.contracts.drifts import DriftAsk
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import JobKind, JobState
-from worker.contracts.phantoms import DiscShape, PhantomDrawing
-from worker.contracts.plans import PlanAsk
-from worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.scans import DataKind, ScanSpec
-from worker.contracts.schedules import ScheduleSpec
-from worker.formats.result_files import NamedArray, NewVolume, new_reconstruction
-from worker.formats.result_files import write_calibration as write_calibration_file
-from worker.storage.jobs import Claim
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
-from worker.storage.tables import JobRow
+from sawmill_service.app import create_app
+from sawmill_service.openapi_document import Application
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.formats.result_files import NamedArray, NewVolume, new_reconstruction
+from sawmill_worker.formats.result_files import write_calibration as write_calibration_file
+from sawmill_worker.storage.jobs import Claim
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import JobRow
 
 ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16

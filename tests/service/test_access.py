@@ -6,8 +6,8 @@ from base64 import b64encode
 import pytest
 from pydantic import ValidationError
 
-from service.app import create_app
-from service.settings import ServiceSettings
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 OPEN = {"/health/live", "/health/ready"}

@@ -5,10 +5,10 @@ import h5py
 import pytest
 from PIL import Image
 
-from service.drawing import CalibrationPicture, calibration_picture
-from worker.contracts.jobs import JobKind
-from worker.pictures import calibration_report
-from worker.storage.errors import NotFound
+from sawmill_service.drawing import CalibrationPicture, calibration_picture
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.pictures import calibration_report
+from sawmill_worker.storage.errors import NotFound
 
 
 def test_a_calibration_is_accepted_waited_for_and_answered(seeded, worker, woken):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from service.openapi_document import write
+from sawmill_service.openapi_document import write
 
 FOLDER = Path(__file__).parents[2] / "openapi"
 FILES = sorted((FOLDER / "requests").glob("*.json"))

@@ -1,7 +1,7 @@
 import pytest
 
-from service.app import create_app
-from service.settings import ServiceSettings
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
 
 SPEC = {
     "name": "Line 2",

@@ -3,11 +3,18 @@
 import subprocess
 import sys
 
-FORBIDDEN = ("worker.tomography", "worker.formats", "worker.tasks", "numba", "scipy", "matplotlib")
+FORBIDDEN = (
+    "sawmill_worker.tomography",
+    "sawmill_worker.formats",
+    "sawmill_worker.tasks",
+    "numba",
+    "scipy",
+    "matplotlib",
+)
 
 IMPORTS = """
 import sys
-import service.app
+import sawmill_service.app
 reached = [name for name in sys.modules if name.startswith({forbidden!r})]
 assert not reached, reached
 """
@@ -28,10 +35,10 @@ def connect_locally(self, address):
 socket.socket.connect = socket.socket.connect_ex = connect_locally
 
 import httpx
-from service.app import create_app
-from service.settings import ServiceSettings
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 async def main():
     store = Store.open(StorageSettings(data_folder=Path(sys.argv[1]), database_url=None))

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from worker.contracts.jobs import Failure, FailureKind, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Progress
 
 
 @pytest.fixture

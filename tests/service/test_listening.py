@@ -13,7 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from service.listening import ListenError, is_loopback, listen
+from sawmill_service.listening import ListenError, is_loopback, listen
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested

@@ -1,8 +1,8 @@
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from worker.contracts.jobs import JobState
-from worker.storage.errors import StorageUnavailable
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.storage.errors import StorageUnavailable
 
 
 def samples(client) -> dict[tuple[str, ...], float]:

@@ -2,10 +2,10 @@ import re
 
 import pytest
 
-from worker.contracts.base import DataKind
-from worker.contracts.calibrations import CalibrationAsk
-from worker.contracts.jobs import Failure, FailureKind
-from worker.contracts.scans import ScanSpec
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.scans import ScanSpec
 
 
 def comparison(*, within: bool) -> dict:

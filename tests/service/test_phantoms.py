@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-import service
-from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.phantoms import PhantomDrawing
+import sawmill_service
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 
-PICTURE = (Path(service.__file__).parent / "static/phantom.png").read_bytes()
+PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
 
 
 def test_the_built_in_ones_are_there_and_stay(client):

@@ -3,8 +3,8 @@ import json
 import pytest
 from openapi_spec_validator import validate
 
-from service.problems import Problem
-from worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_service.problems import Problem
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 
 SPEC = {
     "name": "Line 2",

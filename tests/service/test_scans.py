@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from service.app import create_app
-from worker.storage.store import Store
+from sawmill_service.app import create_app
+from sawmill_worker.storage.store import Store
 
 UPLOAD = "/v1/scans?scanner_id=example&data=counts"
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import JobKind
-from worker.contracts.scanners import Scanner, ScannerSpec
-from worker.contracts.scans import DataKind, Scan, ScanSpec
-from worker.storage.jobs import Claim
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.scanners import Scanner, ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, Scan, ScanSpec
+from sawmill_worker.storage.jobs import Claim
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 THETA = {

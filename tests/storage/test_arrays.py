@@ -2,9 +2,9 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.formats.result_files import new_reconstruction
-from worker.storage.arrays import projection, side_view, sinogram, volume_slice, volume_slices
-from worker.storage.errors import Invalid
+from sawmill_worker.formats.result_files import new_reconstruction
+from sawmill_worker.storage.arrays import projection, side_view, sinogram, volume_slice, volume_slices
+from sawmill_worker.storage.errors import Invalid
 
 
 @pytest.fixture

@@ -7,11 +7,11 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import text
 
-from worker.storage.database import Database, make_engine
-from worker.storage.errors import StorageFull, StorageUnavailable
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
-from worker.storage.tables import Base
+from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import Base
 
 
 def test_the_migrations_make_the_tables_of_the_models(store):
@@ -47,8 +47,8 @@ def test_a_commit_is_durable_and_references_are_checked(store):
 
 def test_several_processes_may_open_a_new_store_at_once(tmp_path):
     program = (
-        "import sys; from pathlib import Path; from worker.storage.settings import StorageSettings;"
-        "from worker.storage.store import Store;"
+        "import sys; from pathlib import Path; from sawmill_worker.storage.settings import StorageSettings;"
+        "from sawmill_worker.storage.store import Store;"
         "store = Store.open(StorageSettings(data_folder=Path(sys.argv[1]), database_url=None));"
         "print(len(store.phantoms.page().items))"
     )

@@ -1,11 +1,11 @@
 import pytest
 
-from worker.contracts.calibrations import CalibrationAsk
-from worker.contracts.drifts import DriftAsk
-from worker.contracts.jobs import JobState
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.scans import DataKind, ScanSpec
-from worker.storage.errors import Conflict, NotFound
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.storage.errors import Conflict, NotFound
 
 
 @pytest.fixture

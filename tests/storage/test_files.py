@@ -7,9 +7,9 @@ from threading import Lock
 
 import pytest
 
-from worker.contracts.jobs import JobKind
-from worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
-from worker.storage.files import FileStore
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
+from sawmill_worker.storage.files import FileStore
 
 LOCK = Lock()
 

@@ -7,14 +7,14 @@ from datetime import UTC, datetime
 import pytest
 from pydantic import ValidationError
 
-from worker.contracts.calibrations import CalibrationAsk
-from worker.contracts.jobs import Failure, FailureKind, JobState, Progress
-from worker.contracts.reconstructions import ReconstructionAsk
-from worker.contracts.scans import DataKind, ScanSpec, ScanState
-from worker.storage.errors import Conflict, LeaseLost, NotFound
-from worker.storage.jobs import Retries
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Progress
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scans import DataKind, ScanSpec, ScanState
+from sawmill_worker.storage.errors import Conflict, LeaseLost, NotFound
+from sawmill_worker.storage.jobs import Retries
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")
@@ -54,7 +54,7 @@ def test_each_job_is_claimed_once_by_threads(store, upload):
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
     program = (
-        "from worker.storage.settings import StorageSettings; from worker.storage.store import Store\n"
+        "from sawmill_worker.storage.settings import StorageSettings; from sawmill_worker.storage.store import Store\n"
         f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
         "while (claimed := store.jobs.claim('racer', lease_s=60)) is not None: print(claimed.job_id)"
     )

@@ -1,13 +1,13 @@
 import pytest
 
-from worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture, PhantomState
-from worker.contracts.reconstructions import ReconstructionAsk
-from worker.contracts.scanners import ScannerSpec
-from worker.contracts.scans import DataKind, ScanSpec, ScanState
-from worker.storage.errors import Conflict, Invalid, NotFound
+from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture, PhantomState
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import DataKind, ScanSpec, ScanState
+from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
 
 REFUSAL = Failure(kind=FailureKind.INPUT, code="angles-missing", detail="the file carries no angles")
 

@@ -5,11 +5,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from worker.contracts.scans import DataKind, ScanSpec
-from worker.contracts.schedules import ScheduleSpec
-from worker.storage.errors import Conflict, Invalid, NotFound
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
+from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
@@ -146,7 +146,7 @@ def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
     program = (
         "from datetime import UTC, datetime\n"
-        "from worker.storage.settings import StorageSettings; from worker.storage.store import Store\n"
+        "from sawmill_worker.storage.settings import StorageSettings; from sawmill_worker.storage.store import Store\n"
         f"settings = StorageSettings.model_validate_json({store.settings.model_dump_json()!r})\n"
         "moments = [datetime(2026, 3, 2, hour, tzinfo=UTC) for hour in (6, 7, 8)]\n"
         "print(sum(len(Store(settings, clock=lambda: moment).schedules.run_due()) for moment in moments))"

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from worker.contracts.calibrations import CalibrationAsk, CalibrationOptions, CalibrationSucceeded
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import Job, JobKind, Progress
-from worker.contracts.scanners import ScannerSpec, Tolerances
-from worker.storage.settings import StorageSettings
-from worker.storage.store import Store
-from worker.tasks.attempt import Attempt
-from worker.tasks.conversion import from_frame, from_theta
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationOptions, CalibrationSucceeded
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Job, JobKind, Progress
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tasks.attempt import Attempt
+from sawmill_worker.tasks.conversion import from_frame, from_theta
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
 CONSTANTS = ScannerConstants(**vars(SCANNER))

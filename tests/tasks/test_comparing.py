@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.contracts.scanners import Scanner
-from worker.tasks.comparing import compare, compared
+from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.tasks.comparing import compare, compared
 
 
 @pytest.fixture

@@ -2,11 +2,11 @@
 
 import pytest
 
-from worker.contracts import calibrations as contracts
-from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.geometry import ThetaBounds
-from worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
-from worker.tasks.conversion import (
+from sawmill_worker.contracts import calibrations as contracts
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.geometry import ThetaBounds
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
+from sawmill_worker.tasks.conversion import (
     from_frame,
     from_phantom,
     from_theta,
@@ -16,10 +16,10 @@ from worker.tasks.conversion import (
     to_scanner,
     to_theta,
 )
-from worker.tomography import built_in
-from worker.tomography.calibration.adjust import Adjustment
-from worker.tomography.calibration.calibration import Status
-from worker.tomography.geometry import ThetaBounds as Bounds
+from sawmill_worker.tomography import built_in
+from sawmill_worker.tomography.calibration.adjust import Adjustment
+from sawmill_worker.tomography.calibration.calibration import Status
+from sawmill_worker.tomography.geometry import ThetaBounds as Bounds
 
 
 def test_both_sides_know_the_same_adjustments_and_statuses():

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.contracts.base import DataKind
-from worker.contracts.calibrations import CalibrationAsk, CalibrationResult
-from worker.contracts.drifts import DriftAsk, DriftResult
-from worker.contracts.geometry import ScannerConstants
-from worker.contracts.jobs import FailureKind, JobKind
-from worker.contracts.scanners import ScannerSpec, Tolerances
-from worker.contracts.scans import ScanSpec
-from worker.tasks.conversion import from_frame
-from worker.tasks.drifting import DriftInput, run_drift
-from worker.tasks.failures import JobFailure
-from worker.tasks.running import run
-from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from worker.tomography.log_model import LogModel
-from worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationResult
+from sawmill_worker.contracts.drifts import DriftAsk, DriftResult
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.tasks.conversion import from_frame
+from sawmill_worker.tasks.drifting import DriftInput, run_drift
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.running import run
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.simulate import simulate_sinogram
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.contracts.base import DataKind
-from worker.contracts.calibrations import CalibrationResult
-from worker.contracts.jobs import FailureKind, JobKind
-from worker.contracts.phantoms import PhantomDrawing, PhantomPicture
-from worker.contracts.reconstructions import ReconstructionAsk
-from worker.contracts.scans import ScanSpec
-from worker.pictures.calibration_report import overlay_png
-from worker.storage import arrays
-from worker.tasks.conversion import from_theta, to_frame, to_phantom
-from worker.tasks.failures import JobFailure
-from worker.tasks.running import run
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.built_in import RECTANGLE_WITH_HOLE
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.pictures.calibration_report import overlay_png
+from sawmill_worker.storage import arrays
+from sawmill_worker.tasks.conversion import from_theta, to_frame, to_phantom
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.running import run
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.ray_error import ray_error
 
 
 @pytest.fixture

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from worker.tasks.calibrating import CalibrationInput
-from worker.tasks.log_comparison import log_row_beside
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tasks.calibrating import CalibrationInput
+from sawmill_worker.tasks.log_comparison import log_row_beside
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 
 
 @pytest.fixture

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from worker.contracts.base import Handedness, Rotation
-from worker.contracts.reconstructions import ReconstructionOptions
-from worker.tasks.conversion import from_theta
-from worker.tasks.failures import JobFailure
-from worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.geometry import FanBeamGeometry, Theta
-from worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.contracts.base import Handedness, Rotation
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.tasks.conversion import from_theta
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta
+from sawmill_worker.tomography.phantom import Disc, Phantom
 
 # Off the centre, with a knot: no slice of it looks like another one turned.
 LOG = Phantom("log", (Disc((25.0, -10.0), 110.0, 0.018), Disc((60.0, 20.0), 20.0, 0.012)))

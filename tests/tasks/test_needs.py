@@ -2,15 +2,15 @@
 
 import pytest
 
-from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.geometry import GivenTheta
-from worker.contracts.jobs import JobKind
-from worker.contracts.phantoms import PhantomPicture
-from worker.contracts.plans import PlanAsk
-from worker.contracts.reconstructions import ReconstructionAsk
-from worker.contracts.scans import DataKind, ScanReading, ScanShape, ScanSpec
-from worker.execution.limits import DATA_BYTES
-from worker.tasks.running import needs_of
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.geometry import GivenTheta
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scans import DataKind, ScanReading, ScanShape, ScanSpec
+from sawmill_worker.execution.limits import DATA_BYTES
+from sawmill_worker.tasks.running import needs_of
 
 THETA = GivenTheta(
     initial_angle_rad=2.55,

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from worker.contracts.built_in import BUILT_IN_PHANTOMS
-from worker.contracts.calibrations import CalibrationOptions
-from worker.contracts.geometry import ScannerConstants
-from worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
-from worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
-from worker.tasks.conversion import to_frame
-from worker.tomography.preparing.preprocess import line_integrals
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.calibrations import CalibrationOptions
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
+from sawmill_worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.tasks.conversion import to_frame
+from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.ray_error import ray_error
 
 
 @pytest.fixture(scope="module")

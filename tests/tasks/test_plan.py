@@ -1,14 +1,14 @@
 import pytest
 
-from worker.contracts.jobs import FailureKind, JobKind
-from worker.contracts.phantoms import DiscShape, PhantomDrawing
-from worker.contracts.plans import PlanAsk, PlanResult
-from worker.tasks.conversion import from_theta
-from worker.tasks.failures import JobFailure
-from worker.tasks.running import run
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.geometry import FanBeamGeometry
-from worker.tomography.planning import plan
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
+from sawmill_worker.contracts.plans import PlanAsk, PlanResult
+from sawmill_worker.tasks.conversion import from_theta
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.running import run
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.planning import plan
 
 
 @pytest.fixture

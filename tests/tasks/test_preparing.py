@@ -13,22 +13,22 @@ import h5py
 import numpy as np
 import pytest
 
-from worker.contracts.base import DataKind
-from worker.contracts.jobs import FailureKind, JobKind
-from worker.contracts.preparing import PrepareOptions
-from worker.contracts.scans import ScanSpec
-from worker.formats.canonical import CanonicalScan
-from worker.formats.contents import Projections, held
-from worker.formats.errors import UnreadableScan
-from worker.formats.scan_file import read_stored_scan
-from worker.tasks import preparing, room
-from worker.tasks.failures import JobFailure
-from worker.tasks.preparing import prepare_scan
-from worker.tasks.running import run
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.geometry import FanBeamGeometry
-from worker.tomography.log_model import LogModel
-from worker.tomography.preparing.missing_rows import RowsError
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.preparing import PrepareOptions
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.formats.canonical import CanonicalScan
+from sawmill_worker.formats.contents import Projections, held
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.tasks import preparing, room
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.preparing import prepare_scan
+from sawmill_worker.tasks.running import run
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.preparing.missing_rows import RowsError
 
 VIEWS, ROWS = 36, 44
 LOST = 6
@@ -240,10 +240,10 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
     program = f"""
         import re, numpy
         from pathlib import Path
-        from worker.contracts.preparing import PrepareOptions
-        from worker.formats.canonical import CanonicalScan
-        from worker.formats.contents import Projections
-        from worker.tasks.preparing import prepare_scan
+        from sawmill_worker.contracts.preparing import PrepareOptions
+        from sawmill_worker.formats.canonical import CanonicalScan
+        from sawmill_worker.formats.contents import Projections
+        from sawmill_worker.tasks.preparing import prepare_scan
 
         def largest():
             return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from worker.contracts.jobs import FailureKind
-from worker.formats.errors import UnreadableScan
-from worker.tasks.failures import JobFailure, input_errors_translated
-from worker.tasks.selection import chosen_rows, chosen_views
-from worker.tomography.calibration.calibration import CalibrationError
-from worker.tomography.geometry import GeometryError
-from worker.tomography.phantom import PhantomError
-from worker.tomography.preparing.preprocess import CountsError
+from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.tasks.failures import JobFailure, input_errors_translated
+from sawmill_worker.tasks.selection import chosen_rows, chosen_views
+from sawmill_worker.tomography.calibration.calibration import CalibrationError
+from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.phantom import PhantomError
+from sawmill_worker.tomography.preparing.preprocess import CountsError
 
 
 def test_rows_are_those_named_or_all():

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.air import AirCorrection, find_air
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.geometry import FanBeamGeometry
-from worker.tomography.log_model import LogModel
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.air import AirCorrection, find_air
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.log_model import LogModel
 
 VIEWS = 90
 

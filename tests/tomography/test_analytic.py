@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta
-from worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 
 R_S = 859.46
 OVERLAPPING = Phantom(

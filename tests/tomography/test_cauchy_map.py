@@ -1,19 +1,19 @@
 import numpy as np
 import pytest
 
-from worker.tomography.cauchy_map import cauchy_map, choose
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.penalised import Curvature, Inside, Objective, Prior
-from worker.tomography.iterative.posterior import posterior_deviation
-from worker.tomography.noise import photon_noise
-from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.projector import Projector
-from worker.tomography.quality import relative_error
-from worker.tomography.simulate import simulate_sinogram
-from worker.tomography.tikhonov import tikhonov
-from worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.cauchy_map import cauchy_map, choose
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.penalised import Curvature, Inside, Objective, Prior
+from sawmill_worker.tomography.iterative.posterior import posterior_deviation
+from sawmill_worker.tomography.noise import photon_noise
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.tikhonov import tikhonov
+from sawmill_worker.tomography.total_variation import total_variation
 
 LOG = Phantom(
     "log of two zones with a knot",

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography.choosing import Method, recommend
-from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from worker.tomography.noise import estimated_noise, photon_noise
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.choosing import Method, recommend
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.noise import estimated_noise, photon_noise
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.simulate import simulate_sinogram
 
 LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018),))
 SCANNER = Scanner(860.0, 256, 4.0)

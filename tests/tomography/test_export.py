@@ -6,10 +6,10 @@ import warnings
 import numpy as np
 import pytest
 
-from worker.tomography.analytic import DetectorCells, project
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_worker.tomography.geometry import FanBeamGeometry
 
 FIELD_MM = 400.0
 

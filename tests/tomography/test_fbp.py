@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.fbp import fbp
-from worker.tomography.filters import FilterName
-from worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.filters import FilterName
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.projector import Projector
 
 FIELD = 400.0
 LOG = Phantom(

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from worker.tomography.filters import FilterName, RowFilter, ramp_response
-from worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.filters import FilterName, RowFilter, ramp_response
+from sawmill_worker.tomography.geometry import GeometryError
 
 PITCH = 1.5
 every_filter = pytest.mark.parametrize("name", list(FilterName))

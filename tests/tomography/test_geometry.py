@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.geometry import (
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import (
     TAU,
     FanBeamGeometry,
     GeometryError,

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.fbp import fbp, fbp_block
-from worker.tomography.geometry import FanBeamGeometry, GeometryError
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.fbp import fbp, fbp_block
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
 
 WHOLE = ImageGrid(128, 320.0)
 # Pixels 70..101 along x and 20..51 along y of the whole.

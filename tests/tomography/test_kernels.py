@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.projector import Projector
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 

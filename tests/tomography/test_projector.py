@@ -4,12 +4,12 @@ import astra
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.projector import Projector
 
 STRAIGHT = Theta(0.4, 700.0, 0.0, 0.0, 0.0)
 SHIFTED = Theta(5.9, 650.0, -280.0, 120.0, 0.0)

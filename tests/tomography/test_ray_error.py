@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta, rotate
-from worker.tomography.ray_error import chord_points, predicted_ray_error, ray_error
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta, rotate
+from sawmill_worker.tomography.ray_error import chord_points, predicted_ray_error, ray_error
 
 R_S = 859.46
 DEVIATIONS = np.array([0.0, 0.4, 0.9, 0.05, 0.002])

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.geometry import FanBeamGeometry, GeometryError
-from worker.tomography.log_model import LogModel
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.preparing.preprocess import line_integrals
-from worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import time
 
 import pytest
 
-from worker.tomography import cost
-from worker.tomography.stack import reconstruct_stack
+from sawmill_worker.tomography import cost
+from sawmill_worker.tomography.stack import reconstruct_stack
 
 SLICES = 40
 

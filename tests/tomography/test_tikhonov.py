@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.projector import Projector
-from worker.tomography.quality import relative_error
-from worker.tomography.simulate import simulate_sinogram
-from worker.tomography.tikhonov import AlphaRule, tikhonov
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.tikhonov import AlphaRule, tikhonov
 
 LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018), Disc((30.0, 40.0), 25.0, 0.01)))
 

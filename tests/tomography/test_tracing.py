@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
-from worker.tomography.tracing import trace
+from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
+from sawmill_worker.tomography.tracing import trace
 
 FIELD = 400.0
 DISC = Phantom("disc", (Disc((13.0, -21.0), 70.0),))

@@ -17,9 +17,9 @@ import pytest
 import uvicorn
 from playwright.sync_api import Browser, Page, sync_playwright
 
-from service.app import create_app
-from service.settings import ServiceSettings
-from worker.storage.store import Store
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.store import Store
 
 MISSING = "the browser tests need Debian's Chromium: apt-get install chromium"
 START_S, PATIENCE_MS = 20.0, 10_000

@@ -5,9 +5,9 @@ import re
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from service.settings import ServiceSettings
-from worker.contracts.calibrations import CalibrationAsk
-from worker.storage.store import Store
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.storage.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 pytestmark = pytest.mark.usefixtures("seeded")

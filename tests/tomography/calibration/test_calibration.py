@@ -4,8 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography.calibration.calibration import choose_theta, theta_covariance
-from worker.tomography.geometry import SourceFrame, ThetaBounds
+from sawmill_worker.tomography.calibration.calibration import choose_theta, theta_covariance
+from sawmill_worker.tomography.geometry import SourceFrame, ThetaBounds
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
-from worker.tomography.calibration.adjust import Adjustment
-from worker.tomography.calibration.calibration import CalibrationError
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.calibration.refine import SinogramData, refine
-from worker.tomography.geometry import (
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.calibration.adjust import Adjustment
+from sawmill_worker.tomography.calibration.calibration import CalibrationError
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.refine import SinogramData, refine
+from sawmill_worker.tomography.geometry import (
     TAU,
     FanBeamGeometry,
     Handedness,
@@ -22,12 +22,12 @@ from worker.tomography.geometry import (
     angle_difference,
     wrap_angle,
 )
-from worker.tomography.log_model import SAPWOOD_PER_MM
-from worker.tomography.phantom import Disc, Phantom, Polygon
-from worker.tomography.preparing.preprocess import line_integrals
-from worker.tomography.ray_error import predicted_ray_error, ray_error
-from worker.tomography.simulate import simulate_sinogram, simulate_stack
-from worker.tomography.tracing import trace
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
+from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.tomography.tracing import trace
 
 SEEDS = range(20)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)

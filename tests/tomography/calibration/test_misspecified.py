@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import Scanner, Theta
-from worker.tomography.phantom import Disc, Polygon
-from worker.tomography.ray_error import ray_error
-from worker.tomography.tracing import trace
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import Scanner, Theta
+from sawmill_worker.tomography.phantom import Disc, Polygon
+from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.tracing import trace
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

@@ -4,17 +4,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.default import CalibrationTask
-from worker.tomography.calibration.paper import (
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.calibration.paper import (
     PaperObjective,
     PaperOptions,
     calibrate_as_published,
     remove_background,
 )
-from worker.tomography.geometry import FanBeamGeometry, Handedness, Rotation, Scanner, Theta, ThetaBounds
-from worker.tomography.ray_error import ray_error
-from worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Handedness, Rotation, Scanner, Theta, ThetaBounds
+from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.simulate import simulate_sinogram
 
 SMALL = PaperOptions(image_size=64, max_generations=5)
 SEARCHED = replace(SMALL, max_generations=40)

@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import L_SHAPE
-from worker.tomography.calibration.phantom_rows import segments
-from worker.tomography.geometry import Scanner, Theta
-from worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.phantom_rows import segments
+from sawmill_worker.tomography.geometry import Scanner, Theta
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

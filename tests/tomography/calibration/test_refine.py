@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import BUILT_IN, L_SHAPE
-from worker.tomography.calibration.refine import SinogramData, refine
-from worker.tomography.geometry import SourceFrame
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
+from sawmill_worker.tomography.calibration.refine import SinogramData, refine
+from sawmill_worker.tomography.geometry import SourceFrame
+from sawmill_worker.tomography.ray_error import ray_error
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
-from worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
+from sawmill_worker.tomography.phantom import Disc, Phantom
 
 RADIUS = 120.0
 

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.built_in import BUILT_IN, L_SHAPE
-from worker.tomography.calibration.adjust import Adjustment
-from worker.tomography.calibration.default import CalibrationTask, calibrate
-from worker.tomography.geometry import TAU, Scanner, Theta
-from worker.tomography.phantom import Disc
-from worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
+from sawmill_worker.tomography.calibration.adjust import Adjustment
+from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.geometry import TAU, Scanner, Theta
+from sawmill_worker.tomography.phantom import Disc
+from sawmill_worker.tomography.ray_error import ray_error
 
 SCANNER = Scanner(859.46, 384, 3.0)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from worker.tomography.calibration.calibration import HypothesisReport
-from worker.tomography.calibration.refine import Fit
-from worker.tomography.calibration.structure import Place, Structure
-from worker.tomography.calibration.unsteadiness import Change, Unsteadiness
-from worker.tomography.calibration.verdict import TurnedRival, judge
-from worker.tomography.geometry import Handedness, Rotation, SourceFrame
-from worker.tomography.ray_error import PredictedRayError
+from sawmill_worker.tomography.calibration.calibration import HypothesisReport
+from sawmill_worker.tomography.calibration.refine import Fit
+from sawmill_worker.tomography.calibration.structure import Place, Structure
+from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
+from sawmill_worker.tomography.calibration.verdict import TurnedRival, judge
+from sawmill_worker.tomography.geometry import Handedness, Rotation, SourceFrame
+from sawmill_worker.tomography.ray_error import PredictedRayError
 
 GOOD_FIT = {
     "frame": SourceFrame(0.0, 900.0, 1600.0, 0.0, 0.0),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from worker.tomography.iterative.descent import minimise
+from sawmill_worker.tomography.iterative.descent import minimise
 
 
 def test_a_bound_cuts_the_minimum_of_independent_pixels():

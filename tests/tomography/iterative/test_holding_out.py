@@ -3,12 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.holding_out import ROUNDS, hold_out, shown_without
-from worker.tomography.iterative.penalised import Objective, Prior
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.holding_out import ROUNDS, hold_out, shown_without
+from sawmill_worker.tomography.iterative.penalised import Objective, Prior
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
 
 SIZE, NOISE = 32, 0.05
 LOG = Phantom("log", (Disc((0.0, 10.0), 130.0, 0.015), Disc((20.0, -10.0), 50.0, 0.006)))

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.penalised import (
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.penalised import (
     NEAR_SHARE,
     Inside,
     Objective,
@@ -12,9 +12,9 @@ from worker.tomography.iterative.penalised import (
     descend_outwards,
     mean_along_rays,
 )
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.projector import Projector
-from worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.simulate import simulate_sinogram
 
 SIZE, FIELD_MM, SIGMA = 48, 400.0, 0.05
 SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}

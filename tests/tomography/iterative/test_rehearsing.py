@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.iterative.holding_out import bottom
-from worker.tomography.iterative.penalised import Prior
-from worker.tomography.iterative.rehearsing import Rehearsal
-from worker.tomography.phantom import Disc, Phantom
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.holding_out import bottom
+from sawmill_worker.tomography.iterative.penalised import Prior
+from sawmill_worker.tomography.iterative.rehearsing import Rehearsal
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
 
 SIZE, NOISE = 32, 0.05
 LOG = Phantom("log", (Disc((0.0, 10.0), 130.0, 0.015), Disc((20.0, -10.0), 50.0, 0.006)))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from worker.tomography.preparing.bridging import bridge
+from sawmill_worker.tomography.preparing.bridging import bridge
 
 
 def test_bridges_are_straight_and_ends_take_their_neighbour():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from worker.tomography.preparing.faulty_cells import faulty_cells
+from sawmill_worker.tomography.preparing.faulty_cells import faulty_cells
 
 VIEWS, CELLS = 60, 120
 CENTRE, RADIUS = 62.0, 34.0

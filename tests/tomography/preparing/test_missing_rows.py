@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.log_model import LogModel
-from worker.tomography.preparing import missing_rows
-from worker.tomography.preparing.matched_rows import shifts_by_features
-from worker.tomography.preparing.missing_rows import CommonRows, RowsError, RowShifts, present_rows
-from worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.preparing import missing_rows
+from sawmill_worker.tomography.preparing.matched_rows import shifts_by_features
+from sawmill_worker.tomography.preparing.missing_rows import CommonRows, RowsError, RowShifts, present_rows
+from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
+from sawmill_worker.tomography.projector import Projector
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)

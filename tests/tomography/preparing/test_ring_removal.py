@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
 
-from worker.tomography import analytic
-from worker.tomography.analytic import DetectorCells
-from worker.tomography.fbp import fbp
-from worker.tomography.geometry import FanBeamGeometry
-from worker.tomography.image_grid import ImageGrid
-from worker.tomography.log_model import LogModel
-from worker.tomography.preparing.faulty_cells import middle_of_views
-from worker.tomography.preparing.ring_removal import remove_rings, stripes
-from worker.tomography.projector import Projector
+from sawmill_worker.tomography import analytic
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.preparing.faulty_cells import middle_of_views
+from sawmill_worker.tomography.preparing.ring_removal import remove_rings, stripes
+from sawmill_worker.tomography.projector import Projector
 
 
 @pytest.fixture(scope="module")

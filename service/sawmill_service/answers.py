@@ -1,0 +1,99 @@
+"""Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
+
+import hashlib
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated
+
+from fastapi import Request, Response
+from fastapi.responses import FileResponse
+from pydantic import Field
+
+from sawmill_service.problems import Refused
+from sawmill_worker.contracts.base import Contract
+
+# No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
+_SPAN = re.compile(r"\s*(\d{0,18})-(\d{0,18})\s*")
+
+
+class Png(Response):
+    """A picture."""
+
+    media_type = "image/png"
+
+
+class Svg(Response):
+    """A drawing."""
+
+    media_type = "image/svg+xml"
+
+
+class Hdf5(Response):
+    """A file of arrays."""
+
+    media_type = "application/x-hdf5"
+
+
+class Paging(Contract):
+    """Which page of a list."""
+
+    after: str | None = Field(None, max_length=200, description="The `next` of the page before; nothing: the newest.")
+    limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
+
+
+def accept(response: Response, location: str, retry_after_s: int) -> None:
+    """Say where accepted work will be found, and when to look."""
+    response.headers["Location"] = location
+    response.headers["Retry-After"] = str(retry_after_s)
+
+
+def etag(*parts: object) -> str:
+    """An entity tag of everything that the answer depends on."""
+    return f'"{hashlib.sha256(repr(parts).encode()).hexdigest()[:32]}"'
+
+
+def is_known(request: Request, tag: str) -> bool:
+    """Whether the client says that it holds this very answer (RFC 9110, section 13.1.2)."""
+    held = [item.strip().removeprefix("W/") for item in request.headers.get("if-none-match", "").split(",")]
+    return tag in held or "*" in held
+
+
+def picture(request: Request, tag: str, draw: Callable[[], bytes | str], *, answer: type[Response] = Png) -> Response:
+    """A PNG, or another kind of picture, drawn only for a client that does not hold it."""
+    if is_known(request, tag):
+        return Response(status_code=304, headers={"ETag": tag})
+    return answer(draw(), headers={"ETag": tag})
+
+
+def file(request: Request, path: Path, media_type: str, *, save_as: str | None = None) -> Response:
+    """A stored file, whole or in ranges, or 304 for a client that holds it."""
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        raise Refused(404, "file-missing", f"{path.name} is not there: it was not written, or was removed") from None
+    answer = FileResponse(path, media_type=media_type, filename=save_as, stat_result=status)
+    if is_known(request, answer.headers["etag"]):
+        return Response(status_code=304, headers={"ETag": answer.headers["etag"]})
+    # A range of another version of the file is answered with the whole (RFC 9110, section 13.1.5).
+    held = request.headers.get("if-range")
+    if "range" in request.headers and held in {None, answer.headers["etag"], answer.headers["last-modified"]}:
+        _check_range(request.headers["range"], status.st_size)
+    return answer
+
+
+def _check_range(header: str, size_bytes: int) -> None:
+    """Refuse with a problem what `FileResponse` would refuse in plain text."""
+    spans = [_SPAN.fullmatch(span) for span in header.removeprefix("bytes=").split(",")]
+    named = [(span[1], span[2]) for span in spans if span is not None and _is_span(*span.groups())]
+    if not header.startswith("bytes=") or len(named) < len(spans):
+        raise Refused(
+            400, "bad-range", f"Range must be as in bytes=0-1023, with at most 18 digits a number, not {header[:100]!r}"
+        )
+    if any(int(start) >= size_bytes if start else int(last) == 0 for start, last in named):
+        beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
+        raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
+
+
+def _is_span(first: str, last: str) -> bool:
+    return int(first) <= int(last) if first and last else bool(first or last)

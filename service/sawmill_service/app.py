@@ -1,0 +1,108 @@
+"""Puts the service together. Nothing happens at import."""
+
+from importlib.metadata import version
+from pathlib import Path
+
+import fastapi_offline
+from fastapi.staticfiles import StaticFiles
+from prometheus_client import CollectorRegistry
+
+from sawmill_service.dependencies import Wake
+from sawmill_service.gate import Gate, ProtectiveHeaders
+from sawmill_service.observer import JobsByState, Observer
+from sawmill_service.openapi_document import Application
+from sawmill_service.problems import install
+from sawmill_service.routes import (
+    calibrations,
+    console,
+    drifts,
+    health,
+    jobs,
+    phantoms,
+    plans,
+    reconstructions,
+    scanners,
+    scans,
+    schedules,
+)
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.store import Store
+
+DESCRIPTION = """\
+Finds the geometry of a sawmill's X-ray log scanner from one scan of a wooden phantom, watches it for drift, and
+reconstructs logs with it.
+
+Long work answers **202** with `Location` and `Retry-After`; its job can be polled or streamed. Jobs wait for what they
+need, so a scan can be uploaded and its calibration and reconstruction asked for at once.
+Errors are `application/problem+json` (RFC 9457) with a stable `code`. Units stand in the names.
+"""
+TAGS = [
+    {"name": "scanners", "description": "Known constants, search bounds, tolerances, the active calibration, history."},
+    {
+        "name": "phantoms",
+        "description": "Wooden bodies of known size: built in, drawn in mm, or traced from a picture.",
+    },
+    {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
+    {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
+    {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
+    {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
+    {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
+    {"name": "schedules", "description": "Recalibration at fixed times."},
+    {"name": "operation", "description": "Health and metrics, for those who run the service."},
+]
+ROUTERS = (scanners, phantoms, plans, scans, calibrations, reconstructions, drifts, jobs, schedules, health, console)
+
+
+def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Application:
+    """The service on one store.
+
+    Parameters
+    ----------
+    settings
+        Limits and names; the caller listens on its host and port.
+    store
+        Where everything is kept; upgraded already.
+    wake
+        Told the id of each job after the transaction that queued it; it must not raise.
+
+    Returns
+    -------
+    Application
+        An ASGI application.
+    """
+    app = Application(
+        title="Sawmill calibration",
+        version=version("sawmill-calibration"),
+        description=DESCRIPTION,
+        openapi_tags=TAGS,
+        docs_url=None,
+        redoc_url=None,
+        generate_unique_id_function=lambda route: route.name,
+    )
+    app.state.settings, app.state.store, app.state.wake = settings, store, wake
+    app.state.metrics = _metrics(store)
+    install(app)
+    for routes in ROUTERS:
+        app.include_router(routes.router)
+    app.mount("/static", StaticFiles(directory=console.STATIC))
+    app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
+    # The last one added is the outermost.
+    app.add_middleware(
+        Gate,
+        allowed_hosts=settings.names,
+        token=settings.token,
+        max_body_bytes=settings.max_json_bytes,
+        larger_bodies={
+            ("POST", "/v1/scans"): settings.max_upload_bytes,
+            ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
+        },
+    )
+    app.add_middleware(Observer, registry=app.state.metrics)
+    app.add_middleware(ProtectiveHeaders)
+    return app
+
+
+def _metrics(store: Store) -> CollectorRegistry:
+    registry = CollectorRegistry()
+    registry.register(JobsByState(store.jobs.counts))
+    return registry

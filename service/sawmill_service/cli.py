@@ -1,0 +1,100 @@
+"""The `sawmill` entry: serve, demo, openapi, and the commands that need no server.
+
+The one file of service/ that may reach the science. Each command imports what it needs, so that none waits for
+another's libraries.
+"""
+# ruff: noqa: PLC0415 - for that reason
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from pydantic import ValidationError
+
+from sawmill_worker.cli import app as main
+from sawmill_worker.commands.options import complaint
+from sawmill_worker.commands.terminal import say
+
+__all__ = ["main"]
+
+
+@main.command()
+def serve(
+    data: Annotated[
+        Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
+    ] = None,
+    host: Annotated[
+        str | None, typer.Option(help="Address to listen on; loopback by default, another needs SAWMILL_TOKEN.")
+    ] = None,
+    port: Annotated[int | None, typer.Option(min=0, max=65535, help="8000 by default; 0 takes a free one.")] = None,
+    workers: Annotated[
+        int | None, typer.Option(min=0, max=64, help="Embedded workers; 0 leaves the work to others.")
+    ] = None,
+    examples: Annotated[bool, typer.Option(help="Put example resources into a fresh data folder.")] = True,  # noqa: FBT002 - a flag
+) -> None:
+    """Run the API, its workers and the schedule on this machine."""
+    from sawmill_service.listening import ListenError
+    from sawmill_service.serving import serve_until_stopped
+    from sawmill_service.settings import ServiceSettings
+    from sawmill_worker.examples import seed_examples
+    from sawmill_worker.execution.settings import ExecutionSettings
+    from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+    from sawmill_worker.storage.errors import StorageError
+    from sawmill_worker.storage.settings import StorageSettings
+
+    for name, value in (("DATA_FOLDER", data), ("HOST", host), ("PORT", port), ("WORKERS", workers or None)):
+        if value is not None:
+            os.environ[f"SAWMILL_{name}"] = str(value)
+    try:
+        check_variables()
+        settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
+    except UnknownVariableError as error:
+        raise typer.BadParameter(str(error)) from error
+    except ValidationError as error:
+        setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
+        # What is said of several settings together names them itself.
+        raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}" if setting else complaint(error)) from error
+    seed = seed_examples if examples else None
+    try:
+        serve_until_stopped(settings, storage, execution, workers=workers != 0, seed=seed)
+    except (ListenError, StorageError, OSError) as error:
+        say(str(error), trouble="The service cannot start")
+        raise typer.Exit(1) from error
+
+
+@main.command()
+def demo(
+    output: Annotated[
+        Path, typer.Option(file_okay=False, help="Folder for the pictures, the HDF5 files and index.html.")
+    ] = Path("demo-output"),
+) -> None:
+    """Run the whole job over HTTP on simulated data, and on the published scans where they are."""
+    from sawmill_worker.demo import run_demo
+
+    raise typer.Exit(run_demo(output))
+
+
+@main.command()
+def openapi(
+    folder: Annotated[Path, typer.Option(file_okay=False, help="Where openapi.json and requests/ are written.")] = Path(
+        "openapi"
+    ),
+) -> None:
+    """Write the OpenAPI document and its example requests."""
+    from sawmill_service import openapi_document
+    from sawmill_service.app import create_app
+    from sawmill_service.serving import no_wake
+    from sawmill_service.settings import ServiceSettings
+    from sawmill_worker.storage.settings import StorageSettings
+    from sawmill_worker.storage.store import Store
+
+    with tempfile.TemporaryDirectory() as temporary:
+        store = Store.open(StorageSettings(data_folder=Path(temporary), database_url=None))
+        openapi_document.write(create_app(ServiceSettings(), store, no_wake), folder)
+        store.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,31 @@
+"""What routes are given: the store, the settings and the wake-up."""
+
+from collections.abc import Callable
+from typing import Annotated
+
+from fastapi import Depends, Request
+
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.store import Store
+
+Wake = Callable[[str], None]
+
+
+def _store(request: Request) -> Store:
+    store: Store = request.app.state.store
+    return store
+
+
+def _settings(request: Request) -> ServiceSettings:
+    settings: ServiceSettings = request.app.state.settings
+    return settings
+
+
+def _wake(request: Request) -> Wake:
+    wake: Wake = request.app.state.wake
+    return wake
+
+
+TheStore = Annotated[Store, Depends(_store)]
+TheSettings = Annotated[ServiceSettings, Depends(_settings)]
+TheWake = Annotated[Wake, Depends(_wake)]

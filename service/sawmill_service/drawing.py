@@ -1,0 +1,56 @@
+"""Pictures that need matplotlib, drawn when they are first asked for."""
+
+import threading
+from collections.abc import Mapping
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage import arrays
+from sawmill_worker.storage.store import Store
+
+# One picture at a time: what many ask for at once is drawn once, and matplotlib shares its caches of text and fonts.
+_DRAWING = threading.Lock()
+
+
+class CalibrationPicture(StrEnum):
+    """By the names under which they are kept."""
+
+    REPORT = "report.png"
+    OVERLAY = "overlay.png"
+
+
+def calibration_picture(store: Store, calibration_id: str, picture: CalibrationPicture) -> Path:
+    """Where a calibration's picture lies; it is drawn from result.h5 and kept beside it if it is not there yet.
+
+    Takes seconds: for a thread that may wait.
+
+    Raises
+    ------
+    NotFound
+        The calibration has no result.h5.
+    StorageFull
+        The disk is full.
+    """
+
+    def draw() -> bytes:
+        # Imported here because no other request needs matplotlib.
+        from sawmill_worker.pictures.calibration_report import overlay_png, report_png  # noqa: PLC0415
+
+        record = arrays.calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
+        drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
+        return drawn(record.answer, record.arrays)
+
+    return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+
+
+def drawn_alpha_curve(columns: Mapping[str, NDArray[Any]]) -> bytes:
+    """The picture of what Tikhonov's alpha was chosen from."""
+    # Imported here because no other request needs matplotlib.
+    from sawmill_worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415
+
+    with _DRAWING:
+        return alpha_curve_png(columns)

@@ -1,0 +1,149 @@
+"""What stands in front of every route: headers for browsers, known hosts and origins, the token, bounded bodies."""
+
+from collections.abc import Iterable, Mapping
+from http import HTTPStatus
+
+from pydantic import SecretStr
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from sawmill_service.access import CHALLENGES, OPEN_PATHS, check_token
+from sawmill_service.listening import is_loopback
+from sawmill_service.problems import Refused, problem_response
+
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+# The console's own script and styles; Swagger UI sets style attributes and shows pictures from data: and blob: URLs.
+CONTENT_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; "
+    "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+PROTECTION = {
+    "Content-Security-Policy": CONTENT_POLICY,
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-cache",
+}
+
+
+class ProtectiveHeaders:
+    """Put the protective headers on every answer that does not set them itself."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+
+        async def send_protected(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in PROTECTION.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        await self.app(scope, receive, send_protected)
+
+
+class Gate:
+    """Refuse unknown hosts, other sites' writes, requests without the token and bodies that are too large.
+
+    A browser sends the password of HTTP Basic with whatever a page asks for, so other sites are refused first.
+
+    Parameters
+    ----------
+    allowed_hosts
+        Host names without a port. The loopback names are right where the connection came in over loopback.
+    token
+        What every request must bring, but for health; None: nothing.
+    max_body_bytes
+        For every route that `larger_bodies` does not name.
+    larger_bodies
+        Bytes by (method, path).
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        *,
+        allowed_hosts: Iterable[str],
+        token: SecretStr | None,
+        max_body_bytes: int,
+        larger_bodies: Mapping[tuple[str, str], int],
+    ) -> None:
+        self.app = app
+        self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
+        self.token = token
+        self.max_body_bytes = max_body_bytes
+        self.larger_bodies = dict(larger_bodies)
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request in, or answer it with a problem."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        limit = self.larger_bodies.get((scope["method"], scope["path"]), self.max_body_bytes)
+        try:
+            self._check(scope, Headers(scope=scope), limit)
+        except Refused as refused:
+            answer = problem_response(
+                scope["path"], refused.status_code, refused.code, refused.detail, headers=refused.headers
+            )
+            for challenge in CHALLENGES if refused.status_code == HTTPStatus.UNAUTHORIZED else ():
+                answer.headers.append("WWW-Authenticate", challenge)
+            await answer(scope, receive, send)
+            return
+        await self.app(scope, _bounded(receive, limit), send)
+
+    def _check(self, scope: Scope, headers: Headers, limit: int) -> None:
+        host = headers.get("host", "")
+        names = self.allowed_hosts | LOOPBACK if _came_in_over_loopback(scope) else self.allowed_hosts
+        if host.rsplit(":", 1)[0].lower() not in names and host.lower() not in names:
+            raise Refused(
+                421,
+                "unknown-host",
+                f"this service does not answer as {host[:100]!r}; SAWMILL_ALLOWED_HOSTS adds a name",
+            )
+        if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, host):
+            raise Refused(403, "other-site", "a page of another site may not change anything here")
+        if self.token is not None and scope["path"] not in OPEN_PATHS:
+            check_token(self.token, headers.get("authorization", ""))
+        declared = headers.get("content-length", "0")
+        if not declared.isdecimal():
+            raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
+        if int(declared) > limit:
+            raise too_large(limit)
+
+
+def _came_in_over_loopback(scope: Scope) -> bool:
+    """Whether the address that the client called is one of loopback, which no other machine can call."""
+    server: tuple[str, int | None] | None = scope.get("server")
+    return server is not None and is_loopback(server[0])
+
+
+def _from_elsewhere(headers: Headers, host: str) -> bool:
+    """Whether a browser says that another site's page sent this; programs that are no browser say nothing."""
+    if headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
+        return True
+    origin = headers.get("origin")
+    return origin is not None and origin.partition("://")[2] != host
+
+
+def too_large(limit: int) -> Refused:
+    """Refuse a body of more than `limit` bytes."""
+    return Refused(413, "body-too-large", f"the body may have at most {limit} bytes", {"Connection": "close"})
+
+
+def _bounded(receive: Receive, limit: int) -> Receive:
+    received = 0
+
+    async def receive_bounded() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        if received > limit:
+            raise too_large(limit)
+        return message
+
+    return receive_bounded

@@ -1,0 +1,143 @@
+"""The OpenAPI document: FastAPI's own, with problems as the default answer and an example for every operation."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from fastapi import FastAPI
+
+from sawmill_service.problems import MEDIA_TYPE, Problem
+
+TRY = "x-try"
+BINARY = {"type": "string", "format": "binary"}
+
+
+def trying(**values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+    """Name an operation's values for the console's "Try it out": parameters by name, and the JSON `body`.
+
+    A required parameter that is not named takes the first example of its type.
+    """
+    return {TRY: values}
+
+
+def trying_file(media_type: str, file: str, **values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+    """As `trying`, for an operation whose body is a file; `file` is where the service offers one to try."""
+    return {
+        TRY: values,
+        "x-example-file": file,
+        "requestBody": {"required": True, "content": {media_type: {"schema": BINARY}}},
+    }
+
+
+class Application(FastAPI):
+    """FastAPI with this service's OpenAPI document."""
+
+    def openapi(self) -> dict[str, Any]:
+        """Make the document once."""
+        if self.openapi_schema is None:
+            self.openapi_schema = _finish(super().openapi())
+        return self.openapi_schema
+
+
+def render(app: FastAPI) -> str:
+    """The document as it is committed: sorted keys, two spaces, a newline at the end."""
+    return json.dumps(app.openapi(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+class ExampleRequest(NamedTuple):
+    """One request that works on a fresh data folder."""
+
+    operation_id: str
+    method: str
+    path: str
+    query: dict[str, Any]
+    body: Any
+    body_file: str | None
+    media_type: str | None
+
+    def render(self) -> str:
+        """The request as it is committed."""
+        return json.dumps(self._asdict(), indent=2, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+def write(app: FastAPI, folder: Path) -> None:
+    """Write `openapi.json` and one file a request in `requests/`; requests of operations that are gone go."""
+    requests = folder / "requests"
+    requests.mkdir(parents=True, exist_ok=True)
+    (folder / "openapi.json").write_text(render(app))
+    for path in requests.glob("*.json"):
+        path.unlink()
+    for example in example_requests(app):
+        (requests / f"{example.operation_id}.json").write_text(example.render())
+
+
+def example_requests(app: FastAPI) -> list[ExampleRequest]:
+    """Every operation's example as the console would send it."""
+    return [_example_request(path, method, operation) for path, method, operation in _operations(app.openapi())]
+
+
+def _operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, item in document["paths"].items():
+        for method, operation in item.items():
+            yield path, method, operation
+
+
+def _finish(document: dict[str, Any]) -> dict[str, Any]:
+    components = document.setdefault("components", {})
+    schemas = components.setdefault("schemas", {})
+    for generated in ("HTTPValidationError", "ValidationError"):
+        schemas.pop(generated, None)
+    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
+    schemas.update(problem.pop("$defs"))
+    schemas["Problem"] = problem
+    components["responses"] = {
+        "Problem": {
+            "description": "What went wrong, as a problem of RFC 9457.",
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
+    }
+    for _, _, operation in _operations(document):
+        operation["responses"].pop("422", None)
+        operation["responses"]["default"] = {"$ref": "#/components/responses/Problem"}
+        _describe_streams(operation)
+        _give_examples(operation, operation.pop(TRY, {}))
+    return document
+
+
+def _describe_streams(operation: dict[str, Any]) -> None:
+    """FastAPI describes server-sent events in the words of OpenAPI 3.2, which a 3.1 document may not hold."""
+    for response in operation["responses"].values():
+        for media in response.get("content", {}).values():
+            if media.pop("itemSchema", None) is not None:
+                media["schema"] = {"type": "string"}
+
+
+def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
+    for parameter in operation.get("parameters", []):
+        name, examples = parameter["name"], parameter["schema"].get("examples")
+        if name in values:
+            parameter["example"] = values[name]
+        elif parameter["required"] and examples:
+            parameter["example"] = examples[0]
+    if "body" in values:
+        operation["requestBody"]["content"]["application/json"]["example"] = values["body"]
+
+
+def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
+    given = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
+    query = {parameter["name"]: parameter["example"] for parameter in given if parameter["in"] == "query"}
+    for parameter in given:
+        if parameter["in"] == "path":
+            path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
+    content = operation.get("requestBody", {}).get("content", {})
+    media_type = next(iter(content), None)
+    return ExampleRequest(
+        operation_id=operation["operationId"],
+        method=method.upper(),
+        path=path,
+        query=query,
+        body=content[media_type].get("example") if media_type else None,
+        body_file=operation.get("x-example-file"),
+        media_type=media_type,
+    )

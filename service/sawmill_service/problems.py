@@ -1,0 +1,154 @@
+"""Every error leaves as `application/problem+json` (RFC 9457): a stable code for programs, one sentence for people."""
+
+import reprlib
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from typing import Any, cast
+
+from fastapi import FastAPI
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.routing import compile_path
+
+from sawmill_worker.storage.errors import (
+    Conflict,
+    Invalid,
+    NotFound,
+    StorageError,
+    StorageFull,
+    StorageUnavailable,
+    UploadTooLarge,
+)
+
+MEDIA_TYPE = "application/problem+json"
+STORAGE_STATUS: Mapping[type[Exception], int] = {
+    NotFound: 404,
+    Conflict: 409,
+    Invalid: 422,
+    UploadTooLarge: 413,
+    StorageUnavailable: 503,
+    StorageFull: 507,
+}
+
+
+class FieldProblem(BaseModel):
+    """One value that was refused."""
+
+    location: str = Field(description="Where it stands, as in body.constants.source_to_cor_mm.")
+    message: str
+
+
+class Problem(BaseModel):
+    """What went wrong (RFC 9457)."""
+
+    type: str = Field(examples=["urn:sawmill-calibration:problem:not-found"])
+    title: str = Field(description="The status in words.")
+    status: int
+    detail: str = Field(description="One sentence: the value, and what would be right.")
+    instance: str = Field(description="The path that was asked for.")
+    code: str = Field(description="Stable, for programs.", examples=["not-found"])
+    errors: list[FieldProblem] | None = Field(None, description="Each value that was refused.")
+
+
+def problem_response(
+    path: str,
+    status: int,
+    code: str,
+    detail: str,
+    *,
+    errors: Sequence[FieldProblem] | None = None,
+    headers: Mapping[str, str] | None = None,
+) -> JSONResponse:
+    """Shape one problem as a response."""
+    problem = Problem(
+        type=f"urn:sawmill-calibration:problem:{code}",
+        title=HTTPStatus(status).phrase,
+        status=status,
+        detail=detail,
+        instance=path,
+        code=code,
+        errors=None if errors is None else list(errors),
+    )
+    return JSONResponse(problem.model_dump(exclude_none=True), status, headers=headers, media_type=MEDIA_TYPE)
+
+
+class Refused(HTTPException):
+    """A request that a route refuses, with its stable code."""
+
+    def __init__(self, status: int, code: str, detail: str, headers: Mapping[str, str] | None = None) -> None:
+        super().__init__(status, detail, headers)
+        self.code = code
+
+
+def field_problem(error: Mapping[str, Any]) -> FieldProblem:
+    """Turn one of pydantic's errors into a place and a sentence that quotes the value."""
+    if error["type"] == "json_invalid":
+        return FieldProblem(
+            location="body", message=f"is not JSON: {error['ctx']['error']} at character {error['loc'][1]}"
+        )
+    return FieldProblem(location=".".join(str(part) for part in error["loc"]), message=_message(error))
+
+
+def _message(error: Mapping[str, Any]) -> str:
+    value, message = error.get("input"), str(error["msg"])
+    if tuple(error["loc"]) == ("body",) and isinstance(value, bytes):
+        return "must be JSON, with Content-Type: application/json"
+    if error["type"] == "missing":
+        return "is required"
+    if error["type"] == "extra_forbidden":
+        return "is not a known field"
+    if error["type"] == "value_error":
+        return f"is refused: {message.removeprefix('Value error, ')}"
+    requirement = message.removeprefix("Input ")
+    return f"{requirement[0].lower()}{requirement[1:]}, not {reprlib.repr(value)}"
+
+
+def _on_validation(request: Request, error: Exception) -> JSONResponse:
+    problems = [field_problem(item) for item in cast("RequestValidationError", error).errors()]
+    first, others = problems[0], len(problems) - 1
+    detail = f"{first.location} {first.message}" + (f" (and {others} more)" if others else "")
+    return problem_response(request.url.path, 422, "invalid-request", detail, errors=problems)
+
+
+def _on_http(request: Request, error: Exception) -> JSONResponse:
+    refused = cast("HTTPException", error)
+    path, status = request.url.path, refused.status_code
+    if isinstance(refused, Refused):
+        code, detail = refused.code, refused.detail
+    elif status == HTTPStatus.NOT_FOUND:
+        code, detail = "unknown-path", f"there is nothing at {path}; /docs lists what there is"
+    elif status == HTTPStatus.METHOD_NOT_ALLOWED:
+        allowed = _documented_methods(request) or (refused.headers or {})["Allow"]
+        code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
+        return problem_response(path, status, code, detail, headers={"Allow": allowed})
+    else:
+        code, detail = HTTPStatus(status).phrase.lower().replace(" ", "-"), refused.detail
+    return problem_response(path, status, code, detail, headers=refused.headers)
+
+
+def _documented_methods(request: Request) -> str:
+    """Of all operations at this path: Starlette names those of the first route alone."""
+    documented = {
+        method.upper()
+        for template, operations in request.app.openapi()["paths"].items()
+        if compile_path(template)[0].match(request.url.path)
+        for method in operations
+    }
+    return ", ".join(sorted(documented))
+
+
+def _on_storage(request: Request, error: Exception) -> JSONResponse:
+    status = STORAGE_STATUS.get(type(error))
+    if status is None:
+        raise error  # ours, not the client's
+    return problem_response(request.url.path, status, cast("StorageError", error).code, str(error))
+
+
+def install(app: FastAPI) -> None:
+    """Give every kind of error its problem; what is left over is the observer's."""
+    app.add_exception_handler(RequestValidationError, _on_validation)
+    app.add_exception_handler(HTTPException, _on_http)
+    app.add_exception_handler(StorageError, _on_storage)

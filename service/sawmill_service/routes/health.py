@@ -1,0 +1,74 @@
+"""/health and /metrics."""
+
+from enum import StrEnum
+
+from fastapi import APIRouter, Request, Response
+from fastapi.responses import PlainTextResponse
+from prometheus_client import generate_latest
+from pydantic import Field
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.problems import MEDIA_TYPE
+from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.storage.errors import StorageFull
+
+PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
+
+router = APIRouter(tags=["operation"])
+
+
+class Readiness(StrEnum):
+    """Whether requests can be answered, and whether jobs are being done."""
+
+    READY = "ready"
+    WITHOUT_WORKER = "without-worker"
+    DISK_FULL = "disk-full"
+
+
+class Health(Contract):
+    """How the service is."""
+
+    state: Readiness
+    detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.")
+
+
+@router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)
+async def live() -> str:
+    """Answers as long as the process does, whatever the threads are waiting for."""
+    return "alive"
+
+
+@router.get(
+    "/health/ready",
+    summary="Can requests be answered",
+    responses={
+        503: {
+            "model": Health,
+            "description": "`disk-full`; a problem where the database or the data folder cannot be used.",
+            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+        }
+    },
+)
+def ready(store: TheStore, response: Response) -> Health:
+    """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
+
+    On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
+    Jobs that wait while no worker runs any are told as `without-worker`: requests are still answered.
+    """
+    try:
+        store.check()
+    except StorageFull as error:
+        response.status_code = 503
+        return Health(state=Readiness.DISK_FULL, detail=str(error))
+    waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S)
+    if waiting and not store.jobs.counts()[JobState.RUNNING]:
+        detail = f"{len(waiting)} jobs have waited for more than {PATIENCE_S:.0f} s and no worker runs any: start one"
+        return Health(state=Readiness.WITHOUT_WORKER, detail=detail)
+    return Health(state=Readiness.READY, detail="")
+
+
+@router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
+def metrics(request: Request) -> Response:
+    """Jobs by state; requests and their seconds by route."""
+    return PlainTextResponse(generate_latest(request.app.state.metrics), media_type="text/plain; version=0.0.4")

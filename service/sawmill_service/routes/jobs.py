@@ -1,0 +1,81 @@
+"""/v1/jobs."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from typing import Annotated
+
+from fastapi import APIRouter, Depends, Query, Response
+from fastapi.concurrency import run_in_threadpool
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+
+from sawmill_service.answers import Paging, accept
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.jobs import Job, JobKind, JobState
+from sawmill_worker.storage.errors import Conflict
+
+SHORTEST_PAUSE_S = 0.02
+
+router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
+
+
+class JobFilter(Paging):
+    """Which jobs to list."""
+
+    kind: JobKind | None = None
+    state: JobState | None = None
+
+
+@router.get("", summary="List jobs, newest first")
+def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job]:
+    """All of them, or those of one kind, or in one state."""
+    return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
+
+
+def _job(job_id: Identifier, store: TheStore) -> Job:
+    return store.jobs.get(job_id)
+
+
+TheJob = Annotated[Job, Depends(_job)]
+
+
+@router.get("/{job_id}", summary="Get a job")
+def get_job(job: TheJob) -> Job:
+    """State, place in the queue, progress, and why it failed if it did."""
+    return job
+
+
+@router.get(
+    "/{job_id}/events",
+    response_class=EventSourceResponse,
+    summary="Stream a job's progress",
+    response_description="Server-sent events: `job` with the job as JSON at every change, then `end`.",
+)
+async def stream_job(job: TheJob, store: TheStore, settings: TheSettings) -> AsyncIterator[ServerSentEvent]:
+    """The job now and at each change; after the event `end` the client closes the stream."""
+    started, number = time.monotonic(), 0
+    yield ServerSentEvent(data=job, event="job", id=str(number))
+    while not job.state.ended:
+        await asyncio.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
+        now = await run_in_threadpool(store.jobs.get, job.id)
+        if now != job:
+            job, number = now, number + 1
+            yield ServerSentEvent(data=job, event="job", id=str(number))
+    yield ServerSentEvent(data=job.state, event="end", id=str(number + 1))
+
+
+def _pause_s(waited_s: float, longest_s: float) -> float:
+    """Until the next look at a job: a tenth of the wait so far, so that what took little is not told late."""
+    return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
+
+
+@router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job")
+def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
+    """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""
+    try:
+        job = store.jobs.request_cancel(job_id)
+    except Conflict:  # it has ended, perhaps a moment ago: that is what the caller wanted
+        job = store.jobs.get(job_id)
+    accept(response, f"/v1/jobs/{job.id}", settings.retry_after_s)
+    return job

@@ -1,0 +1,102 @@
+"""/v1/phantoms."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_service.answers import Paging, Svg, accept, etag, picture
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.problems import Refused
+from sawmill_service.uploads import chunks
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.phantoms import Phantom, PhantomAsk, PhantomPicture
+from sawmill_worker.pictures.phantom_drawing import phantom_svg
+
+router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
+PICTURES = "/pictures"
+
+EXAMPLE = {
+    "name": "board with a hole",
+    "shapes": [
+        {"kind": "polygon", "vertices_mm": [[-100, -150], [100, -150], [100, 150], [-100, 150]]},
+        {"kind": "disc", "center_mm": [-50, -50], "radius_mm": 26, "density": -1},
+    ],
+}
+
+
+@router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
+def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> Phantom:
+    """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
+    phantom = store.phantoms.create(drawing)
+    response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
+    return phantom
+
+
+@router.post(
+    PICTURES,
+    status_code=202,
+    summary="Upload a phantom's picture",
+    openapi_extra=trying_file("image/png", "/static/phantom.png"),
+)
+async def upload_phantom_picture(
+    picture: Annotated[PhantomPicture, Query()],
+    *,
+    request: Request,
+    response: Response,
+    store: TheStore,
+    settings: TheSettings,
+    wake: TheWake,
+) -> Phantom:
+    """Send a PNG as the body; a job traces its outlines.
+
+    Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
+    [A picture to try](/static/phantom.png) (400 mm wide).
+    """
+    received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_picture_bytes)
+    phantom = await run_in_threadpool(store.phantoms.accept_picture, picture, received)
+    if phantom.job_id is not None:
+        await run_in_threadpool(wake, phantom.job_id)
+    accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
+    return phantom
+
+
+@router.get("", summary="List phantoms, newest first")
+def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Phantom]:
+    """The built-in ones are `l-shape` and `rectangle-with-hole`."""
+    return store.phantoms.page(after=paging.after, limit=paging.limit)
+
+
+@router.get("/{phantom_id}", summary="Get a phantom", openapi_extra=trying(phantom_id="l-shape"))
+def get_phantom(phantom_id: Identifier, store: TheStore) -> Phantom:
+    """Its outlines in mm; null while its picture is being traced."""
+    return store.phantoms.get(phantom_id)
+
+
+@router.get(
+    "/{phantom_id}/drawing.svg",
+    response_class=Svg,
+    summary="Draw a phantom to print at full size",
+    openapi_extra=trying(phantom_id="l-shape"),
+)
+def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
+    phantom = store.phantoms.get(phantom_id)
+    drawing = phantom.drawing
+    if drawing is None:
+        detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
+        raise Refused(409, "phantom-without-drawing", detail)
+    tag = etag(drawing)
+    return picture(request, tag, lambda: phantom_svg(drawing.name, drawing.shapes), answer=Svg)
+
+
+@router.delete(
+    "/{phantom_id}",
+    status_code=204,
+    summary="Delete an unused phantom",
+    openapi_extra=trying(phantom_id="example-spare"),
+)
+def delete_phantom(phantom_id: Identifier, store: TheStore) -> None:
+    """Refused (409) for a built-in one, and while scans or calibrations refer to it."""
+    store.phantoms.delete(phantom_id)

@@ -1,0 +1,308 @@
+"""/v1/reconstructions."""
+
+from collections.abc import Sequence
+from enum import IntEnum, StrEnum
+from typing import Annotated, Self
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import AfterValidator, Field, model_validator
+
+from sawmill_service.answers import Hdf5, Paging, Png, accept, etag, file, picture
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.drawing import drawn_alpha_curve
+from sawmill_service.openapi_document import trying
+from sawmill_service.problems import Refused
+from sawmill_worker.contracts.base import Contract, Identifier, Page, parse_span
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.reconstructions import (
+    Reconstruction,
+    ReconstructionAsk,
+    ReconstructionLinks,
+    ReconstructionResult,
+)
+from sawmill_worker.pictures.color_maps import ColorMap
+from sawmill_worker.pictures.images import image_png, image_png16
+from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
+from sawmill_worker.pictures.windows import Window, window_of
+from sawmill_worker.storage import arrays
+from sawmill_worker.storage.store import Store
+
+MOST_TILES = 64
+USUAL_TILES = 16
+
+router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
+
+
+class ReconstructionFilter(Paging):
+    """Which reconstructions to list."""
+
+    scanner_id: Identifier | None = None
+    state: JobState | None = None
+
+
+class Bits(IntEnum):
+    """Depth of a picture's grey."""
+
+    EIGHT = 8
+    SIXTEEN = 16
+
+
+class WindowQuery(Contract):
+    """Which values to draw, and how."""
+
+    window_low: float | None = Field(
+        None, description="Value at the dark end, in the volume's unit; null: its low end."
+    )
+    window_high: float | None = Field(
+        None, description="Value at the bright end, in the volume's unit; null: its high end."
+    )
+    color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")
+
+
+class Shown(StrEnum):
+    """What of a slice is drawn."""
+
+    ATTENUATION = "attenuation"
+    DEVIATION = "deviation"
+
+
+class SliceQuery(WindowQuery):
+    """How to draw a slice."""
+
+    show: Shown = Field(
+        Shown.ATTENUATION,
+        description="`deviation`: each pixel's standard deviation, of a reconstruction that was asked for uncertainty.",
+    )
+    bits: Bits = Field(
+        Bits.EIGHT, description="8: for people, with scale bar and colour bar. 16: for machines, the values alone."
+    )
+    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+
+    @model_validator(mode="after")
+    def _values_alone_are_grey(self) -> Self:
+        if self.bits is Bits.SIXTEEN and self.color_map is not ColorMap.GREY:
+            msg = f"bits=16 holds values, in grey; for color_map={self.color_map} ask for bits=8"
+            raise ValueError(msg)
+        return self
+
+
+def _check_slices(text: str) -> str:
+    parse_span("slices", text)
+    return text
+
+
+class MosaicQuery(WindowQuery):
+    """Which slices to draw beside one another."""
+
+    count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
+        None, description=f"So many slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer."
+    )
+    slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
+        None, description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.", examples=["0:2500:100"]
+    )
+    scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
+
+    @model_validator(mode="after")
+    def _one_choice(self) -> Self:
+        if self.count is not None and self.slices is not None:
+            msg = "give count or slices, not both"
+            raise ValueError(msg)
+        return self
+
+
+class SideQuery(WindowQuery):
+    """From where to look at the log."""
+
+    along: arrays.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
+
+
+@router.post("", status_code=202, summary="Ask for a reconstruction", openapi_extra=trying(body={"scan_id": "example"}))
+def ask_reconstruction(
+    ask: ReconstructionAsk, store: TheStore, settings: TheSettings, wake: TheWake, response: Response
+) -> Reconstruction:
+    """Slices of a log, with the scanner's active calibration, another one, or a theta of your own.
+
+    The scan may still be read and the calibration still computed: the job waits for them.
+    """
+    reconstruction = store.reconstructions.accept(ask)
+    wake(reconstruction.job_id)
+    accept(response, f"/v1/reconstructions/{reconstruction.id}", settings.retry_after_s)
+    return _linked(reconstruction)
+
+
+@router.get("", summary="List reconstructions, newest first")
+def list_reconstructions(query: Annotated[ReconstructionFilter, Query()], store: TheStore) -> Page[Reconstruction]:
+    """All of them, or those of one scanner, or in one state."""
+    page = store.reconstructions.page(
+        scanner_id=query.scanner_id, state=query.state, after=query.after, limit=query.limit
+    )
+    return page.model_copy(update={"items": [_linked(item) for item in page.items]})
+
+
+@router.get("/{reconstruction_id}", summary="Get a reconstruction")
+def get_reconstruction(reconstruction_id: Identifier, store: TheStore) -> Reconstruction:
+    """Its state, and its shape and range once it is there."""
+    return _linked(store.reconstructions.get(reconstruction_id))
+
+
+@router.get(
+    "/{reconstruction_id}/slices/{index}.png",
+    response_class=Png,
+    summary="Draw a slice",
+    openapi_extra=trying(index=0, bits=8),
+)
+def get_slice(
+    reconstruction_id: Identifier,
+    index: Annotated[int, Path(ge=0, description="Slice, from 0.")],
+    query: Annotated[SliceQuery, Query()],
+    request: Request,
+    store: TheStore,
+) -> Response:
+    """A row of the picture is +x, a column +y."""
+    result = _result(store, reconstruction_id)
+    if index >= result.shape[0]:
+        raise Refused(404, "slice-not-found", f"index must be below {result.shape[0]}, the slices, not {index}")
+    path = store.files.volume(reconstruction_id)
+
+    def draw() -> bytes:
+        if query.show is Shown.DEVIATION:
+            image = arrays.deviation_slice(path, index)
+            window = _window(query, window_of(image.data))
+        else:
+            image = arrays.volume_slice(path, index)
+            window = _window(query, result.value_range)
+        if query.bits is Bits.SIXTEEN:
+            return image_png16(image.data, window)
+        return image_png(
+            image.data,
+            pixel_mm=image.pixel_mm if query.scale_bar else None,
+            unit=image.unit,
+            window=window,
+            color_map=query.color_map,
+        )
+
+    return picture(request, etag(reconstruction_id, index, query), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/mosaic.png",
+    response_class=Png,
+    summary="Draw slices along the log",
+    openapi_extra=trying(count=16),
+)
+def get_mosaic(
+    reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
+    result = _result(store, reconstruction_id)
+    window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
+
+    def draw() -> bytes:
+        slices = arrays.volume_slices(store.files.volume(reconstruction_id), indices)
+        return mosaic_png(
+            ((image.data, image.label) for image in slices),
+            pixel_mm=result.pixel_mm if query.scale_bar else None,
+            unit=result.unit,
+            window=window,
+            color_map=query.color_map,
+        )
+
+    return picture(request, etag(reconstruction_id, "mosaic", query, window), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/side.png",
+    response_class=Png,
+    summary="Draw the log from the side",
+    openapi_extra=trying(along="x"),
+)
+def get_side_view(
+    reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """The densest value behind each point of the log's side; the log runs to the right."""
+    _result(store, reconstruction_id)
+
+    def draw() -> bytes:
+        view = arrays.side_view(store.files.volume(reconstruction_id), query.along)
+        return side_view_png(
+            view.data,
+            across_mm=view.across_mm,
+            across=view.across,
+            along_mm=view.along_mm,
+            unit=view.unit,
+            window=_window(query, window_of(view.data)),
+            color_map=query.color_map,
+        )
+
+    return picture(request, etag(reconstruction_id, "side", query), draw)
+
+
+@router.get(
+    "/{reconstruction_id}/alpha-curve.png",
+    response_class=Png,
+    summary="Draw how alpha was chosen",
+    openapi_extra=trying(reconstruction_id="example-sparse"),
+)
+def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+    """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
+    _result(store, reconstruction_id)
+    columns = arrays.alpha_curve(store.files.volume(reconstruction_id))
+    return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
+
+
+@router.head("/{reconstruction_id}/volume.h5", include_in_schema=False)
+@router.get(
+    "/{reconstruction_id}/volume.h5",
+    response_class=Hdf5,
+    summary="Get the volume as HDF5",
+    responses={206: {"description": "The range asked for."}},
+)
+def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+    """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
+    _result(store, reconstruction_id)
+    path = store.files.volume(reconstruction_id)
+    return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5")
+
+
+def _linked(reconstruction: Reconstruction) -> Reconstruction:
+    path = f"/v1/reconstructions/{reconstruction.id}"
+    links = ReconstructionLinks(
+        self=path,
+        job=f"/v1/jobs/{reconstruction.job_id}",
+        volume=f"{path}/volume.h5",
+        first_slice=f"{path}/slices/0.png",
+        mosaic=f"{path}/mosaic.png",
+        side=f"{path}/side.png",
+    )
+    return reconstruction.model_copy(update={"links": links})
+
+
+def _result(store: Store, reconstruction_id: str) -> ReconstructionResult:
+    reconstruction = store.reconstructions.get(reconstruction_id)
+    if reconstruction.result is None:
+        detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
+        raise Refused(409, "reconstruction-without-result", detail)
+    return reconstruction.result
+
+
+def _window(query: WindowQuery, usual: Window) -> Window:
+    low = usual[0] if query.window_low is None else query.window_low
+    high = usual[1] if query.window_high is None else query.window_high
+    if not low < high:
+        raise Refused(422, "empty-window", f"window_low must be below window_high, not {low} and {high}")
+    return low, high
+
+
+def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
+    """The slices of a mosaic."""
+    if query.slices is None:
+        return spread(query.count or USUAL_TILES, available)
+    wanted = parse_span("slices", query.slices)
+    if wanted.stop > available:
+        raise Refused(404, "slice-not-found", f"slices must be within 0:{available}, not {query.slices}")
+    tiles = range(available)[wanted]
+    if len(tiles) > MOST_TILES:
+        raise Refused(
+            422, "too-many-slices", f"slices must name at most {MOST_TILES}, not {len(tiles)}: take a larger STEP"
+        )
+    return tiles

@@ -1,0 +1,70 @@
+"""/v1/scanners."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from sawmill_service.answers import Paging
+from sawmill_service.dependencies import TheStore
+from sawmill_service.openapi_document import trying
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.scanners import Activation, Scanner, ScannerAsk
+
+router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
+
+EXAMPLE = {
+    "name": "Line 2",
+    "constants": {
+        "source_to_cor_mm": 859.46,
+        "num_detector_pixels": 768,
+        "detector_pitch_mm": 1.502864583,
+        "row_pitch_mm": 2.0,
+    },
+}
+
+
+@router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE))
+def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> Scanner:
+    """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
+    scanner = store.scanners.create(spec)
+    response.headers["Location"] = f"/v1/scanners/{scanner.id}"
+    return scanner
+
+
+@router.get("", summary="List scanners, newest first")
+def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Scanner]:
+    """Each with its active calibration."""
+    return store.scanners.page(after=paging.after, limit=paging.limit)
+
+
+@router.get("/{scanner_id}", summary="Get a scanner")
+def get_scanner(scanner_id: Identifier, store: TheStore) -> Scanner:
+    """The scanner and which calibration it uses."""
+    return store.scanners.get(scanner_id)
+
+
+@router.put(
+    "/{scanner_id}",
+    summary="Replace a scanner's description",
+    openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
+)
+def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> Scanner:
+    """Results that exist keep the constants they were made with."""
+    return store.scanners.update(scanner_id, spec)
+
+
+@router.delete(
+    "/{scanner_id}",
+    status_code=204,
+    summary="Delete an unused scanner",
+    openapi_extra=trying(scanner_id="example-spare"),
+)
+def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
+    """Refused (409) while scans, results or schedules refer to it."""
+    store.scanners.delete(scanner_id)
+
+
+@router.get("/{scanner_id}/history", summary="List which calibrations were active")
+def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
+    """Newest first; the first one is active."""
+    return store.scanners.history(scanner_id)

@@ -1,0 +1,122 @@
+"""/v1/scans."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from pydantic import Field
+
+from sawmill_service.answers import Paging, Png, accept, etag, picture
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.problems import Refused
+from sawmill_service.uploads import chunks
+from sawmill_worker.contracts.base import Contract, Identifier, Page
+from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
+from sawmill_worker.pictures.images import sinogram_png
+from sawmill_worker.storage import arrays
+from sawmill_worker.storage.store import Store
+
+router = APIRouter(prefix="/v1/scans", tags=["scans"])
+
+
+class ScanFilter(Paging):
+    """Which scans to list."""
+
+    scanner_id: Identifier | None = None
+    state: ScanState | None = None
+
+
+class SinogramQuery(Contract):
+    """Which sinogram to draw."""
+
+    row: Annotated[int, Field(ge=0)] = Field(0, description="Detector row.")
+
+
+@router.post(
+    "",
+    status_code=202,
+    summary="Upload a scan",
+    openapi_extra=trying_file(
+        "application/octet-stream",
+        "/examples/phantom-scan.npz",
+        scanner_id="example",
+        data="counts",
+        name="a first scan",
+        phantom_id="l-shape",
+    ),
+)
+async def upload_scan(
+    spec: Annotated[ScanSpec, Query()],
+    *,
+    request: Request,
+    response: Response,
+    store: TheStore,
+    settings: TheSettings,
+    wake: TheWake,
+) -> Scan:
+    """Send the file's bytes as the body; a job reads it.
+
+    HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their content.
+    `GET` the scan until its state is `ready`, or `refused` with the reason.
+    [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
+    """
+    received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_upload_bytes)
+    scan = await run_in_threadpool(store.scans.accept, spec, received)
+    await run_in_threadpool(wake, scan.job_id)
+    accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
+    return scan
+
+
+@router.get("", summary="List scans, newest first")
+def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
+    """All of them, or those of one scanner, or in one state."""
+    return store.scans.page(scanner_id=query.scanner_id, state=query.state, after=query.after, limit=query.limit)
+
+
+@router.get("/{scan_id}", summary="Get a scan")
+def get_scan(scan_id: Identifier, store: TheStore) -> Scan:
+    """Its state, and what the file turned out to be."""
+    return store.scans.get(scan_id)
+
+
+@router.delete("/{scan_id}", status_code=204, summary="Delete a scan", openapi_extra=trying(scan_id="example-spare"))
+def delete_scan(scan_id: Identifier, store: TheStore) -> None:
+    """Its files too; calibrations and reconstructions made from it stay. Refused (409) while a job needs it."""
+    store.scans.delete(scan_id)
+
+
+@router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan")
+def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
+    """The middle row's sinogram."""
+    scan, shape = _ready(store, scan_id)
+    return _sinogram(request, store, scan, shape.rows // 2)
+
+
+@router.get(
+    "/{scan_id}/sinogram.png", response_class=Png, summary="Draw one row's sinogram", openapi_extra=trying(row=0)
+)
+def get_sinogram(
+    scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """Line integrals over views and detector cells."""
+    scan, _ = _ready(store, scan_id)
+    return _sinogram(request, store, scan, query.row)
+
+
+def _ready(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
+    scan = store.scans.get(scan_id)
+    if scan.shape is None:
+        reason = scan.reason or f"job {scan.job_id} still reads it"
+        raise Refused(409, f"scan-{scan.state}", f"scan {scan_id!r} is {scan.state}: {reason}")
+    return scan, scan.shape
+
+
+def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:
+    def draw() -> bytes:
+        sinogram = arrays.sinogram(store.files.scan(scan.id), row)
+        return sinogram_png(
+            sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
+        )
+
+    return picture(request, etag(scan.id, scan.sha256, row), draw)

@@ -1,0 +1,58 @@
+"""/v1/schedules."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+
+from sawmill_service.answers import Paging
+from sawmill_service.dependencies import TheStore
+from sawmill_service.openapi_document import trying
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+
+router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
+
+EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
+
+
+@router.post("", status_code=201, summary="Schedule a scanner's recalibration", openapi_extra=trying(body=EXAMPLE))
+def create_schedule(spec: ScheduleSpec, store: TheStore, response: Response) -> Schedule:
+    """At each due time the newest phantom scan that no calibration has used yet is calibrated."""
+    schedule = store.schedules.create(spec)
+    response.headers["Location"] = f"/v1/schedules/{schedule.id}"
+    return schedule
+
+
+@router.get("", summary="List schedules, newest first")
+def list_schedules(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Schedule]:
+    """Each with its next due time and its last run."""
+    return store.schedules.page(after=paging.after, limit=paging.limit)
+
+
+@router.get("/{schedule_id}", summary="Get a schedule")
+def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
+    """The schedule, when it is due next and what came of it last."""
+    return store.schedules.get(schedule_id)
+
+
+@router.put("/{schedule_id}", summary="Replace a schedule", openapi_extra=trying(body=EXAMPLE))
+def replace_schedule(schedule_id: Identifier, spec: ScheduleSpec, store: TheStore) -> Schedule:
+    """The next due time is counted from now."""
+    return store.schedules.update(schedule_id, spec)
+
+
+@router.delete(
+    "/{schedule_id}",
+    status_code=204,
+    summary="Delete a schedule",
+    openapi_extra=trying(schedule_id="example-spare"),
+)
+def delete_schedule(schedule_id: Identifier, store: TheStore) -> None:
+    """Calibrations that it asked for stay."""
+    store.schedules.delete(schedule_id)
+
+
+@router.get("/{schedule_id}/runs", summary="List what came of a schedule")
+def schedule_runs(schedule_id: Identifier, store: TheStore) -> list[ScheduleRun]:
+    """One entry a due time, newest first."""
+    return store.schedules.runs(schedule_id)

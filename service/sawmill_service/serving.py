@@ -1,0 +1,89 @@
+"""Runs the API, its workers and the schedule on one machine until it is told to stop."""
+
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+
+import structlog
+import uvicorn
+
+from sawmill_service.app import create_app
+from sawmill_service.dependencies import Wake
+from sawmill_service.listening import listen
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.execution.celery_app import Waker, make_celery
+from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.supervise import WorkerSupervisor
+from sawmill_worker.storage.errors import StorageError
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+# Open event streams would hold a shutdown for as long as their clients like.
+SHUTDOWN_S = 3
+
+
+def no_wake(_: str) -> None:
+    """Embedded workers look into the database by themselves."""
+
+
+def serve_until_stopped(
+    settings: ServiceSettings,
+    storage: StorageSettings,
+    execution: ExecutionSettings,
+    *,
+    workers: bool,
+    seed: Callable[[Store], None] | None,
+) -> None:
+    """Listen; do the work too, unless a broker carries it to others or `workers` is false.
+
+    Parameters
+    ----------
+    seed
+        Fills a fresh data folder with examples while the service answers already.
+
+    Raises
+    ------
+    StorageError, OSError
+        The data folder cannot be used.
+    ListenError
+        The address or the port cannot be used.
+    """
+    configure_logs(execution.log_format)
+    # Uvicorn raises the signal that stopped it again, which by default would end this process before its workers.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with ExitStack() as stack:
+        listening = stack.enter_context(
+            closing(listen(settings.host, settings.port, guarded=settings.token is not None))
+        )
+        store = stack.enter_context(closing(Store.open(storage)))
+        wake: Wake = no_wake
+        if execution.broker_url is not None:
+            waker = stack.enter_context(closing(Waker(make_celery(execution, storage))))
+            waker.start()
+            wake = waker
+        elif workers:
+            wake = stack.enter_context(WorkerSupervisor(storage, execution)).wake
+        if seed is not None:
+            threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
+        config = uvicorn.Config(
+            create_app(settings, store, wake),
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=SHUTDOWN_S,
+        )
+        port = listening.getsockname()[1]
+        structlog.get_logger().info(
+            "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
+        )
+        uvicorn.Server(config).run(sockets=[listening])
+
+
+def _seed(seed: Callable[[Store], None], store: Store) -> None:
+    try:
+        seed(store)
+    except (StorageError, OSError):  # the service works without examples; the next start tries again
+        structlog.get_logger().exception("examples-failed")

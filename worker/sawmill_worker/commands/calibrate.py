@@ -1,0 +1,62 @@
+"""`sawmill calibrate`: a scan's file to a calibration."""
+
+from pathlib import Path
+
+import numpy as np
+
+from sawmill_worker.commands.options import PhantomSaid, ScanSaid
+from sawmill_worker.commands.phantoms import drawing_of
+from sawmill_worker.commands.scan_rows import open_rows
+from sawmill_worker.commands.terminal import Report
+from sawmill_worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationResult
+from sawmill_worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.tasks.preparing import Stack
+from sawmill_worker.tomography.calibration.calibration import Calibration
+
+
+def calibrate_scan(
+    said: ScanSaid,
+    phantom: PhantomSaid,
+    options: CalibrationOptions,
+    *,
+    source_to_cor_mm: float,
+    picture: Path | None,
+    report: Report,
+) -> CalibrationResult:
+    """Read, calibrate, and draw the report where one is asked for."""
+    drawing = drawing_of(phantom)
+    with open_rows(said, source_to_cor_mm=source_to_cor_mm, report=report) as used:
+        stack = used.stack()
+    given = CalibrationInput(
+        sinogram=stack.mean(axis=1, dtype=np.float64),
+        angles_rad=used.angles_rad,
+        rows=used.rows,
+        scanner=used.scanner,
+        bounds=None,
+        drawing=drawing,
+        input_sha256=used.sha256,
+        from_counts=used.counts,
+    )
+    if said.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
+        given = with_phantom_rows(given, stack, options)
+    calibration, result = run_calibration(given, options, used.report)
+    if picture is not None:
+        _draw(picture, stack, used.rows, given, calibration, result)
+    return result
+
+
+def _draw(
+    picture: Path,
+    stack: Stack,
+    rows: tuple[int, int],
+    given: CalibrationInput,
+    calibration: Calibration,
+    result: CalibrationResult,
+) -> None:
+    # Imported here because it brings the reconstruction along, for which an answer need not wait.
+    from sawmill_worker.tasks.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
+    from sawmill_worker.tasks.log_comparison import log_images, log_row_beside  # noqa: PLC0415
+
+    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
+    images = None if log is None else log_images(log, given, result, None)
+    write_report_png(picture, result, calibration_arrays(calibration, given, images))

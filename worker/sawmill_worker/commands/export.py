@@ -1,0 +1,61 @@
+"""`sawmill export`: a calibrated geometry for another toolkit."""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from sawmill_worker.commands.options import ExportTarget
+from sawmill_worker.commands.result_file import read_calibration
+from sawmill_worker.formats.angles import AnglesGiven
+from sawmill_worker.formats.rtk_xml import rtk_xml
+from sawmill_worker.tasks.conversion import to_scanner, to_theta
+from sawmill_worker.tomography import geometry
+from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+
+
+def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
+    """Write a calibration's geometry at these views for a toolkit.
+
+    Raises
+    ------
+    JobFailure, UnreadableScan
+        The file holds no calibration, or there are not as many angles as views.
+    """
+    known = read_calibration(calibration)
+    turned = geometry.Rotation(known.rotation).apply(np.deg2rad(angles.expand(views)))
+    _WRITERS[target](output, FanBeamGeometry(to_scanner(known.scanner), to_theta(known.theta), turned))
+
+
+def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:
+    """A row a view, as ASTRA's `fanflat_vec` wants them."""
+    header = f"astra fanflat_vec, mm: srcX srcY dX dY uX uY; {fan.scanner.num_detector_pixels} cells"
+    np.savetxt(output, fan.astra_vectors(), fmt="%.12g", header=header)
+
+
+def _write_for_odl(output: Path, fan: FanBeamGeometry) -> None:
+    output.write_text(json.dumps(odl_arguments(fan), indent=1) + "\n", encoding="utf-8")
+
+
+def _write_for_cil(output: Path, fan: FanBeamGeometry) -> None:
+    output.write_text(json.dumps(cil_arguments(fan), indent=1) + "\n", encoding="utf-8")
+
+
+def _write_for_rtk(output: Path, fan: FanBeamGeometry) -> None:
+    scanner = fan.scanner
+    pitch, origin = scanner.detector_pitch_mm, float(scanner.cell_centres_mm[0])
+    remark = f"projections: {scanner.num_detector_pixels} cells, spacing {pitch!r} mm, origin {origin!r} mm"
+    output.write_text(rtk_xml(**vars(rtk_geometry(fan)), remark=remark), encoding="utf-8")
+
+
+_WRITERS: Mapping[ExportTarget, Callable[[Path, FanBeamGeometry], None]] = MappingProxyType(
+    {
+        ExportTarget.ASTRA: _write_for_astra,
+        ExportTarget.ODL: _write_for_odl,
+        ExportTarget.CIL: _write_for_cil,
+        ExportTarget.RTK: _write_for_rtk,
+    }
+)

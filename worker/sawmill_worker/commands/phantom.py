@@ -1,0 +1,29 @@
+"""`sawmill phantom`: how well a phantom will do, and its drawing."""
+
+from pathlib import Path
+
+from sawmill_worker.commands.options import PhantomSaid
+from sawmill_worker.commands.phantoms import drawing_of
+from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.plans import PlanOptions, PlanResult
+from sawmill_worker.pictures.phantom_drawing import phantom_svg
+from sawmill_worker.tasks.planning import PlanInput, run_plan
+
+
+def plan_phantoms(
+    said: list[PhantomSaid],
+    options: list[PlanOptions],
+    *,
+    scanner: ScannerConstants,
+    theta: Theta,
+    log_radius_mm: float,
+) -> list[PlanResult]:
+    """Each phantom at each number of views, the phantoms in the order in which they were given."""
+    given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in said]
+    return [run_plan(phantom, scan) for phantom in given for scan in options]
+
+
+def draw_phantom(said: PhantomSaid, output: Path) -> None:
+    """Write a phantom as SVG, at full size."""
+    drawing = drawing_of(said)
+    output.write_text(phantom_svg(drawing.name, drawing.shapes), encoding="utf-8")

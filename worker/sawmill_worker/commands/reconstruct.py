@@ -1,0 +1,141 @@
+"""`sawmill reconstruct`: a scan's file and a geometry to a volume."""
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from sawmill_worker.commands.options import CalibrationSaid, PicturesSaid, ScanSaid, ThetaSaid
+from sawmill_worker.commands.result_file import read_calibration
+from sawmill_worker.commands.scan_rows import ScanRows, open_rows
+from sawmill_worker.commands.terminal import Report
+from sawmill_worker.contracts.base import Handedness, Rotation
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_worker.pictures.images import image_png
+from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
+from sawmill_worker.storage.arrays import alpha_curve, side_view, volume_slice, volume_slices
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.tasks.failures import refused
+from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+
+MOSAIC_SLICES = 16
+
+
+def reconstruct_scan(
+    said: ScanSaid,
+    geometry: ThetaSaid | CalibrationSaid,
+    options: ReconstructionOptions,
+    *,
+    output: Path,
+    pictures: PicturesSaid,
+    report: Report,
+) -> ReconstructionResult:
+    """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
+    with _open(said, geometry, output, report) as (used, given):
+        result = run_reconstruction(given, options, output, used.report)
+    drawings = (
+        (pictures.middle, _middle),
+        (pictures.mosaic, _mosaic),
+        (pictures.side, _side),
+        (pictures.alpha_curve, _curve),
+    )
+    for path, draw in drawings:
+        if path is not None:
+            path.write_bytes(draw(output, result, said.path.name))
+    return result
+
+
+def _middle(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    middle = volume_slice(volume, result.shape[0] // 2)
+    return image_png(middle.data, pixel_mm=middle.pixel_mm, unit=middle.unit, title=f"{name}, {middle.label}")
+
+
+def _mosaic(volume: Path, result: ReconstructionResult, name: str) -> bytes:
+    slices = volume_slices(volume, spread(MOSAIC_SLICES, result.shape[0]))
+    tiles = ((image.data, image.label) for image in slices)
+    return mosaic_png(tiles, pixel_mm=result.pixel_mm, unit=result.unit, window=result.value_range, title=name)
+
+
+def _side(volume: Path, _: ReconstructionResult, name: str) -> bytes:
+    view = side_view(volume, "x")
+    return side_view_png(
+        view.data, across_mm=view.across_mm, across=view.across, along_mm=view.along_mm, unit=view.unit, title=name
+    )
+
+
+def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
+    from sawmill_worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415 - no other picture needs matplotlib
+
+    try:
+        columns = alpha_curve(volume)
+    except Conflict as conflict:
+        raise refused(conflict.code, f"the volume was written, but {conflict}") from conflict
+    return alpha_curve_png(columns)
+
+
+@contextmanager
+def _open(
+    said: ScanSaid, geometry: ThetaSaid | CalibrationSaid, output: Path, report: Report
+) -> Iterator[tuple[ScanRows, ReconstructionInput]]:
+    if isinstance(geometry, ThetaSaid):
+        with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm, report=report, beside=output) as used:
+            yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
+        return
+    with open_with_calibration(said, geometry, report=report, beside=output) as (known, used):
+        yield used, _input(used, known.theta, known.rotation, known.handedness)
+
+
+@contextmanager
+def open_with_calibration(
+    said: ScanSaid, geometry: CalibrationSaid, *, report: Report, beside: Path | None = None
+) -> Iterator[tuple[CalibrationResult, ScanRows]]:
+    """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
+    known, said = _calibrated(said, geometry)
+    with open_rows(said, source_to_cor_mm=known.scanner.source_to_cor_mm, report=report, beside=beside) as used:
+        _check_same_detector(known, used.scanner)
+        yield known, used
+
+
+def _calibrated(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanSaid]:
+    """The calibration, and what is said of the scan with what the calibration knows of its scanner."""
+    known = read_calibration(geometry.path)
+    r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
+    _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
+    _check_agreement("detector_pitch_mm", pitch, said.detector_pitch_mm)
+    return known, replace(said, detector_pitch_mm=pitch)
+
+
+def _input(used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness) -> ReconstructionInput:
+    return ReconstructionInput(
+        read=used.read,
+        angles_rad=used.angles_rad,
+        rows=used.rows,
+        scanner=used.scanner,
+        theta=theta,
+        rotation=rotation,
+        handedness=handedness,
+        input_sha256=used.sha256,
+        counts=used.counts,
+        preparation=used.remarks,
+        row_step=used.row_step,
+    )
+
+
+def _check_agreement(name: str, carried: float, flag: float | None) -> None:
+    if flag is not None and not math.isclose(flag, carried, rel_tol=1e-6):
+        raise refused(
+            "contradiction", f"the calibration says {name} {carried:.9g} and {flag:.9g} was given; correct one"
+        )
+
+
+def _check_same_detector(known: CalibrationResult, scanner: ScannerConstants) -> None:
+    calibrated, cells = known.scanner.num_detector_pixels, scanner.num_detector_pixels
+    if calibrated != cells:
+        raise refused(
+            "contradiction",
+            f"the calibration is of a detector of {calibrated} cells and the scan has {cells}: "
+            "use the calibration of the same scanner",
+        )

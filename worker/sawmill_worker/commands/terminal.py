@@ -1,0 +1,130 @@
+"""What a command says: answers on standard output, everything else on standard error."""
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import timedelta
+from types import FrameType
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.text import Text
+
+from sawmill_worker.contracts import jobs
+from sawmill_worker.tasks.failures import JobFailure, input_errors_translated
+
+Report = Callable[[jobs.Progress], None]
+
+
+def part_of(report: Report, start: float, stop: float) -> Report:
+    """Tells the progress of a part of the work as that of all of it, from one fraction of it to another."""
+
+    def told(progress: jobs.Progress) -> None:
+        fraction = start + (stop - start) * progress.fraction
+        report(progress.model_copy(update={"fraction": fraction}))
+
+    return told
+
+
+def say(sentence: str, *, trouble: str | None = None) -> None:
+    """Tell the person at the terminal, in one line; the name of a trouble stands out before it."""
+    text = Text(sentence) if trouble is None else Text.assemble((f"{trouble}: ", "bold red"), sentence)
+    Console(stderr=True).print(text, soft_wrap=True)
+
+
+def print_json(document: object) -> None:
+    """Print the one object of `--json`."""
+    sys.stdout.write(json.dumps(document, allow_nan=False) + "\n")
+
+
+@contextmanager
+def answering(*, as_json: bool = False) -> Iterator[None]:
+    """End with exit code 1 and one sentence (with `--json` one object) where no answer can be computed.
+
+    A defect tells its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
+    files taken away, with exit code 143.
+    """
+    try:
+        with _ending_when_terminated(), input_errors_translated():
+            yield
+    except JobFailure as failure:
+        _tell(jobs.Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
+        raise typer.Exit(1) from failure
+    except OSError as error:
+        _tell(jobs.Failure(kind=jobs.FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
+        raise typer.Exit(1) from error
+    except MemoryError as error:
+        detail = "this needs more memory than there is: ask for fewer rows, fewer views or a smaller size"
+        _tell(jobs.Failure(kind=jobs.FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
+        raise typer.Exit(1) from error
+    except Exception as error:
+        detail = f"an unexpected {type(error).__name__}, which is a defect of this program"
+        _tell(jobs.Failure(kind=jobs.FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
+        raise
+
+
+@contextmanager
+def _ending_when_terminated() -> Iterator[None]:
+    def end(number: int, _frame: FrameType | None) -> None:
+        _ended_by.append(number)
+        _end_if_told()
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+        _ended_by.clear()
+
+
+# Signals that said to end. What a handler raises is lost where it interrupts a callback of the interpreter, as while
+# kernels are loaded: then the next report of progress ends the work.
+_ended_by: list[int] = []
+
+
+def _end_if_told() -> None:
+    if _ended_by:
+        raise SystemExit(128 + _ended_by[0])
+
+
+def _tell(failure: jobs.Failure, *, as_json: bool) -> None:
+    if as_json:
+        print_json({"state": "failed", "failure": failure.model_dump(mode="json")})
+    say(failure.detail, trouble=failure.code)
+
+
+class _TimeLeft(TimeRemainingColumn):
+    """What the work itself says of the time left; where it says nothing, the bar's pace."""
+
+    def render(self, task: Task) -> Text:
+        left = task.fields["seconds_left"]
+        if left is None:
+            return super().render(task)
+        return Text(str(timedelta(seconds=round(left))), style="progress.remaining")
+
+
+@contextmanager
+def showing_progress(what: str) -> Iterator[Report]:
+    """A progress bar on standard error, where a person looks at it."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:3.0f} %"),
+        TimeElapsedColumn(),
+        _TimeLeft(),
+    )
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(what, total=1.0, seconds_left=None)
+
+        def report(progress: jobs.Progress) -> None:
+            _end_if_told()
+            best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
+            generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
+            description = f"{what}: {progress.stage}{generation}"
+            bar.update(task, completed=progress.fraction, description=description, seconds_left=progress.seconds_left)
+
+        yield report

@@ -1,0 +1,291 @@
+"""Calibrations: what can be asked, and the answer with everything that is known about it."""
+
+import json
+from enum import StrEnum
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, Handedness, Identifier, Rotation, Rows, Stamped
+from sawmill_worker.contracts.geometry import (
+    ScannerConstants,
+    SourceFrame,
+    SourceFrameDeviation,
+    Theta,
+    ThetaDeviation,
+)
+from sawmill_worker.contracts.jobs import Failure
+
+
+class CalibrationMethod(StrEnum):
+    """`default` is what users want; `paper` is the published search."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+class Adjustment(StrEnum):
+    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
+
+    FAULTY_CELLS = "faulty-cells"
+    CORRUPT_VIEWS = "corrupt-views"
+    INTENSITY_AVERAGING = "intensity-averaging"
+    BLUR = "blur"
+    OUTLIERS = "outliers"
+    VIEW_GAIN = "view-gain"
+    BEAM_HARDENING = "beam-hardening"
+    DENSITY_GRADIENT = "density-gradient"
+    PHANTOM_ROWS = "phantom-rows"
+
+
+class CalibrationStatus(StrEnum):
+    """How far an answer may be relied on; `reasons` hold the cure."""
+
+    CALIBRATED = "calibrated"
+    IMPRECISE = "imprecise"
+    AMBIGUOUS_TURN = "ambiguous-turn"
+    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    INCONSISTENT_SCALE = "inconsistent-scale"
+    NOT_CONVERGED = "not-converged"
+    WITHOUT_ERROR_BARS = "without-error-bars"
+
+
+class PaperOptions(Contract):
+    """Switches of the published search (arXiv 2206.14444)."""
+
+    objective: Literal["image", "projection"] = Field(
+        "image", description="Correlate FBP images, or compare sinograms."
+    )
+    weighting: Literal["none", "exact"] = Field("none", description="FBP weights; the published pipeline has none.")
+    correlation: Literal["unnormalised", "normalised"] = "unnormalised"
+    stop: Literal["published", "tight"] = Field(
+        "published", description="SciPy's default stop, or one that waits for convergence."
+    )
+    max_generations: Annotated[int, Field(ge=1, le=10_000)] = 1000
+    image_size: Annotated[int, Field(ge=32, le=1024)] = 256
+
+
+class CalibrationOptions(Contract):
+    """How to calibrate, apart from what."""
+
+    rows: Rows | None = Field(None, description="Rows to average; null: the scan's phantom rows, else found.")
+    views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
+    handedness: Handedness | None = Field(None, description="Null: the scanner's, else both are tried.")
+    rotation: Rotation | None = Field(None, description="Null: the scanner's, else both are tried.")
+    method: CalibrationMethod = CalibrationMethod.DEFAULT
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 7
+    rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
+        None, description="Rays a cell in the model; null averages over the whole cell, as a real detector does."
+    )
+    without: list[Adjustment] = Field(
+        [], max_length=len(Adjustment), description="What is not to be done by itself about a scan with faults."
+    )
+    paper: PaperOptions = PaperOptions()
+
+
+class CalibrationAsk(CalibrationOptions):
+    """Ask for a calibration."""
+
+    scan_id: Identifier = Field(examples=["example"])
+    phantom_id: Identifier | None = Field(
+        None, description="Null: the phantom that the scan names.", examples=["l-shape"]
+    )
+    activate: bool = Field(
+        default=False, description="Make it the scanner's active calibration if its verdict is pass."
+    )
+
+
+class StandardDeviation(Contract):
+    """Of theta and of the source frame."""
+
+    theta: ThetaDeviation
+    source_frame: SourceFrameDeviation
+
+
+class PredictedRayError(Contract):
+    """What the covariance says the rays are off by, inside the log's disc."""
+
+    rms: float = Field(description="Root of the expected mean square over rays and points.")
+    max: float = Field(description="Standard deviation at the worst point.")
+    upper_95: float = Field(description="The RMS ray error stays below this in 95 of 100 cases.")
+    interval_95: tuple[float, float] | None = Field(
+        None, description="It lies between these in 95 of 100 cases. Null: an answer of an earlier version."
+    )
+    radius_mm: float = Field(description="Of the disc in which rays are compared.")
+
+
+class Residual(Contract):
+    """What the model leaves of the sinogram."""
+
+    rms: float = Field(description="In the unit of the sinogram.")
+    relative: float = Field(description="Against the RMS of the background-free sinogram.")
+
+
+class Hypothesis(Contract):
+    """One of the four: handedness and sense of rotation."""
+
+    handedness: Handedness
+    rotation: Rotation
+    relative_residual: float
+    log_likelihood_behind: float | None = Field(
+        None, description="Behind the best one's; below 10 the scan does not decide. Null without error bars."
+    )
+
+
+class Search(Contract):
+    """How the valley was found."""
+
+    method: str
+    seed: int
+    evaluations: int
+    generations: int
+    best_value: float
+    converged: bool
+    message: str
+
+
+class Timing(Contract):
+    """Seconds; total runs from the sinogram in memory to the complete answer."""
+
+    total: float
+    search: float
+    refine: float
+    uncertainty: float
+
+
+class Comparison(Contract):
+    """Against the scanner's active calibration."""
+
+    calibration_id: Identifier
+    ray_change_mm: float = Field(description="RMS distance between the two calibrations' rays inside the log's disc.")
+    angle_change_deg: float = Field(description="Change of the first angle.")
+    cor_column_change_mm: float
+    source_distance_change_mm: float
+    tilt_change_deg: float
+    within_tolerance: bool
+    reason: str
+
+
+class CalibrationResult(Contract):
+    """The answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
+
+    theta: Theta
+    theta_twin: Theta | None = Field(
+        description="The other theta with the same sinogram; null where the source shift is zero."
+    )
+    source_frame: SourceFrame
+    standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
+    covariance: list[list[float]] | None = Field(
+        description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "
+        "a fixed parameter's row is zero."
+    )
+    theta_covariance: list[list[float]] | None = Field(
+        None,
+        description="Of (initial_angle_rad, detector_to_cor_mm, source_shift_mm, detector_shift_mm, detector_tilt); "
+        "null where the source shift or the first angle is not resolved.",
+    )
+    unconstrained_source_distance_mm: float = Field(description="R before it was held at source_to_cor_mm, if it was.")
+    scale_uncertainty_mm: float = Field(
+        description="What R inherits from the phantom's size tolerance: a systematic share."
+    )
+    scale_ray_error_mm: float = Field(
+        description="What the rays inherit from the phantom's size tolerance (RMS, systematic); no residual shows it."
+    )
+    predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
+    handedness: Handedness
+    rotation: Rotation
+    hypotheses: list[Hypothesis] = Field(description="All that were tried, best first.")
+    phantom_position_mm: tuple[float, float]
+    gain: float
+    offset: float
+    residual: Residual
+    adjustments: list[str] = Field([], description="What was found in the scan beyond the plain model, and done.")
+    status: CalibrationStatus | None = Field(
+        None,
+        description="How far the answer may be relied on; the verdict is pass only where it is calibrated. "
+        "Null: an answer of an earlier version, which did not tell.",
+    )
+    verdict: Literal["pass", "watch", "fail"] = Field(
+        description="pass: the predicted ray error's upper_95 is within the scanner's tolerance, and nothing speaks "
+        "against the answer. watch: only its RMS is, or a reason asks for a look. fail: neither."
+    )
+    reasons: list[str]
+    scanner: ScannerConstants
+    phantom: str
+    views: int
+    rows: tuple[int, int] = Field(description="First row and the one after the last.")
+    search: Search
+    timing_s: Timing
+    software_version: str
+    input_sha256: str
+    comparison: Comparison | None = None
+
+
+class CalibrationFile(CalibrationResult):
+    """What the command line prints: an answer that belongs to no service."""
+
+    id: str
+    state: Literal["succeeded"] = "succeeded"
+
+    @classmethod
+    def read(cls, text: str) -> CalibrationResult:
+        """The answer in RESULT.json, whether the command line or the service wrote it.
+
+        Raises
+        ------
+        ValueError
+            The text is no JSON object, or not a calibration that succeeded.
+        """
+        document = json.loads(text)
+        if not isinstance(document, dict) or document.get("state") != "succeeded":
+            raise ValueError("it is not a calibration that succeeded")
+        known = {name: document[name] for name in CalibrationResult.model_fields if name in document}
+        return CalibrationResult.model_validate(known)
+
+
+class CalibrationLinks(Contract):
+    """Where its files are."""
+
+    self: str
+    job: str
+    report: str
+    overlay: str
+    hdf5: str
+
+
+class CalibrationHeader(Stamped):
+    """What every calibration carries from the moment it was asked for."""
+
+    scanner_id: Identifier
+    scan_id: Identifier
+    phantom_id: Identifier
+    job_id: Identifier
+    schedule_id: Identifier | None = None
+    options: CalibrationOptions
+
+
+class CalibrationUnfinished(CalibrationHeader):
+    """Waiting, running, or ended without an answer."""
+
+    state: Literal["queued", "running", "failed", "cancelled"]
+    failure: Failure | None = None
+    links: CalibrationLinks | None = None
+
+
+class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
+    """With its answer."""
+
+    state: Literal["succeeded"] = "succeeded"
+    links: CalibrationLinks | None = None
+
+
+Calibration = Annotated[CalibrationUnfinished | CalibrationSucceeded, Field(discriminator="state")]
+
+
+def calibration_from(
+    header: dict[str, Any], state: str, result: dict[str, Any] | None
+) -> CalibrationUnfinished | CalibrationSucceeded:
+    """Put a stored header and result together."""
+    if result is not None and state == "succeeded":
+        return CalibrationSucceeded.model_validate({**header, **result, "state": state})
+    return CalibrationUnfinished.model_validate({**header, "state": state})

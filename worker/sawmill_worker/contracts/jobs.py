@@ -1,0 +1,91 @@
+"""Jobs: the row is the job, a message only says that there is one (DESIGN section 6)."""
+
+from datetime import datetime
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, Identifier, Stamped, Time
+
+
+class JobKind(StrEnum):
+    """What a worker can be asked to do."""
+
+    INGEST = "ingest"
+    TRACE_PHANTOM = "trace-phantom"
+    CALIBRATE = "calibrate"
+    RECONSTRUCT = "reconstruct"
+    PLAN = "plan"
+    DRIFT = "drift"
+
+
+class JobState(StrEnum):
+    """A job's life: queued, running, then one of the three ends."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen."""
+        return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
+
+
+class FailureKind(StrEnum):
+    """Whose fault an ended job is: the asker's (no retry), passing (retried), or ours (alert)."""
+
+    INPUT = "input"
+    PASSING = "passing"
+    INTERNAL = "internal"
+
+
+class Failure(Contract):
+    """Why a job failed, in one sentence that says which value and what would be right."""
+
+    kind: FailureKind
+    code: str = Field(description="Stable, for programs.", examples=["phantom-not-found"])
+    detail: str
+
+
+class Progress(Contract):
+    """How far a running job is."""
+
+    fraction: float = Field(ge=0, le=1)
+    stage: str = Field(examples=["search"])
+    generation: int | None = Field(None, description="Of the search.")
+    best_value: float | None = Field(None, description="Best objective of the search so far.")
+    seconds_left: float | None = Field(None, ge=0, description="Of a reconstruction, by its pace so far.")
+
+
+class Job(Stamped):
+    """A job as it stands."""
+
+    kind: JobKind
+    state: JobState
+    subject_id: Identifier = Field(description="The scan, phantom, calibration, reconstruction or plan it works on.")
+    queue_position: int | None = Field(None, description="Jobs before it in the queue; null once it runs.")
+    background: Annotated[
+        bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
+    ] = False
+    not_before: Time | None = Field(None, description="While it waits to be tried again: the earliest time.")
+    waiting_for: Failure | None = Field(
+        None, description="While it waits to be tried again: the passing failure because of which it does."
+    )
+    progress: Progress | None = None
+    attempt: int = Field(
+        description="How often it was started; the number tells one attempt from another, and is not limited."
+    )
+    losses: int = Field(
+        0,
+        description="Attempts that were lost, as by a worker that was killed; the third loss fails the job. "
+        "A clean stop of a worker, a full disk and a database that is away are no loss.",
+    )
+    worker: str | None = None
+    cancel_requested: bool = False
+    started_at: datetime | None = None
+    finished_at: datetime | None = None
+    failure: Failure | None = None

@@ -1,0 +1,76 @@
+"""Plans: how well a phantom will calibrate a scanner, before it is made."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, Identifier, Stamped
+from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
+from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants, SourceFrame, Theta
+from sawmill_worker.contracts.jobs import Failure
+
+
+class PlanOptions(Contract):
+    """The scan that is planned, apart from the phantom and the scanner."""
+
+    views: Annotated[int, Field(ge=3, le=3600)] = Field(360, description="Equidistant, over a full turn.")
+    noise: Annotated[float, Field(gt=0, le=1)] = Field(
+        0.02, description="Standard deviation of the noise against the RMS of the phantom's sinogram."
+    )
+
+
+class PlanAsked(PlanOptions):
+    """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
+
+    scanner_id: Identifier
+    theta: Theta | None = Field(
+        None, description="The nominal geometry; null: that of the scanner's active calibration."
+    )
+
+
+class PlanAsk(PlanAsked):
+    """Ask what precision a phantom will give on a scanner."""
+
+    theta: GivenTheta | None = Field(
+        None, description="The nominal geometry; null: that of the scanner's active calibration."
+    )
+
+
+class PlanResult(Contract):
+    """The precision to expect: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
+
+    theta: Theta
+    source_frame: SourceFrame
+    standard_deviation: StandardDeviation
+    covariance: list[list[float]] = Field(description="Of (psi, R, SDD, u_c, tau).")
+    predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")
+    scale_uncertainty_mm: float = Field(description="What R inherits from the phantom's size tolerance beside it.")
+    scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.")
+    noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.")
+    views_cut_off: int = Field(description="Views whose shadow reaches an end of the detector; 0 is right.")
+    phantom: str
+    scanner: ScannerConstants
+    views: int
+    noise: float
+    software_version: str
+
+
+class PlanLinks(Contract):
+    """Where it hangs together."""
+
+    self: str
+    job: str
+    phantom: str
+
+
+class Plan(Stamped):
+    """A plan as it stands."""
+
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    phantom_id: Identifier
+    scanner_id: Identifier
+    job_id: Identifier
+    options: PlanAsked
+    result: PlanResult | None = None
+    failure: Failure | None = None
+    links: PlanLinks | None = None

@@ -1,0 +1,63 @@
+"""How a scan is prepared when it is read: from the raw stack to the sinograms that everything else uses."""
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract
+
+
+class AirCorrection(StrEnum):
+    """What the air at the detector's ends takes out of the line integrals."""
+
+    AUTO = "auto"
+    OFF = "off"
+    BACKGROUND = "background"
+    VIEWS = "views"
+
+
+class FaultyCells(StrEnum):
+    """What becomes of dead and hot detector cells."""
+
+    AUTO = "auto"
+    KEEP = "keep"
+    BRIDGE = "bridge"
+
+
+class RingRemoval(StrEnum):
+    """How rings are taken out."""
+
+    OFF = "off"
+    SORTING = "sorting"
+
+
+class RowAlignment(StrEnum):
+    """How views that lost rows are laid over one another."""
+
+    OFF = "off"
+    PROFILE = "profile"
+    FEATURES = "features"
+
+
+class PrepareOptions(Contract):
+    """What is done to the data on reading. Counts are prepared; declared line integrals are used as they are."""
+
+    air: AirCorrection = Field(
+        AirCorrection.AUTO,
+        description="Level of the air at the detector's ends: one constant a row (background), or each view's where it "
+        "drifts (views). auto: views for counts, off for line integrals.",
+    )
+    faulty_cells: FaultyCells = Field(
+        FaultyCells.AUTO,
+        description="Dead and hot cells: bridged from their neighbours, or kept. auto: bridge counts, keep line "
+        "integrals.",
+    )
+    rings: RingRemoval = Field(
+        RingRemoval.OFF,
+        description="Remove rings that unequal cells leave; growth rings about the rotation centre are weakened too.",
+    )
+    align_rows: RowAlignment = Field(
+        RowAlignment.OFF,
+        description="Views lost rows at the top or bottom (NaN, in counts also zero): lay them over one another by "
+        "their profile of row sums, or by features matched between views.",
+    )

@@ -1,0 +1,229 @@
+"""Reconstructions: what can be asked, and the answer."""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+
+from sawmill_worker.contracts.base import (
+    Contract,
+    CoordinateMm,
+    Handedness,
+    Identifier,
+    PositiveMm,
+    Rotation,
+    Stamped,
+    SteppedRows,
+)
+from sawmill_worker.contracts.geometry import GivenTheta, Theta
+from sawmill_worker.contracts.jobs import Failure
+
+
+class ReconstructionMethod(StrEnum):
+    """Filtered back-projection, the iterative methods, or whichever of them suits the scan's views and noise."""
+
+    FBP = "fbp"
+    TIKHONOV = "tikhonov"
+    CAUCHY_MAP = "cauchy_map"
+    TOTAL_VARIATION = "total_variation"
+    AUTO = "auto"
+
+
+class AlphaRule(StrEnum):
+    """How Tikhonov's alpha is chosen where it is not given."""
+
+    DISCREPANCY = "discrepancy"
+    GCV = "gcv"
+    L_CURVE = "l-curve"
+
+
+class FilterName(StrEnum):
+    """Window on the ramp."""
+
+    RAM_LAK = "ram-lak"
+    SHEPP_LOGAN = "shepp-logan"
+    COSINE = "cosine"
+    HAMMING = "hamming"
+    HANN = "hann"
+
+
+def _one_number(value: object, info: ValidationInfo) -> object:
+    if isinstance(value, list | tuple):
+        msg = f"{info.field_name} must be one number, since pixels are square, not {list(value)}"
+        raise ValueError(msg)  # noqa: TRY004 - what pydantic reports
+    return value
+
+
+OneNumber = BeforeValidator(_one_number)
+Positive = Annotated[float, Field(gt=0)]
+
+
+class ReconstructionOptions(Contract):
+    """How to reconstruct, apart from what."""
+
+    rows: SteppedRows | None = Field(
+        None, description="Rows to reconstruct, one slice each: A:B, or every STEP-th of them, A:B:STEP; null: all."
+    )
+    views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
+    method: ReconstructionMethod = ReconstructionMethod.FBP
+    filter: FilterName = FilterName.HANN
+    frequency_scaling: Annotated[float, Field(gt=0, le=1)] = Field(
+        1.0, description="Cut-off as a fraction of the Nyquist frequency."
+    )
+    weighting: Literal["exact", "none"] = Field(
+        "exact", description="`none` is the published pipeline's: no cosine, no distance weight."
+    )
+    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(256, description="Pixels along each side.")
+    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.")
+    field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
+        (0.0, 0.0),
+        description="(x, y) of the field's middle; a region of interest lies off the rotation centre.",
+    )
+    alpha: Positive | None = Field(None, description="Of `tikhonov`, in mm²; null: chosen by alpha_rule.")
+    alpha_rule: AlphaRule = Field(AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha.")
+    sigma: Positive | None = Field(
+        None,
+        description="Of `cauchy_map`: standard deviation of a line integral, in its unit; null: the air's noise "
+        "times a factor that a rehearsal on a made-up scan of the same log chooses.",
+    )
+    beta: Positive | None = Field(
+        None,
+        description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit; "
+        "null: chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
+    )
+    preset: Literal["paper"] | None = Field(
+        None, description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta."
+    )
+    weight: Positive | None = Field(
+        None, description="Of `total_variation`, in 1 / attenuation; null: by foretelling views and rays kept back."
+    )
+    non_negative: bool = Field(
+        default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero."
+    )
+    uncertainty: bool = Field(
+        default=False, description="Of `cauchy_map`: each pixel's standard deviation as a second volume."
+    )
+
+    @model_validator(mode="after")
+    def _belong_to_the_method(self) -> "ReconstructionOptions":
+        for method, names in OPTIONS_OF.items():
+            for name in names:
+                given = getattr(self, name) != type(self).model_fields[name].default
+                if given and self.method not in method:
+                    owners = " or ".join(sorted(owner.value for owner in method))
+                    msg = (
+                        f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
+                    )
+                    raise ValueError(msg)
+        if self.alpha is not None and self.alpha_rule is not AlphaRule.DISCREPANCY:
+            msg = "alpha is given, so alpha_rule has nothing to choose: give one of them"
+            raise ValueError(msg)
+        if self.preset is not None and (self.sigma is not None or self.beta is not None):
+            msg = "preset brings its own sigma and beta: give the preset or them"
+            raise ValueError(msg)
+        return self
+
+
+# The options that only some methods know.
+OPTIONS_OF: dict[frozenset[ReconstructionMethod], tuple[str, ...]] = {
+    frozenset({ReconstructionMethod.FBP, ReconstructionMethod.AUTO}): ("filter", "frequency_scaling", "weighting"),
+    frozenset({ReconstructionMethod.TIKHONOV}): ("alpha", "alpha_rule"),
+    frozenset({ReconstructionMethod.CAUCHY_MAP}): ("sigma", "beta", "preset", "uncertainty"),
+    frozenset({ReconstructionMethod.TOTAL_VARIATION}): ("weight",),
+    frozenset({ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION}): ("non_negative",),
+}
+
+
+class ReconstructionAsked(ReconstructionOptions):
+    """What was asked for, as it is kept: an earlier version took what `ReconstructionAsk` refuses."""
+
+    scan_id: Identifier = Field(examples=["example"])
+    calibration_id: Identifier | None = Field(
+        None, description="Null: the scanner's active calibration, unless theta is given."
+    )
+    theta: Theta | None = Field(None, description="A geometry of your own, instead of a calibration.")
+    rotation: Rotation | None = Field(None, description="With theta: which way the angles count.")
+    handedness: Handedness | None = Field(None, description="With theta: recorded in the result.")
+
+    @model_validator(mode="after")
+    def _one_geometry(self) -> "ReconstructionAsked":
+        if self.theta is not None and self.calibration_id is not None:
+            msg = "give calibration_id or theta, not both"
+            raise ValueError(msg)
+        if self.theta is None and (self.rotation is not None or self.handedness is not None):
+            msg = "rotation and handedness come with theta; a calibration carries its own"
+            raise ValueError(msg)
+        return self
+
+
+class ReconstructionAsk(ReconstructionAsked):
+    """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+
+    theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
+
+
+class MethodReport(Contract):
+    """What the method did, and how well its slices explain the data. Of several slices, the median."""
+
+    name: ReconstructionMethod = Field(description="Never `auto`: what that chose.")
+    reason: str | None = Field(None, description="Why `auto` chose it.")
+    noise: float = Field(description="Standard deviation of a line integral, in its unit.")
+    data_misfit: float | None = Field(
+        description="RMS of what the slices miss the data by, against the noise: near 1 for an iterative method with "
+        "the right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right "
+        "geometry anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold "
+        "all that was scanned."
+    )
+    worst_data_misfit: float | None = Field(description="Of the slices looked at: all of them, but five for `fbp`.")
+    alpha: float | None = Field(None, description="Taken by `tikhonov`, in mm².")
+    sigma: float | None = Field(None, description="Taken by `cauchy_map`, in the unit of a line integral.")
+    beta: float | None = Field(None, description="Taken by `cauchy_map`, in the volume's unit.")
+    weight: float | None = Field(None, description="Taken by `total_variation`, in 1 / attenuation.")
+    unconverged_slices: int = Field(0, description="Slices that were still improving when the iterations ran out.")
+    remarks: list[str] = Field([], description="What a user should know of the data and the fit.")
+
+
+class ReconstructionResult(Contract):
+    """The answer beside the volume."""
+
+    shape: tuple[int, int, int] = Field(description="(slice, x, y)")
+    pixel_mm: float
+    unit: str
+    value_range: tuple[float, float] = Field(description="0.1 and 99.9 percentile over the volume.")
+    theta: Theta
+    rotation: Rotation
+    handedness: Handedness
+    views: int
+    rows: tuple[int, int]
+    row_step: int = Field(1, description="Every so many of the rows was reconstructed.")
+    time_s: float
+    software_version: str
+    input_sha256: str
+    preparation: list[str] = Field([], description="What was done to the scan's data before.")
+    method: MethodReport | None = Field(None, description="Null: from an earlier version, whose method was fbp.")
+    has_deviation: bool = Field(default=False, description="Whether each pixel's standard deviation is in the volume.")
+
+
+class ReconstructionLinks(Contract):
+    """Where its files are."""
+
+    self: str
+    job: str
+    volume: str
+    first_slice: str
+    mosaic: str
+    side: str
+
+
+class Reconstruction(Stamped):
+    """A reconstruction as it stands."""
+
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    scanner_id: Identifier
+    scan_id: Identifier
+    calibration_id: Identifier | None
+    job_id: Identifier
+    options: ReconstructionAsked
+    result: ReconstructionResult | None = None
+    failure: Failure | None = None
+    links: ReconstructionLinks | None = None

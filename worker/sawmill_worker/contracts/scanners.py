@@ -1,0 +1,65 @@
+"""Scanners: known constants, search bounds, tolerances, the active calibration."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, Handedness, Identifier, Name, PositiveMm, Rotation, Stamped
+from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants, ThetaBounds
+
+
+class Tolerances(Contract):
+    """What the mill accepts. A calibration beyond one of them is not a pass."""
+
+    predicted_ray_error_mm: PositiveMm = Field(
+        0.1,
+        description="A calibration passes where its predicted ray error is below this with 95 % (`upper_95`), and is "
+        "to be watched where only the RMS is.",
+    )
+    ray_change_mm: PositiveMm = Field(
+        0.5, description="RMS ray distance to the active calibration up to which nothing moved."
+    )
+    angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
+        None,
+        description="Change of the first angle up to which nothing moved; null: it turns with the phantom's mounting.",
+    )
+
+
+class ScannerSpec(Contract):
+    """A scanner as its owner describes it."""
+
+    name: Name = Field(examples=["Line 2"])
+    constants: ScannerConstants
+    bounds: ThetaBounds | None = Field(
+        None, description="Where theta is searched; null: wherever the phantom can be seen."
+    )
+    tolerances: Tolerances = Tolerances()
+    log_radius_mm: PositiveMm = Field(
+        150.0, description="Radius of the largest log: the disc in which ray errors are counted."
+    )
+    handedness: Handedness | None = Field(None, description="Null: every calibration tries both.")
+    rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")
+
+
+class ScannerAsk(ScannerSpec):
+    """A scanner that is to be taken in; an earlier version took what is refused here."""
+
+    bounds: GivenThetaBounds | None = Field(
+        None, description="Where theta is searched; null: wherever the phantom can be seen."
+    )
+
+
+class Scanner(Stamped, ScannerSpec):
+    """A scanner as it stands."""
+
+    active_calibration_id: Identifier | None = Field(
+        None, description="The calibration that reconstructions use unless told."
+    )
+
+
+class Activation(Contract):
+    """One entry of a scanner's history: from then on this calibration was the active one."""
+
+    calibration_id: Identifier
+    activated_at: str
+    reason: str = Field(description="Who or what activated it.")

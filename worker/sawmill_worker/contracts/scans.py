@@ -1,0 +1,64 @@
+"""Scans: projection stacks, uploaded as files and read by a job."""
+
+from enum import StrEnum
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, DataKind, Identifier, Name, Rows, Stamped
+from sawmill_worker.contracts.preparing import PrepareOptions
+
+
+class ScanState(StrEnum):
+    """An upload is read by a job before it can be used."""
+
+    INGESTING = "ingesting"
+    READY = "ready"
+    REFUSED = "refused"
+
+
+class ScanSpec(PrepareOptions):
+    """What the uploader says of a file; what the file itself says needs no repeating, and may not be contradicted."""
+
+    scanner_id: Identifier
+    data: DataKind
+    name: Name = "scan"
+    dataset: Name | None = Field(None, description="Path or variable of the projections, where the file holds several.")
+    angles_deg: str | None = Field(
+        None,
+        max_length=100_000,
+        description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
+        examples=["0.5:1"],
+    )
+    phantom_id: Identifier | None = Field(None, description="The phantom in this scan; null for a scan without one.")
+    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
+
+
+class ScanShape(Contract):
+    """Of the projection stack (view, row, detector)."""
+
+    views: int
+    rows: int
+    detector: int
+
+
+class ScanReading(Contract):
+    """What the job that read an upload found in it."""
+
+    format: str = Field(description="What the file turned out to be.")
+    shape: ScanShape
+    angular_range_deg: tuple[float, float] = Field(description="First and last view's angle.")
+    remarks: list[str] = Field([], description="What was done to the data on reading.")
+
+
+class Scan(Stamped, ScanSpec):
+    """A scan as it stands."""
+
+    state: ScanState
+    reason: str | None = Field(None, description="Why the file was refused, in one sentence.")
+    size_bytes: int
+    sha256: str
+    format: str | None = Field(None, description="What the file turned out to be.")
+    shape: ScanShape | None = None
+    angular_range_deg: tuple[float, float] | None = Field(None, description="First and last view's angle.")
+    remarks: list[str] = Field([], description="What was done to the data on reading.")
+    job_id: Identifier

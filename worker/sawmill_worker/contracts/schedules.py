@@ -1,0 +1,36 @@
+"""Scheduled recalibration."""
+
+from datetime import datetime
+from typing import Literal
+
+from pydantic import Field
+
+from sawmill_worker.contracts.base import Contract, Identifier, Stamped
+from sawmill_worker.contracts.calibrations import CalibrationOptions
+
+
+class ScheduleSpec(Contract):
+    """When to recalibrate a scanner with its newest phantom scan that no calibration has used yet."""
+
+    scanner_id: Identifier = Field(examples=["example"])
+    cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
+    enabled: bool = True
+    on_pass: Literal["report", "activate"] = Field(
+        "report", description="What to do with a calibration that passes and has not moved."
+    )
+    options: CalibrationOptions = CalibrationOptions()
+
+
+class ScheduleRun(Contract):
+    """What came of one due time."""
+
+    due_at: datetime
+    outcome: Literal["queued", "no-new-phantom-scan"]
+    calibration_id: Identifier | None = None
+
+
+class Schedule(Stamped, ScheduleSpec):
+    """A schedule as it stands."""
+
+    next_due_at: datetime | None = Field(description="Null when disabled.")
+    last_run: ScheduleRun | None = None

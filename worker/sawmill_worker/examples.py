@@ -1,0 +1,171 @@
+"""Example resources on a fresh data folder, so that the console's "Try it out" works at once."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import structlog
+
+from sawmill_worker.contracts.base import DataKind
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PolygonShape
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.formats.scan_file import write_raw_scan
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tasks.conversion import from_theta
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
+
+EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
+SEED = 2206
+# The published scanner (arXiv 2206.14444) with a geometry of our own.
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
+THETA = Theta(
+    initial_angle_rad=1.1, detector_to_cor_mm=741.0, source_shift_mm=212.0, detector_shift_mm=31.0, detector_tilt=0.17
+)
+ROW_PITCH_MM = 4.0
+PHANTOM_ROWS, LOG_ROWS = 3, 5
+LOG_START_MM = 192.0
+
+
+def full_turn(views: int) -> FloatArray:
+    """Equidistant angles (views,) rad from half a step on."""
+    angles: FloatArray = (np.arange(views) + 0.5) * 2.0 * np.pi / views
+    return angles
+
+
+def mill_log() -> LogModel:
+    """The log of the example stack."""
+    return LogModel.random(SEED)
+
+
+def mill_slices(*, log_rows: int = LOG_ROWS, row_pitch_mm: float = ROW_PITCH_MM) -> list[Phantom]:
+    """A log with the L-shaped phantom on its sawn end: phantom rows, then log rows."""
+    wood = L_SHAPE.of_density(SAPWOOD_PER_MM).moved(3.0, -2.0)
+    log = mill_log()
+    return [wood] * PHANTOM_ROWS + [log.slice_at(LOG_START_MM + row * row_pitch_mm) for row in range(log_rows)]
+
+
+def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
+    """Raw counts of the example scanner."""
+    return simulate_stack(slices, FanBeamGeometry(SCANNER, THETA, full_turn(views)), seed=SEED)
+
+
+def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
+    """The same as an NXtomo file."""
+    stack = mill_stack(views, slices)
+    write_raw_scan(
+        path,
+        counts=stack.counts,
+        flats=stack.flats,
+        darks=stack.darks,
+        angles_rad=full_turn(views),
+        detector_pitch_mm=SCANNER.detector_pitch_mm,
+        row_pitch_mm=ROW_PITCH_MM,
+    )
+
+
+def seed_examples(store: Store) -> None:
+    """Queue and store the examples once in the life of a data folder; safe to repeat when it was interrupted.
+
+    They are computed in the background: whoever asks for something of their own does not wait for them.
+    """
+    folder = store.files.folder / "examples"
+    done = folder / "complete"
+    if done.exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    stack = folder / "log-with-phantom.h5"
+    write_mill_stack(stack, 120, mill_slices())
+    _write_npz(folder / "phantom-scan.npz")
+    known = {item.id for item in store.scanners.page().items}
+    for identifier in {EXAMPLE, SPARE} - known:
+        store.scanners.create(_scanner_spec(identifier), scanner_id=identifier)
+    if SPARE not in {item.id for item in store.phantoms.page().items}:
+        store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
+    _seed_scans(store, stack)
+    if EXAMPLE not in {item.id for item in store.calibrations.page().items}:
+        ask = CalibrationAsk(scan_id=EXAMPLE, activate=True)
+        store.calibrations.accept(ask, calibration_id=EXAMPLE, job_id=EXAMPLE, background=True)
+    reconstructed = {item.id for item in store.reconstructions.page().items}
+    log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
+    sparse = ReconstructionAsk(
+        scan_id=EXAMPLE,
+        calibration_id=EXAMPLE,
+        rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + 1}",
+        views=20,
+        method=ReconstructionMethod.TIKHONOV,
+        size=128,
+    )
+    for identifier, asked in {EXAMPLE: log, SPARSE: sparse}.items():
+        if identifier not in reconstructed:
+            store.reconstructions.accept(asked, reconstruction_id=identifier, background=True)
+    if EXAMPLE not in {item.id for item in store.drifts.page().items}:
+        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE, background=True)
+    if EXAMPLE not in {item.id for item in store.plans.page().items}:
+        nominal = from_theta(THETA)
+        plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
+        store.plans.accept(L_SHAPE.name, plan, plan_id=EXAMPLE, background=True)
+    scheduled = {item.id for item in store.schedules.page().items}
+    for identifier in {EXAMPLE, SPARE} - scheduled:
+        store.schedules.create(
+            ScheduleSpec(scanner_id=EXAMPLE, cron="30 5 * * 1-6", enabled=False), schedule_id=identifier
+        )
+    done.touch()
+    structlog.get_logger().info("examples-ready", folder=str(folder))
+
+
+def _scanner_spec(identifier: str) -> ScannerSpec:
+    constants = ScannerConstants(
+        source_to_cor_mm=SCANNER.source_to_cor_mm,
+        num_detector_pixels=SCANNER.num_detector_pixels,
+        detector_pitch_mm=SCANNER.detector_pitch_mm,
+        row_pitch_mm=ROW_PITCH_MM,
+    )
+    return ScannerSpec(name=f"{identifier} scanner", constants=constants)
+
+
+def _spare_phantom() -> PhantomDrawing:
+    cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
+    return PhantomDrawing(
+        name="example tee", shapes=[PolygonShape(vertices_mm=[(float(x), float(y)) for x, y in cross])]
+    )
+
+
+def _seed_scans(store: Store, stack: Path) -> None:
+    known = {item.id for item in store.scans.page().items}
+    for identifier in (SPARE, EXAMPLE):
+        if identifier not in known:
+            spec = ScanSpec(
+                scanner_id=EXAMPLE,
+                data=DataKind.COUNTS,
+                name="example: a log with the L-shaped phantom on its end",
+                phantom_id=L_SHAPE.name,
+                phantom_rows=f"0:{PHANTOM_ROWS}",
+            )
+            received = store.files.receive([stack.read_bytes()], max_bytes=2**30)
+            store.scans.accept(spec, received, scan_id=identifier, background=True)
+
+
+def _write_npz(path: Path) -> None:
+    """A scan of the phantom alone, small enough to be tried from a browser."""
+    views = 60
+    stack = mill_stack(views, mill_slices()[:1])
+    buffer = io.BytesIO()
+    np.savez_compressed(
+        buffer,
+        projections=stack.counts,
+        flats=stack.flats,
+        darks=stack.darks,
+        angles_deg=np.rad2deg(full_turn(views)),
+    )
+    path.write_bytes(buffer.getvalue())

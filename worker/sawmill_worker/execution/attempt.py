@@ -1,0 +1,87 @@
+"""The fresh process in which one attempt at a job runs: `python -m sawmill_worker.execution.attempt`.
+
+It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it within its limits
+and ends (see `protocol`, `limits`).
+"""
+
+import os
+import threading
+import traceback
+from typing import BinaryIO
+
+import structlog
+
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Progress
+from sawmill_worker.execution.failures import failure_of
+from sawmill_worker.execution.limits import keep_to, limits_of
+from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, ProgressMade, Ready, Succeeded, to_line
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.files import flush_tree
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tasks.failures import JobFailure
+from sawmill_worker.tasks.running import Attempt, needs_of, run, warm_up
+
+
+def main() -> None:
+    """Run one attempt, or none when the supervisor goes away first."""
+    settings = ExecutionSettings()
+    configure_logs(settings.log_format)
+    supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
+    with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+        warm_up()
+        channel.write(to_line(Ready()))
+        line = supervisor.readline()
+        if line:
+            threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
+            assignment = Assignment.model_validate_json(line)
+            answer, error = _answer(assignment, channel, settings.memory_limit_bytes)
+            channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
+            _log(assignment, answer, error)
+
+
+def _end_with(supervisor: BinaryIO) -> None:
+    supervisor.read()
+    os._exit(1)
+
+
+def _answer(
+    assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None
+) -> tuple[Succeeded | Failed, Exception | None]:
+    """What came of the attempt, and the exception that nobody foresaw."""
+    try:
+        return Succeeded(result=_run(assignment, channel, memory_limit_bytes)), None
+    except JobFailure as error:
+        return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
+    except MemoryError as error:
+        traceback.clear_frames(error.__traceback__)  # they hold what filled the memory, and an answer takes some
+        return Failed(failure=failure_of(error)), None
+    except Exception as error:  # noqa: BLE001 - `_log` logs it once the answer is out
+        failure = failure_of(error)
+        return Failed(failure=failure), None if failure.kind is FailureKind.INPUT else error
+
+
+def _log(assignment: Assignment, answer: Succeeded | Failed, error: Exception | None) -> None:
+    log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
+    if error is not None:
+        log.error("job-failed-unexpectedly", exc_info=error)
+    elif isinstance(answer, Failed):
+        log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
+
+
+def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> dict[str, object]:
+    def report(progress: Progress) -> None:
+        channel.write(to_line(ProgressMade(progress=progress)))
+
+    store = Store(StorageSettings(data_folder=assignment.data_folder, database_url=assignment.database_url))
+    attempt = Attempt(job=assignment.job, store=store, output=assignment.output, report=report)
+    # Only now: the process was started before anybody knew which job it would run.
+    keep_to(limits_of(assignment.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=memory_limit_bytes))
+    result = run(attempt)
+    flush_tree(assignment.output)
+    return result
+
+
+if __name__ == "__main__":
+    main()

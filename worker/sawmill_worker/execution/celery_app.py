@@ -1,0 +1,224 @@
+"""The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
+
+A message says only that there may be a job, not which one is next: it is acknowledged at once, and losing or
+repeating it does no harm.
+Start a worker with `celery -A sawmill_worker.execution.celery_app worker`.
+"""
+
+import queue
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any
+
+import structlog
+from celery import Celery, signals
+from celery.worker import WorkController
+from kombu.exceptions import OperationalError
+from redis.exceptions import RedisError
+
+from sawmill_worker.execution.housekeeping import Housekeeping
+from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+RUN_JOB = "sawmill.run_job"
+_QUEUE = "sawmill"
+_CONNECT_TIMEOUT_S = 1.0
+_ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
+_HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
+_MOST_WAITING = 100  # wake-ups; more of them say nothing new
+_CLOSE_S = 2.0
+
+
+def make_celery(
+    settings: ExecutionSettings, storage: StorageSettings, *, command: Sequence[str] = ATTEMPT_COMMAND
+) -> Celery:
+    """The Celery application, for workers and for senders.
+
+    Parameters
+    ----------
+    settings
+        With a broker.
+    storage
+        The store that all machines share.
+    command
+        Starts the process of an attempt, as for `Runner`.
+
+    Raises
+    ------
+    ValueError
+        The settings name no broker.
+    """
+    if settings.broker_url is None:
+        raise ValueError("broker_url must name a Redis server, as in redis://127.0.0.1:6379/0; set SAWMILL_BROKER_URL")
+    app = Celery("sawmill", broker=settings.broker_url, set_as_current=False)
+    app.conf.update(
+        accept_content=["json"],
+        task_serializer="json",
+        task_default_queue=_QUEUE,
+        task_ignore_result=True,
+        task_acks_late=False,
+        task_publish_retry=False,  # the sweep sends lost wake-ups again
+        worker_pool="threads",  # each thread supervises a process; forked children and Numba do not go together
+        worker_concurrency=settings.workers,
+        worker_prefetch_multiplier=1,
+        worker_hijack_root_logger=False,
+        broker_connection_retry_on_startup=True,
+        broker_connection_max_retries=None,  # a worker outlives any outage of Redis
+        broker_transport_options={
+            "socket_timeout": _ANSWER_TIMEOUT_S,
+            "socket_connect_timeout": _CONNECT_TIMEOUT_S,
+            "connect_retries_timeout": _CONNECT_TIMEOUT_S,
+            "health_check_interval": _HEALTH_CHECK_S,
+            "interval_start": 0.1,
+        },
+    )
+    engine = _Engine(app, settings, storage, command)
+    app.task(engine.run_job, name=RUN_JOB)
+    # The signals are Celery's own and fire in worker processes only.
+    signals.worker_init.connect(engine.start, weak=False)
+    signals.worker_shutting_down.connect(engine.stop, weak=False)
+    signals.worker_shutdown.connect(engine.close, weak=False)
+    return app
+
+
+class Waker:
+    """Sends wake-ups from a thread of its own, best effort: whoever wakes a worker never waits for Redis.
+
+    Parameters
+    ----------
+    app
+        From `make_celery`.
+    """
+
+    def __init__(self, app: Celery) -> None:
+        self._app = app
+        self._waiting: queue.Queue[str | None] = queue.Queue(_MOST_WAITING)
+        self._given_up = threading.Event()
+        self._thread = threading.Thread(target=self._send_until_closed, name="wake-ups", daemon=True)
+
+    def start(self) -> None:
+        """Begin to send."""
+        self._thread.start()
+
+    def __call__(self, job_id: str) -> None:
+        """Say soon that there is a job. What Redis does not take is dropped: the sweep says it again later."""
+        try:
+            self._waiting.put_nowait(job_id)
+        except queue.Full:
+            structlog.get_logger().warning("wake-up-dropped", job=job_id, reason=f"{_MOST_WAITING} wait to be sent")
+
+    def close(self) -> None:
+        """Send what waits, for two seconds at most; the sweep sends the rest."""
+        with suppress(queue.Full):  # then Redis does not answer, and waiting for it would be in vain
+            self._waiting.put_nowait(None)
+            self._thread.join(_CLOSE_S)
+        self._given_up.set()
+
+    def _send_until_closed(self) -> None:
+        while (job_id := self._waiting.get()) is not None and not self._given_up.is_set():
+            try:
+                self._app.send_task(RUN_JOB, args=[job_id])
+            except (OperationalError, RedisError) as error:
+                structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
+            except Exception:  # noqa: BLE001 - jobs are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("wake-up-not-sent", job=job_id)
+
+
+class _Engine:
+    """What a Celery worker process holds while it runs."""
+
+    def __init__(
+        self, app: Celery, settings: ExecutionSettings, storage: StorageSettings, command: Sequence[str]
+    ) -> None:
+        self._app = app
+        self._command = command
+        self._settings = settings
+        self._storage = storage
+        self._wake = Waker(app)
+        self._stop = threading.Event()
+
+    def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
+        configure_logs(self._settings.log_format)
+        if "prefork" in str(sender.pool_cls):
+            raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
+        # Nobody listens to what workers tell one another, and Celery sends its heartbeat again for ever, in the thread
+        # that has to end the worker, when Redis is silent.
+        sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
+        try:
+            self._store = Store.open(self._storage)
+        except StorageError as error:  # Celery would log it and go on without a store
+            raise SystemExit(f"this worker cannot start: {error}") from error
+        self._runner = Runner(
+            self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
+        )
+        self._runner.warm_up()
+        self._housekeeping = Housekeeping(self._store, self._settings, self._stop)
+        self._housekeeping.start()
+        self._wake.start()
+        # Apart from the housekeeping, which goes on whatever Redis does.
+        threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
+
+    def stop(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+
+    def close(self, **_: Any) -> None:  # noqa: ANN401
+        self._stop.set()
+        self._runner.close()
+        self._housekeeping.join()
+        self._wake.close()
+        self._store.close()
+
+    def run_job(self, _job_id: str) -> None:
+        """Run the job whose turn it is: the queue's order is the database's, not that of the messages."""
+        try:
+            self._runner.run_next()
+        except (StorageFull, StorageUnavailable) as error:
+            structlog.get_logger().warning("claim-put-off", reason=str(error))
+            return
+        self._runner.warm_up()
+
+    def _wake_waiting(self, job_id: str) -> None:
+        for waiting in self._store.jobs.waiting_for(job_id):
+            self._wake(waiting)
+
+    def _sweep_until_stopped(self) -> None:
+        while not self._stop.wait(self._settings.housekeeping_s):
+            try:
+                self._sweep()
+            except (OperationalError, RedisError, StorageError) as error:
+                structlog.get_logger().warning("sweep-put-off", reason=str(error))
+            except Exception:  # noqa: BLE001 - lost wake-ups are found by this thread alone: whatever happens, it goes on
+                structlog.get_logger().exception("sweep-put-off")
+
+    def _sweep(self) -> None:
+        """Send the wake-ups of waiting jobs again, once no message is on its way: so they cannot pile up."""
+        lost = self._store.jobs.queued_job_ids(older_than_s=self._settings.sweep_s)
+        if lost and self._messages_waiting() == 0:
+            for job_id in lost[:_MOST_WAITING]:
+                self._wake(job_id)
+
+    def _messages_waiting(self) -> int:
+        with self._app.connection_for_write() as connection:
+            declared = connection.default_channel.queue_declare(queue=_QUEUE, durable=True)
+            return int(declared.message_count)
+
+
+def __getattr__(name: str) -> Celery:
+    """Make `app` when Celery's command line looks for it, from the environment; importing makes nothing."""
+    if name != "app":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    try:
+        check_variables()
+    except UnknownVariableError as error:
+        sys.stderr.write(f"{error}\n")
+        raise SystemExit(2) from error
+    app = make_celery(ExecutionSettings(), StorageSettings())
+    globals()["app"] = app
+    return app

@@ -1,0 +1,95 @@
+"""What an exception, or a process's end, says to whoever asked for the job: the one place where it is translated."""
+
+import errno
+import resource
+import signal
+
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_worker.execution.limits import processor_s
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, says_disk_full
+
+# A defect of a program, which comes again with the same input; a kill from outside does not.
+_CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
+# What the kinds that read a stranger's file call it.
+_READ = {JobKind.INGEST: "file", JobKind.TRACE_PHANTOM: "picture"}
+# A job that took more than it may was at fault, whatever else was wrong.
+LIMITS_MET = frozenset({"too-long", "file-too-large"})
+# What Python says when there is no room for a thread's stack.
+_NO_THREAD = "can't start new thread"
+
+
+def failure_of(error: Exception) -> Failure:
+    """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
+    if isinstance(error, StorageFull | StorageUnavailable):
+        return Failure(kind=FailureKind.PASSING, code=error.code, detail=str(error))
+    if isinstance(error, OSError) and says_disk_full(error):
+        detail = "the disk is full: free some space in the data folder and ask again"
+        return Failure(kind=FailureKind.PASSING, code=StorageFull.code, detail=detail)
+    beyond = _beyond_a_limit(error)
+    if beyond is not None:
+        return beyond
+    detail = f"the job stopped on an unexpected {type(error).__name__}, which is a defect; see the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="internal-error", detail=detail)
+
+
+def died(exit_code: int, kind: JobKind) -> Failure:
+    """The failure of an attempt whose process ended without an answer.
+
+    The C readers of HDF5, MAT and PNG files crash on some damaged ones: such a file is at fault. Every other crash is a
+    defect. Neither is tried again; a process that was killed from outside is.
+    """
+    number = -exit_code
+    if number in _CRASHES:
+        return _crashed(signal.Signals(number), kind)
+    if number == signal.SIGXCPU:
+        return _too_long(kind)
+    if number == signal.SIGXFSZ:
+        return _too_large()
+    how = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
+    detail = f"the job's process {how} before it had an answer; the system's log may say why"
+    return Failure(kind=FailureKind.PASSING, code="attempt-died", detail=detail)
+
+
+def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
+    if kind in _READ:
+        detail = (
+            f"reading the {_READ[kind]} crashed the reader ({how.name}): it is damaged, or needs more memory than "
+            "reading may take; export it again"
+        )
+        return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)
+    detail = f"the job's process crashed ({how.name}), which is a defect; please report it with the worker's log"
+    return Failure(kind=FailureKind.INTERNAL, code="attempt-crashed", detail=detail)
+
+
+def _beyond_a_limit(error: Exception) -> Failure | None:
+    """The failure of a job that took more than its process may (`execution.limits`); None for anything else."""
+    number = error.errno if isinstance(error, OSError) else None
+    if isinstance(error, MemoryError) or number == errno.ENOMEM or str(error) == _NO_THREAD:
+        return _out_of_memory()
+    if number == errno.EFBIG:
+        return _too_large()
+    if number == errno.EMFILE:
+        most, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        detail = f"the job needs more than the {most} open files that it may have: give a file of fewer parts"
+        return Failure(kind=FailureKind.INPUT, code="too-many-files", detail=detail)
+    return None
+
+
+def _out_of_memory() -> Failure:
+    limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
+    than = "there is" if limit == resource.RLIM_INFINITY else f"the {limit / 2**30:.3g} GiB that it may take"
+    detail = f"the job needs more memory than {than}: ask for fewer rows, fewer views or a smaller size"
+    return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
+
+
+def _too_long(kind: JobKind) -> Failure:
+    detail = (
+        f"the job needs more than the {processor_s(kind) / 3600:.3g} hours of processor time that it may take: "
+        "ask for fewer rows, fewer views or a smaller size"
+    )
+    return Failure(kind=FailureKind.INPUT, code="too-long", detail=detail)
+
+
+def _too_large() -> Failure:
+    detail = "the job writes a larger file than it may: ask for fewer rows or a smaller size"
+    return Failure(kind=FailureKind.INPUT, code="file-too-large", detail=detail)

@@ -1,0 +1,105 @@
+"""The embedded worker (`python -m sawmill_worker.execution.poller`): claims jobs from the database, no broker."""
+
+import argparse
+import os
+import signal
+import threading
+from collections.abc import Sequence
+
+import structlog
+
+from sawmill_worker.execution.housekeeping import Housekeeping
+from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+
+def run_worker(
+    store: Store,
+    settings: ExecutionSettings,
+    stop: threading.Event,
+    *,
+    command: Sequence[str] = ATTEMPT_COMMAND,
+    wake: threading.Event | None = None,
+) -> None:
+    """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
+
+    Parameters
+    ----------
+    wake
+        Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
+
+    Raises
+    ------
+    sawmill_worker.execution.process.AttemptNotStarted
+        No job can be run on this installation.
+    """
+    wake = wake or threading.Event()
+    runner = Runner(store, settings, stop, command=command)
+    housekeeping = Housekeeping(store, settings, stop)
+    housekeeping.start()
+    try:
+        while not stop.is_set():
+            wake.clear()
+            try:
+                idle = runner.run_next() is None
+            except (StorageFull, StorageUnavailable) as error:
+                structlog.get_logger().warning("claim-put-off", reason=str(error))
+                wake.wait(settings.outage_wait_s)
+                continue
+            if idle:
+                runner.warm_up()
+                wake.wait(settings.poll_s)
+    finally:
+        stop.set()
+        runner.close()
+        housekeeping.join()
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run one embedded worker, set up by the environment."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--watch-parent", action="store_true", help="look for a job at each byte on standard input, stop at its end"
+    )
+    options = parser.parse_args(arguments)
+    settings = ExecutionSettings()
+    configure_logs(settings.log_format)
+    stop, wake = threading.Event(), threading.Event()
+    _end_on_signals(stop, wake)
+    if options.watch_parent:
+        threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
+    store = Store.open(StorageSettings())
+    run_worker(store, settings, stop, wake=wake)
+    store.close()
+
+
+def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
+    """Set both at the first signal to stop; in a thread, for a handler interrupts whoever holds an event's lock."""
+    told, tell = os.pipe()
+    os.set_blocking(tell, False)
+    signal.set_wakeup_fd(tell)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: None)
+
+    def listen() -> None:
+        os.read(told, 1)
+        stop.set()
+        wake.set()
+
+    threading.Thread(target=listen, daemon=True).start()
+
+
+def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
+    with open(0, "rb", buffering=0, closefd=False) as parent:
+        while parent.read(1024):
+            wake.set()
+    stop.set()
+    wake.set()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""A supervisor's end of the process in which an attempt runs."""
+
+import os
+import select
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+
+from sawmill_worker.execution.protocol import (
+    CHANNEL,
+    MESSAGE,
+    Assignment,
+    Failed,
+    ProgressMade,
+    Ready,
+    Succeeded,
+    to_line,
+)
+
+
+class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
+    """A fresh process did not become ready: the installation is broken, no job is to blame."""
+
+
+class AttemptProcess:
+    """A fresh process in a session of its own, so that all of it can be ended at once.
+
+    Parameters
+    ----------
+    command
+        Starts a program that speaks `protocol`.
+    environment
+        Its environment variables.
+    """
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
+        reading, writing = os.pipe()
+        self._channel = open(reading, "rb", buffering=0)  # noqa: SIM115, PTH123 - a descriptor, closed by `end`
+        try:
+            self._process = subprocess.Popen(  # noqa: S603 - our own command
+                command,
+                stdin=subprocess.PIPE,
+                bufsize=0,
+                stdout=2,  # what libraries print must not mix with a command's JSON
+                pass_fds=[writing],
+                start_new_session=True,
+                env={**environment, CHANNEL: str(writing)},
+            )
+        except OSError:
+            self._channel.close()
+            raise
+        finally:
+            os.close(writing)
+        self._unread = b""
+        self._ready = False
+        self.hung_up = False
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.poll() is None
+
+    def wait_until_ready(self, timeout_s: float) -> None:
+        """Wait until it has imported everything.
+
+        Raises
+        ------
+        AttemptNotStarted
+            It ended, or took longer than `timeout_s`.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not self._ready:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0:
+                raise AttemptNotStarted(f"a fresh process was not ready after {timeout_s:g} s")
+            self._ready = any(isinstance(message, Ready) for message in self.receive(left_s))
+            if self.hung_up:
+                raise AttemptNotStarted(
+                    f"a fresh process ended with exit code {self._process.wait()} before it was ready"
+                )
+
+    def assign(self, assignment: Assignment) -> None:
+        """Hand over the one attempt; a process that has died by now is told apart by `receive`."""
+        if self._process.stdin is None:
+            raise AssertionError("standard input is a pipe")
+        try:
+            self._process.stdin.write(to_line(assignment))
+        except BrokenPipeError:
+            self.hung_up = True
+
+    def receive(self, timeout_s: float) -> list[Ready | ProgressMade | Succeeded | Failed]:
+        """Messages that arrive within a time; none when there are none, or when it `hung_up`.
+
+        Raises
+        ------
+        pydantic.ValidationError
+            A line is not of the protocol.
+        """
+        waiting = select.poll()
+        waiting.register(self._channel, select.POLLIN)
+        if not waiting.poll(timeout_s * 1000):
+            return []
+        data = self._channel.read(65_536)
+        self.hung_up = not data
+        *lines, self._unread = (self._unread + data).split(b"\n")
+        return [MESSAGE.validate_json(line) for line in lines]
+
+    def end(self, grace_s: float) -> int:
+        """End it and all it started: asked first, killed after `grace_s`.
+
+        Returns
+        -------
+        int
+            Exit code; negative is a signal's number.
+        """
+        if not self.hung_up:  # else it is ending by itself, and its exit code tells why
+            self._signal(signal.SIGTERM)
+        try:
+            self._process.wait(grace_s)
+        except subprocess.TimeoutExpired:
+            self._signal(signal.SIGKILL)
+        code = self._process.wait()
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        self._channel.close()
+        return code
+
+    def _signal(self, number: signal.Signals) -> None:
+        # Only while it is unreaped is its process group's number surely its own.
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, number)

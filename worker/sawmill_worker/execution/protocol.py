@@ -1,0 +1,61 @@
+"""What a supervisor and the process of an attempt say to each other, one JSON object a line.
+
+Down, on the process's standard input: one `Assignment`; then nothing, until its end says that the supervisor is gone.
+Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment,
+any number of `ProgressMade` and one `Succeeded` or `Failed`. Standard output stays free for whoever prints.
+"""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.jobs import Failure, Job, Progress
+
+CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
+
+
+class Assignment(Contract):
+    """Run this attempt."""
+
+    job: Job
+    data_folder: Path
+    database_url: str | None
+    output: Path
+
+
+class Ready(Contract):
+    """Everything is imported."""
+
+    kind: Literal["ready"] = "ready"
+
+
+class ProgressMade(Contract):
+    """How far it is."""
+
+    kind: Literal["progress"] = "progress"
+    progress: Progress
+
+
+class Succeeded(Contract):
+    """The output folder is complete and flushed."""
+
+    kind: Literal["succeeded"] = "succeeded"
+    result: dict[str, Any]
+
+
+class Failed(Contract):
+    """It could not be done."""
+
+    kind: Literal["failed"] = "failed"
+    failure: Failure
+
+
+Message = Annotated[Ready | ProgressMade | Succeeded | Failed, Field(discriminator="kind")]
+MESSAGE: TypeAdapter[Ready | ProgressMade | Succeeded | Failed] = TypeAdapter(Message)
+
+
+def to_line(message: Contract) -> bytes:
+    """One line of the protocol."""
+    return message.model_dump_json().encode() + b"\n"

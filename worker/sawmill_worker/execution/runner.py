@@ -1,0 +1,296 @@
+"""Claiming a job and running one attempt at it, under supervision."""
+
+import os
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import structlog
+from pydantic import ValidationError
+
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Progress
+from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
+from sawmill_worker.execution.process import AttemptProcess
+from sawmill_worker.execution.protocol import Assignment, Failed, ProgressMade, Succeeded
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
+from sawmill_worker.storage.jobs import Claim
+from sawmill_worker.storage.store import Store
+
+# What a library may have failed to write at once, and so what a full disk may have left free.
+BUFFER_BYTES = 16 * 2**20
+ATTEMPT_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.attempt")
+
+
+class Runner:
+    """Keeps fresh processes warm and runs each claimed job in one; threads may share a runner.
+
+    Parameters
+    ----------
+    store
+        Where jobs are claimed and results go.
+    settings
+        Leases, graces and limits.
+    stop
+        Once set, a running attempt has `stop_grace_s` left before its job goes back to the queue.
+    command
+        Starts a process that speaks `sawmill_worker.execution.protocol`.
+    on_ended
+        Told the id of each job that has ended: others may have waited for it.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        *,
+        command: Sequence[str] = ATTEMPT_COMMAND,
+        on_ended: Callable[[str], None] | None = None,
+    ) -> None:
+        self._store = store
+        self._on_ended = on_ended
+        self._settings = settings
+        self._stop = stop
+        self._command = tuple(command)
+        self._environment = _attempt_environment(store, settings)
+        self._spares: list[AttemptProcess] = []
+        self._lock = threading.Lock()
+        self.name = f"{socket.gethostname()}-{os.getpid()}"
+
+    def run_next(self) -> JobState | None:
+        """Claim the job whose turn it is and run it to the end of the attempt.
+
+        Returns
+        -------
+        JobState or None
+            What became of it (`queued`: it will be tried again), or None when there was nothing to claim, when this
+            worker is stopping, or when another attempt owns the job by now.
+
+        Raises
+        ------
+        AttemptNotStarted
+            No process can be started. No job was claimed.
+        StorageFull, StorageUnavailable
+            The database cannot write. No job was claimed.
+        """
+        if self._stop.is_set():
+            return None
+        process = self._take_ready()
+        try:
+            claim = self._store.jobs.claim(self.name, lease_s=self._settings.lease_s)
+        except BaseException:
+            self._keep(process)
+            raise
+        if claim is None:
+            self._keep(process)
+            return None
+        if not self._spares:
+            self.warm_up()
+        return self._run(claim, process)
+
+    def warm_up(self) -> None:
+        """Start the spare processes that are missing, so that no job need wait for one.
+
+        For times without a job: a process that starts keeps a core busy for about a second.
+        """
+        with self._lock:
+            while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
+                self._spares.append(self._start())
+
+    def close(self) -> None:
+        """End the spare processes."""
+        with self._lock:
+            spares, self._spares = self._spares, []
+        for process in spares:
+            process.end(self._settings.kill_grace_s)
+
+    def _take_ready(self) -> AttemptProcess:
+        with self._lock:
+            process = self._spares.pop(0) if self._spares else None
+        if process is not None and not process.alive:
+            process.end(self._settings.kill_grace_s)
+            process = None
+        process = process or self._start()
+        try:
+            process.wait_until_ready(self._settings.start_timeout_s)
+        except BaseException:
+            process.end(self._settings.kill_grace_s)
+            raise
+        return process
+
+    def _start(self) -> AttemptProcess:
+        return AttemptProcess(self._command, self._environment)
+
+    def _keep(self, process: AttemptProcess) -> None:
+        with self._lock:
+            self._spares.insert(0, process)  # it is ready, the others may not be yet
+
+    def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
+        log = structlog.get_logger().bind(job=claim.job_id, kind=claim.job.kind.value, attempt=claim.attempt)
+        log.info("attempt-started")
+        state: JobState | None = None
+        try:
+            try:
+                state = self._attempt(claim, process)
+            except (StorageFull, StorageUnavailable) as error:
+                state = self._put_off(claim, failure_of(error))
+        except LeaseLost:
+            log.warning("lease-lost")
+        log.info("attempt-ended", state=state)
+        if self._on_ended is not None and state is not None and state.ended:
+            self._on_ended(claim.job_id)
+        return state
+
+    def _attempt(self, claim: Claim, process: AttemptProcess) -> JobState:
+        output: Path | None = None
+        try:
+            output = self._store.files.make_attempt_folder(claim.job_id, claim.attempt)
+            return _Supervision(self._store, self._settings, self._stop, claim, process).run(output)
+        finally:
+            process.end(self._settings.kill_grace_s)
+            if output is not None:
+                self._store.files.remove(output)
+
+    def _put_off(self, claim: Claim, outage: Failure) -> JobState | None:
+        """Give a job back because of an outage, as soon as that lets its row be written.
+
+        Returns
+        -------
+        JobState or None
+            None when this worker was told to stop before: the job is left to its lease.
+        """
+        while True:
+            try:
+                return self._store.jobs.fail(claim, outage, retries=self._settings.retries)
+            except (StorageFull, StorageUnavailable) as error:
+                structlog.get_logger().warning("end-put-off", job=claim.job_id, reason=str(error))
+                if self._stop.wait(self._settings.housekeeping_s):
+                    return None
+
+
+class _Supervision:
+    """One attempt: relays its progress, keeps its lease, and sees to its end."""
+
+    def __init__(
+        self,
+        store: Store,
+        settings: ExecutionSettings,
+        stop: threading.Event,
+        claim: Claim,
+        process: AttemptProcess,
+    ) -> None:
+        self._store = store
+        self._settings = settings
+        self._stop = stop
+        self._claim = claim
+        self._process = process
+        self._progress: Progress | None = None
+        self._last_beat = time.monotonic()
+        self._give_back_at: float | None = None
+        self._last_look = self._last_beat
+
+    def run(self, output: Path) -> JobState:
+        storage = self._store.settings
+        self._process.assign(
+            Assignment(
+                job=self._claim.job,
+                data_folder=storage.data_folder.absolute(),
+                database_url=storage.database_url,
+                output=output,
+            )
+        )
+        try:
+            answer = self._watch()
+            if isinstance(answer, Succeeded):
+                self._store.jobs.succeed(self._claim, answer.result, output)
+                return JobState.SUCCEEDED
+        except ValidationError:
+            structlog.get_logger().exception("attempt-answered-nonsense", job=self._claim.job_id)
+            answer = Failed(failure=_NONSENSE)
+        if isinstance(answer, Failed):
+            return self._store.jobs.fail(self._claim, answer.failure, retries=self._settings.retries)
+        return answer
+
+    def _watch(self) -> Succeeded | Failed | JobState:
+        """Wait for the answer, or for the state in which the job was ended without one."""
+        while True:
+            for message in self._process.receive(self._settings.progress_s):
+                if isinstance(message, Failed) and message.failure.kind is FailureKind.INTERNAL:
+                    return Failed(failure=self._outage() or message.failure)
+                if isinstance(message, Succeeded | Failed):
+                    return message
+                if isinstance(message, ProgressMade):
+                    self._progress = message.progress
+            if self._process.hung_up:
+                failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
+                own_limit = failure.code in LIMITS_MET
+                return Failed(failure=failure if own_limit else self._outage() or failure)
+            if self._cancellation_came_in():
+                self._process.end(self._settings.kill_grace_s)
+                self._store.jobs.cancelled(self._claim)
+                return JobState.CANCELLED
+            if self._time_to_give_back() or self._others_wait():
+                self._process.end(self._settings.kill_grace_s)
+                return self._store.jobs.release(self._claim)
+
+    def _outage(self) -> Failure | None:
+        """What crashes and defects come of where nothing can be written: HDF5, for one, crashes on a full disk."""
+        try:
+            self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
+        except (StorageFull, StorageUnavailable) as error:
+            return failure_of(error)
+        return None
+
+    def _cancellation_came_in(self) -> bool:
+        silent_s = time.monotonic() - self._last_beat
+        wait_s = self._settings.heartbeat_s if self._progress is None else self._settings.progress_s
+        if silent_s < wait_s:
+            return False
+        self._last_beat = time.monotonic()
+        progress, self._progress = self._progress, None
+        try:
+            return self._store.jobs.heartbeat(self._claim, progress, lease_s=self._settings.lease_s)
+        except (StorageFull, StorageUnavailable) as error:
+            # The lease outlives several heartbeats; the next one is due soon.
+            structlog.get_logger().warning("heartbeat-missed", job=self._claim.job_id, reason=str(error))
+            return False
+
+    def _others_wait(self) -> bool:
+        """Whether this is a background job, and another one waits."""
+        if not self._claim.job.background or time.monotonic() - self._last_look < self._settings.progress_s:
+            return False
+        self._last_look = time.monotonic()
+        try:
+            return self._store.jobs.is_in_the_way(self._claim)
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", job=self._claim.job_id, reason=str(error))
+            return False
+
+    def _time_to_give_back(self) -> bool:
+        if not self._stop.is_set():
+            return False
+        if self._give_back_at is None:
+            self._give_back_at = time.monotonic() + self._settings.stop_grace_s
+        return time.monotonic() >= self._give_back_at
+
+
+_NONSENSE = Failure(
+    kind=FailureKind.INTERNAL,
+    code="invalid-result",
+    detail="the job's answer is not what jobs of its kind answer with, which is a defect; see the worker's log",
+)
+
+
+def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str, str]:
+    environment = environment_with(settings)
+    # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
+    if not os.access(Path(__file__).parent, os.W_OK):
+        environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
+    if settings.numba_num_threads is not None:
+        environment["NUMBA_NUM_THREADS"] = str(settings.numba_num_threads)
+    return environment

@@ -1,0 +1,83 @@
+"""How jobs are run."""
+
+from typing import Annotated, Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from sawmill_worker.storage.jobs import LONGEST_WAIT_S, Retries
+
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+Wait = Annotated[float, Field(ge=0, le=LONGEST_WAIT_S)]
+
+
+class ExecutionSettings(BaseSettings):
+    """Read from the environment, prefix SAWMILL_."""
+
+    model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
+
+    lease_s: Seconds = Field(60.0, description="How long a job stays with a worker that says nothing.")
+    heartbeat_s: Seconds = Field(
+        10.0, description="How often a worker renews its lease and looks for a cancellation; several times a lease."
+    )
+    progress_s: Seconds = Field(
+        0.5, description="Progress is stored at most that often: each time costs a commit of about 4 ms."
+    )
+    poll_s: Seconds = Field(
+        0.2, description="How often an idle embedded worker looks for a job that nobody told it of."
+    )
+    max_attempts: Annotated[int, Field(ge=1, le=10)] = Field(
+        3,
+        description="Lost attempts at a job before it fails: a killed process, a worker that says no more. "
+        "A clean stop, a full disk and an absent database are no loss.",
+    )
+    loss_wait_s: Wait = Field(
+        1.0, description="Wait after a lost attempt; twice as long after the second, and so on up to 60 s."
+    )
+    outage_wait_s: Wait = Field(
+        5.0, description="As `loss_wait_s`, while the disk is full or the database does not answer, however often."
+    )
+    housekeeping_s: Seconds = Field(2.0, description="How often expired leases and due schedules are looked for.")
+    sweep_s: Seconds = Field(
+        5.0,
+        description="Age in seconds at which a queued job's wake-up counts as lost and is sent again (cluster only).",
+    )
+    stop_grace_s: Seconds = Field(
+        5.0, description="How long a stopping worker waits for its job before it gives it back; below Docker's 10 s."
+    )
+    kill_grace_s: Seconds = Field(2.0, description="Between asking an attempt's process to end and killing it.")
+    start_timeout_s: Seconds = Field(
+        120.0, description="For a fresh process to import the science; generous because the first import compiles."
+    )
+    spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
+        2,
+        description="Processes kept ready with the science imported (some 0.2 GB each); "
+        "two, because a calibration often follows a short reading of its scan.",
+    )
+    workers: Annotated[int, Field(ge=1, le=64)] = Field(
+        1, description="Embedded worker processes; one uses all cores, more share them."
+    )
+    broker_url: str | None = Field(
+        None, description="Redis that carries wake-ups to Celery workers; null: embedded workers, no broker."
+    )
+    numba_num_threads: Annotated[int, Field(ge=1, le=1024)] | None = Field(
+        None, description="Cores for one job; null: all. Set it when several workers share a machine."
+    )
+    memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
+        None,
+        description="Private memory of one attempt; null: 2 GiB, or what the recorded sizes of its scan need if that "
+        "is more, and 64 MiB on top for each core beyond eight.",
+    )
+    log_format: Literal["console", "json"] = Field("console", description="For people, or one JSON object a line.")
+
+    @property
+    def retries(self) -> Retries:
+        """When a job is tried again."""
+        return Retries(self.max_attempts, self.loss_wait_s, self.outage_wait_s)
+
+    @model_validator(mode="after")
+    def _lease_outlives_heartbeats(self) -> Self:
+        if self.lease_s < 2 * self.heartbeat_s:
+            msg = f"lease_s must be at least twice heartbeat_s ({self.heartbeat_s}), not {self.lease_s}"
+            raise ValueError(msg)
+        return self

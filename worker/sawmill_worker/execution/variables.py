@@ -1,0 +1,58 @@
+"""Environment variables named like settings: one that nothing reads is refused, as an unknown field of a request is."""
+
+import difflib
+import os
+from collections.abc import Mapping
+
+from sawmill_worker.execution.protocol import CHANNEL
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.settings import StorageSettings
+
+PREFIX = "SAWMILL_"
+# The API's settings, which workers share an environment with and do not import; a test compares the two.
+OF_THE_SERVICE = frozenset(
+    {
+        "SAWMILL_HOST",
+        "SAWMILL_PORT",
+        "SAWMILL_ALLOWED_HOSTS",
+        "SAWMILL_TOKEN",
+        "SAWMILL_TOKEN_FILE",
+        "SAWMILL_MAX_UPLOAD_BYTES",
+        "SAWMILL_MAX_PICTURE_BYTES",
+        "SAWMILL_MAX_JSON_BYTES",
+        "SAWMILL_EVENT_POLL_S",
+        "SAWMILL_RETRY_AFTER_S",
+    }
+)
+NO_SETTINGS = frozenset({CHANNEL, "SAWMILL_PUBLISHED_DATA"})
+KNOWN = (
+    frozenset(
+        f"{PREFIX}{name.upper()}" for group in (StorageSettings, ExecutionSettings) for name in group.model_fields
+    )
+    | OF_THE_SERVICE
+    | NO_SETTINGS
+)
+
+
+class UnknownVariableError(Exception):
+    """A variable of the environment is named like a setting and is none."""
+
+
+def check_variables(environment: Mapping[str, str] = os.environ) -> None:
+    """Refuse a misspelt setting, which would otherwise leave the default in force unseen.
+
+    Raises
+    ------
+    UnknownVariableError
+        It names the variable and the known one nearest to it.
+    """
+    unknown = sorted(name for name in environment if name.upper().startswith(PREFIX) and name.upper() not in KNOWN)
+    if unknown:
+        raise UnknownVariableError(_sentence(unknown[0]))
+
+
+def _sentence(name: str) -> str:
+    rests = [known.removeprefix(PREFIX) for known in KNOWN]
+    nearest = difflib.get_close_matches(name.upper().removeprefix(PREFIX), rests, n=1)
+    right = f"did you mean {PREFIX}{nearest[0]}?" if nearest else "unset it; docs/operations.md lists the settings"
+    return f"{name} is no setting: {right}"

@@ -1,0 +1,99 @@
+"""Reconstructions on a page: the phantom under its outlines, and a log before and after.
+
+A picture's row is +x and its column is +y (DESIGN section 3).
+"""
+
+from io import BytesIO
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.image import AxesImage
+from numpy.typing import NDArray
+
+from sawmill_worker.pictures.windows import Window, round_length, window_of
+
+OUTLINE = "#ff7f0e"
+# Percentiles of the grey window: the ring of a dead cell must not darken the wood.
+SHOWN = (0.5, 99.5)
+
+
+def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: float, outlines: NDArray[Any]) -> None:
+    """Draw a phantom's reconstruction and its drawing over it.
+
+    Parameters
+    ----------
+    image : (x, y) float
+        The reconstruction.
+    field_mm : float
+        Side of the image.
+    outlines : (points, 2) float
+        Closed outlines as (x, y) in mm, NaN between two of them.
+    """
+    shown = show_image(ax, image, field_mm, window_of(image, *SHOWN))
+    if len(outlines):
+        ax.plot(outlines[:, 1], outlines[:, 0], color=OUTLINE, linewidth=1.4, label="the drawing's outline")
+        ax.legend(loc="upper right", framealpha=0.85)
+    figure.colorbar(shown, ax=ax, shrink=0.85, pad=0.02)
+
+
+def log_comparison_png(
+    *,
+    before: NDArray[Any],
+    after: NDArray[Any],
+    field_mm: float,
+    titles: tuple[str, str],
+    unit: str = "",
+) -> bytes:
+    """Two reconstructions of one log, side by side in one grey window.
+
+    Parameters
+    ----------
+    before, after : (x, y) float
+        With the nominal and with the calibrated geometry.
+    field_mm : float
+        Side of both images.
+    titles : (str, str)
+        One line above each.
+    unit : str
+        Of the values, for the colour bar.
+    """
+    figure = Figure(figsize=(15.0, 7.4), layout="constrained")
+    draw_logs(figure, [(titles[0], before), (titles[1], after)], field_mm, unit)
+    return encoded(figure)
+
+
+def draw_logs(figure: FigureBase, images: list[tuple[str, NDArray[Any]]], field_mm: float, unit: str) -> None:
+    """Draw one or two reconstructions (x, y) of a log, each under its title, in the grey window of the last."""
+    window = window_of(images[-1][1], *SHOWN)
+    axes = [figure.add_subplot(1, 2, 1 + index) for index in range(len(images))]
+    for ax, (title, image) in zip(axes, images, strict=True):
+        shown = show_image(ax, image, field_mm, window)
+        _draw_scale_bar(ax, field_mm)
+        ax.set_title(title, fontsize=13)
+    figure.colorbar(shown, ax=axes, label=unit, shrink=0.9, pad=0.015)
+
+
+def show_image(ax: Axes, image: NDArray[Any], field_mm: float, window: Window) -> AxesImage:
+    """Show an image (x, y) in mm, the rotation centre at the origin."""
+    half = field_mm / 2
+    shown = ax.imshow(
+        image, cmap="gray", vmin=window[0], vmax=window[1], extent=(-half, half, half, -half), interpolation="nearest"
+    )
+    ax.set_xlabel("y, mm")
+    ax.set_ylabel("x, mm")
+    return shown
+
+
+def encoded(figure: Figure) -> bytes:
+    """The figure as a PNG file."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=100)
+    return stream.getvalue()
+
+
+def _draw_scale_bar(ax: Axes, field_mm: float) -> None:
+    length, half = round_length(field_mm / 4), field_mm / 2
+    left, below = -half + 0.05 * field_mm, half - 0.06 * field_mm
+    ax.plot([left, left + length], [below, below], color="white", linewidth=4, solid_capstyle="butt")
+    ax.text(left + length / 2, below - 0.02 * field_mm, f"{length:g} mm", color="white", ha="center", fontsize=11)

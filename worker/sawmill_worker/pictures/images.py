@@ -1,0 +1,142 @@
+"""Images and sinograms as PNG, with NumPy and Pillow alone.
+
+A PNG's row is +x and its column is +y (DESIGN section 3).
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from sawmill_worker.pictures.color_maps import ColorMap
+from sawmill_worker.pictures.pages import (
+    Layout,
+    draw_bottom_axis,
+    draw_color_bar,
+    draw_left_axis,
+    draw_orientation,
+    draw_scale_bar,
+    encoded,
+    page_of,
+    panel_of,
+)
+from sawmill_worker.pictures.windows import Window, to_unit, window_of
+
+SMALLEST_SIDE_PX = 512
+
+
+def image_png(
+    image: NDArray[np.floating[Any]],
+    *,
+    pixel_mm: float | None,
+    unit: str,
+    window: Window | None = None,
+    color_map: ColorMap = ColorMap.GREY,
+    title: str | None = None,
+) -> bytes:
+    """An image for people: 8 bits, enlarged to 512 pixels or more, with a scale bar and a colour bar.
+
+    Parameters
+    ----------
+    image : (x, y) float
+        Row +x, column +y.
+    pixel_mm : float or None
+        Side of a pixel; None leaves the scale bar out.
+    unit : str
+        Of the values, for the colour bar.
+    window : (low, high), optional
+        Values shown at the ends of the colour map; the 0.1 and 99.9 percentiles by default.
+    color_map : ColorMap
+        Grey, from black to white, by default.
+    title : str, optional
+        One line above.
+
+    Returns
+    -------
+    bytes
+        A PNG file.
+
+    Raises
+    ------
+    ValueError
+        When the image is not two-dimensional or not finite.
+    """
+    _check_two_dimensional("image", image)
+    shown = window or window_of(image)
+    factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
+    panel = panel_of(image, shown, (image.shape[1] * factor, image.shape[0] * factor), color_map)
+    layout = Layout.around(panel, axis_labels=False, title=title is not None)
+    page, draw = page_of(panel, layout, title)
+    draw_color_bar(draw, page, layout, shown, unit, color_map)
+    if pixel_mm is not None:
+        draw_scale_bar(draw, layout, pixel_mm / factor)
+    draw_orientation(draw, layout)
+    return encoded(page)
+
+
+def image_png16(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:
+    """An image for machines: 16-bit grey, one pixel a pixel, nothing drawn.
+
+    The window stands in the PNG's text chunks: `window_low` and `window_high` are the values of grey 0 and 65535.
+
+    Parameters
+    ----------
+    image : (x, y) float
+        Row +x, column +y.
+    window : (low, high), optional
+        The whole range of the values by default.
+    """
+    _check_two_dimensional("image", image)
+    shown = window or window_of(image, 0.0, 100.0)
+    grey = np.rint(to_unit(image, shown) * 65535).astype(np.uint16)
+    text = PngInfo()
+    for name, value in zip(("window_low", "window_high"), shown, strict=True):
+        text.add_text(name, repr(float(value)))
+    return encoded(Image.fromarray(grey), text)
+
+
+def sinogram_png(
+    sinogram: NDArray[np.floating[Any]],
+    *,
+    angles_deg: NDArray[np.floating[Any]],
+    pitch_mm: float,
+    unit: str,
+) -> bytes:
+    """A sinogram for people: 8-bit grey, views downwards with their angles, the detector to the right in mm.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float
+    angles_deg : (views,) float
+        Each view's angle, for the labels.
+    pitch_mm : float
+        Distance between cells; the middle of the detector is 0.
+    unit : str
+        Of the values, for the colour bar.
+    """
+    _check_two_dimensional("sinogram", sinogram)
+    views, cells = sinogram.shape
+    if len(angles_deg) != views:
+        raise ValueError(f"a sinogram of {views} views needs as many angles, not {len(angles_deg)}")
+    shown = window_of(sinogram)
+    panel = panel_of(sinogram, shown, (_enlarged(cells), _enlarged(views)))
+    layout = Layout.around(panel, axis_labels=True, title=True)
+    page, draw = page_of(panel, layout, None)
+    draw_color_bar(draw, page, layout, shown, unit)
+    half = cells * pitch_mm / 2
+    draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")
+    labelled = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
+    marks = [((view + 0.5) / views, f"{angles_deg[view]:.4g}") for view in labelled]
+    draw_left_axis(draw, layout, marks, "angle of the view, degrees")
+    return encoded(page)
+
+
+def _check_two_dimensional(name: str, values: NDArray[Any]) -> None:
+    if values.ndim != 2 or 0 in values.shape:
+        raise ValueError(f"a picture needs a two-dimensional {name}, not one of shape {values.shape}")
+
+
+def _enlarged(length: int) -> int:
+    return length * max(1, -(-SMALLEST_SIDE_PX // length))

@@ -1,0 +1,310 @@
+"""The folders that hold uploads, results and what is being written.
+
+incoming/                       uploads while they arrive
+uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
+scans/<id>/scan.h5              line integrals
+phantoms/<id>/                  what tracing left
+calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
+reconstructions/<id>/           volume.h5
+plans/<id>/, drifts/<id>/       nothing
+attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of those above when it succeeds
+removed/                        what is being deleted
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import threading
+import time
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+from uuid import uuid4
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told, says_disk_full
+
+_ROOM = {
+    JobKind.INGEST: "scans",
+    JobKind.TRACE_PHANTOM: "phantoms",
+    JobKind.CALIBRATE: "calibrations",
+    JobKind.RECONSTRUCT: "reconstructions",
+    JobKind.PLAN: "plans",
+    JobKind.DRIFT: "drifts",
+}
+_TEMPORARY = ("incoming", "removed")
+_TRIAL_BYTES = 4096
+_SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
+
+
+@dataclass(frozen=True)
+class Received:
+    """An upload that is complete and durable, but belongs to nobody yet."""
+
+    path: Path
+    size_bytes: int
+    sha256: str
+
+
+class FileStore:
+    """Paths and safe writing below one data folder.
+
+    Parameters
+    ----------
+    folder
+        Made if it is missing. Everything in it must be on one file system: publishing is a rename.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder.absolute()
+        for name in (*_TEMPORARY, *_ROOM.values(), "attempts"):
+            (self.folder / name).mkdir(parents=True, exist_ok=True)
+
+    def upload(self, kind: JobKind, subject_id: str) -> Path:
+        """Where the uploaded file of a scan (`ingest`) or a phantom's picture (`trace-phantom`) lies."""
+        return self.folder / "uploads" / _ROOM[kind] / _checked(subject_id) / "original"
+
+    def results(self, kind: JobKind, subject_id: str) -> Path:
+        """The final folder of a job's subject."""
+        return self.folder / _ROOM[kind] / _checked(subject_id)
+
+    def result(self, kind: JobKind, subject_id: str, name: str) -> Path:
+        """One file of that folder.
+
+        Raises
+        ------
+        NotFound
+            The job has not written it.
+        """
+        path = self.results(kind, subject_id) / name
+        if not path.is_file():
+            raise NotFound(name.replace(".", "-"), subject_id)
+        return path
+
+    def kept(
+        self, kind: JobKind, subject_id: str, name: str, make: Callable[[], bytes], *, one_at_a_time: threading.Lock
+    ) -> Path:
+        """A file of that folder which is made when it is first asked for; it is there whole or not at all.
+
+        What is there waits for nobody; what is not is made once, however many ask.
+
+        Raises
+        ------
+        NotFound
+            The folder was removed while the file was made.
+        StorageFull
+            The disk is full.
+        """
+        path = self.results(kind, subject_id) / name
+        if path.is_file():
+            return path
+        with one_at_a_time:
+            if not path.is_file():
+                self._keep(make(), path)
+        return path
+
+    def scan(self, scan_id: str) -> Path:
+        """The canonical file of a scan, which `ingest` wrote."""
+        return self.result(JobKind.INGEST, scan_id, "scan.h5")
+
+    def volume(self, reconstruction_id: str) -> Path:
+        """The volume of a reconstruction."""
+        return self.result(JobKind.RECONSTRUCT, reconstruction_id, "volume.h5")
+
+    def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
+        """An empty folder of an attempt's own; what earlier attempts left is removed."""
+        self.remove_attempts(job_id)
+        path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}"
+        with disk_full_told("a job's output folder"):
+            path.mkdir()
+        return path
+
+    def remove_attempts(self, job_id: str) -> None:
+        """Remove the output folders of all attempts at a job."""
+        for path in (self.folder / "attempts").glob(f"{_checked(job_id)}-*"):
+            # An id may begin with another one and a hyphen: only numbers follow our own.
+            if path.name.removeprefix(f"{job_id}-").isdigit():
+                self.remove(path)
+
+    def publish(self, output: Path, final: Path) -> None:
+        """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
+        with disk_full_told("publishing a result"):
+            self.remove(final)
+            output.rename(final)
+            _flush(final.parent)
+
+    def remove(self, path: Path) -> None:
+        """Remove a file or folder in one step, as others see it; nothing happens if there is none."""
+        parting = self.folder / "removed" / uuid4().hex
+        try:
+            path.rename(parting)
+        except FileNotFoundError:
+            return
+        except OSError as error:
+            if not says_disk_full(error):
+                raise
+            parting = path  # a full disk may have no room for one more name: then its files go one by one
+        _delete(parting)
+
+    def check_room(self, reserve_bytes: int) -> None:
+        """Say whether files can be written, by writing one.
+
+        Raises
+        ------
+        StorageFull
+            Less than `reserve_bytes` is free, or no room for a small file.
+        """
+        free = shutil.disk_usage(self.folder).free
+        if free < reserve_bytes:
+            msg = (
+                f"the disk is full: {free} bytes are free in the data folder, where SAWMILL_DISK_RESERVE_BYTES wants "
+                f"{reserve_bytes}; free some space"
+            )
+            raise StorageFull(msg)
+        trial = self.folder / "incoming" / uuid4().hex
+        try:
+            with disk_full_told("a trial"):
+                trial.write_bytes(bytes(_TRIAL_BYTES))
+        finally:
+            trial.unlink(missing_ok=True)
+
+    def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
+        """Give an upload its owner."""
+        path = self.upload(kind, subject_id)
+        with disk_full_told("storing the upload"):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            received.path.rename(path)
+            _flush(path.parent)
+            _flush(path.parent.parent)
+
+    def remove_upload(self, kind: JobKind, subject_id: str) -> None:
+        """Remove an uploaded file."""
+        self.remove(self.upload(kind, subject_id).parent)
+
+    def discard(self, received: Received) -> None:
+        """Remove an upload that found no owner."""
+        received.path.unlink(missing_ok=True)
+
+    def receive(self, chunks: Iterable[bytes], *, max_bytes: int) -> Received:
+        """Write an upload to the disk as it comes.
+
+        Parameters
+        ----------
+        chunks
+            The file's bytes.
+        max_bytes
+            The largest upload allowed.
+
+        Returns
+        -------
+        Received
+            Complete and flushed; `Scans.accept` or `discard` must follow.
+
+        Raises
+        ------
+        UploadTooLarge, StorageFull
+            Nothing is left behind; nor is it when the iterable raises.
+        """
+        with self._incoming(max_bytes) as upload:
+            for chunk in chunks:
+                upload.write(chunk)
+            return upload.finish()
+
+    async def receive_stream(self, chunks: AsyncIterable[bytes], *, max_bytes: int) -> Received:
+        """As `receive`, for a request's body; a client that goes away leaves nothing behind."""
+        with self._incoming(max_bytes) as upload:
+            async for chunk in chunks:
+                upload.write(chunk)
+            return upload.finish()
+
+    def remove_leftovers(self, older_than_s: float = 86_400.0) -> None:
+        """Remove uploads that never ended and deletions that were cut short, a day old unless told otherwise."""
+        limit = time.time() - older_than_s
+        for name in _TEMPORARY:
+            for path in (self.folder / name).iterdir():
+                with suppress(FileNotFoundError):  # an upload that has just found its owner
+                    if path.stat().st_mtime < limit:
+                        _delete(path)
+
+    def _keep(self, content: bytes, path: Path) -> None:
+        with self._incoming(len(content)) as file:
+            file.write(content)
+            made = file.finish()
+        try:
+            made.path.rename(path)
+        except FileNotFoundError:
+            self.discard(made)
+            raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
+        _flush(path.parent)
+
+    @contextmanager
+    def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:
+        path = self.folder / "incoming" / uuid4().hex
+        try:
+            with disk_full_told("the upload"), path.open("xb") as file:
+                yield _Upload(path, file, max_bytes)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+
+
+class _Upload:
+    """A file that is arriving: bounded, counted and hashed."""
+
+    def __init__(self, path: Path, file: BinaryIO, max_bytes: int) -> None:
+        self._path = path
+        self._file = file
+        self._max_bytes = max_bytes
+        self._size = 0
+        self._hash = hashlib.sha256()
+
+    def write(self, chunk: bytes) -> None:
+        self._size += len(chunk)
+        if self._size > self._max_bytes:
+            raise UploadTooLarge(self._max_bytes)
+        self._file.write(chunk)
+        self._hash.update(chunk)
+
+    def finish(self) -> Received:
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        return Received(self._path, self._size, self._hash.hexdigest())
+
+
+def flush_tree(folder: Path) -> None:
+    """Make a folder and the files in it durable.
+
+    Raises
+    ------
+    StorageFull
+        The disk is full.
+    """
+    with disk_full_told("a result"):
+        for path in folder.rglob("*"):
+            _flush(path)
+        _flush(folder)
+
+
+def _flush(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
+def _checked(identifier: str) -> str:
+    """A name that cannot leave its folder."""
+    if not _SAFE_NAME.fullmatch(identifier):
+        raise NotFound("file", identifier)
+    return identifier

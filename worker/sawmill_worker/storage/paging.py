@@ -1,0 +1,95 @@
+"""Lists, newest first, one page at a time."""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any, TypeVar
+from uuid import uuid4
+
+from sqlalchemy import Select, and_, or_
+from sqlalchemy.orm import InstrumentedAttribute, Session
+
+from sawmill_worker.contracts.base import Contract, Page
+from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
+from sawmill_worker.storage.tables import Resource
+
+Row = TypeVar("Row", bound=Resource)
+Item = TypeVar("Item", bound=Contract)
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+
+
+def new_id() -> str:
+    """An identifier nobody can guess."""
+    return uuid4().hex
+
+
+def found(session: Session, table: type[Row], kind: str, identifier: str, *, lock: bool = False) -> Row:
+    """The row with this id.
+
+    Raises
+    ------
+    NotFound
+        There is none.
+    """
+    row = session.get(table, identifier, with_for_update=lock or None)
+    if row is None:
+        raise NotFound(kind, identifier)
+    return row
+
+
+def refuse_taken(session: Session, table: type[Resource], kind: str, identifier: str) -> None:
+    """Refuse an id that is in use already.
+
+    Raises
+    ------
+    Conflict
+        With code `<kind>-exists`.
+    """
+    if session.get(table, identifier) is not None:
+        raise Conflict(f"{kind}-exists", f"there is a {kind} {identifier!r} already; choose another id")
+
+
+def narrowed(statement: Select[Row], wanted: Mapping[InstrumentedAttribute[Any], str | None]) -> Select[Row]:
+    """The rows whose columns have the values wanted; None wants any."""
+    return statement.where(*(column == value for column, value in wanted.items() if value is not None))
+
+
+def read_page(
+    session: Session,
+    statement: Select[Row],
+    table: type[Row],
+    read: Callable[[Row], Item],
+    *,
+    after: str | None,
+    limit: int,
+) -> Page[Item]:
+    """Run a filtered statement as one page, newest first.
+
+    Raises
+    ------
+    Invalid
+        `after` is not a cursor that an earlier page gave.
+    """
+    if after is not None:
+        moment, identifier = _parse_cursor(after)
+        older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
+        statement = statement.where(older)
+    newest_first = statement.order_by(table.created_at.desc(), table.id.desc()).limit(limit + 1)
+    rows: Sequence[Row] = session.scalars(newest_first).all()
+    shown = rows[:limit]
+    more = len(rows) > limit
+    return Page[Any](items=[read(row) for row in shown], next=_cursor(shown[-1]) if more else None)
+
+
+def _cursor(row: Resource) -> str:
+    return f"{(row.created_at - _EPOCH) // _MICROSECOND}.{row.id}"
+
+
+def _parse_cursor(cursor: str) -> tuple[datetime, str]:
+    microseconds, _, identifier = cursor.partition(".")
+    try:
+        return _EPOCH + int(microseconds) * _MICROSECOND, identifier
+    except (ValueError, OverflowError) as error:
+        msg = f"after must be the next of an earlier page, not {cursor!r}"
+        raise Invalid("invalid-cursor", msg) from error

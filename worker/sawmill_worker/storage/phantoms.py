@@ -1,0 +1,148 @@
+"""Phantoms: built in, drawn, or traced from a picture by a job."""
+
+from collections.abc import Mapping
+
+from sqlalchemy import select
+
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.phantoms import Phantom, PhantomDrawing, PhantomPicture, PhantomState
+from sawmill_worker.storage.database import Database, lock_for_setup
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
+from sawmill_worker.storage.queueing import queue_job
+from sawmill_worker.storage.tables import CalibrationRow, PhantomRow, ScanRow
+from sawmill_worker.storage.uploading import kept_upload
+
+
+class Phantoms:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        self._database = database
+        self._files = files
+
+    def seed_built_in(self, drawings: Mapping[str, PhantomDrawing]) -> None:
+        """Put in the built-in phantoms, or bring them up to date; safe when several processes start together."""
+        with self._database.write() as session:
+            lock_for_setup(session)
+            for phantom_id, drawing in drawings.items():
+                known = session.get(PhantomRow, phantom_id)
+                if known is None:
+                    session.add(self._drawn(phantom_id, drawing, built_in=True))
+                else:
+                    known.name, known.drawing = drawing.name, drawing.model_dump(mode="json")
+
+    def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> Phantom:
+        """Add a drawn phantom, which is ready at once.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        """
+        row = self._drawn(phantom_id or new_id(), drawing, built_in=False)
+        with self._database.write() as session:
+            refuse_taken(session, PhantomRow, "phantom", row.id)
+            session.add(row)
+            return _read(row)
+
+    def accept_picture(self, picture: PhantomPicture, received: Received, *, phantom_id: str | None = None) -> Phantom:
+        """Keep an uploaded PNG and queue the job that traces it.
+
+        Raises
+        ------
+        Conflict
+            The id is taken. The upload is discarded.
+        """
+        row = PhantomRow(
+            id=phantom_id or new_id(),
+            created_at=self._database.now(),
+            name=picture.name,
+            built_in=False,
+            state=PhantomState.TRACING,
+            picture=picture.model_dump(mode="json"),
+        )
+        with (
+            kept_upload(self._files, received, JobKind.TRACE_PHANTOM, row.id) as keep,
+            self._database.write() as session,
+        ):
+            refuse_taken(session, PhantomRow, "phantom", row.id)
+            row.job_id = queue_job(session, JobKind.TRACE_PHANTOM, row.id, row.created_at)
+            session.add(row)
+            session.flush()
+            keep()
+        return _read(row)
+
+    def get(self, phantom_id: str) -> Phantom:
+        """One phantom, or `NotFound`."""
+        with self._database.read() as session:
+            return _read(found(session, PhantomRow, "phantom", phantom_id))
+
+    def picture(self, phantom_id: str) -> PhantomPicture:
+        """What was said of its picture, for the job that traces it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such phantom, or it was drawn and has no picture.
+        """
+        with self._database.read() as session:
+            row = found(session, PhantomRow, "phantom", phantom_id)
+            if row.picture is None:
+                raise Conflict("phantom-without-picture", f"phantom {phantom_id!r} was drawn, it has no picture")
+            return PhantomPicture.model_validate(row.picture)
+
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Phantom]:
+        """All phantoms, newest first."""
+        with self._database.read() as session:
+            return read_page(session, select(PhantomRow), PhantomRow, _read, after=after, limit=limit)
+
+    def delete(self, phantom_id: str) -> None:
+        """Remove a phantom that nothing refers to, and its files after the commit.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or it is built in, being traced, or used by a scan or a calibration.
+        """
+        with self._database.write() as session:
+            row = found(session, PhantomRow, "phantom", phantom_id, lock=True)
+            if row.built_in:
+                raise Conflict("phantom-built-in", f"phantom {phantom_id!r} is built in and stays")
+            if row.state is PhantomState.TRACING:
+                msg = f"phantom {phantom_id!r} is still being traced; cancel job {row.job_id!r} first"
+                raise Conflict("phantom-in-use", msg)
+            for table in (ScanRow, CalibrationRow):
+                if session.scalar(select(table.id).where(table.phantom_id == phantom_id).limit(1)) is not None:
+                    msg = f"phantom {phantom_id!r} is used by {table.__tablename__}; a used phantom stays"
+                    raise Conflict("phantom-in-use", msg)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.TRACE_PHANTOM, phantom_id))
+        self._files.remove_upload(JobKind.TRACE_PHANTOM, phantom_id)
+
+    def _drawn(self, phantom_id: str, drawing: PhantomDrawing, *, built_in: bool) -> PhantomRow:
+        return PhantomRow(
+            id=phantom_id,
+            created_at=self._database.now(),
+            name=drawing.name,
+            built_in=built_in,
+            state=PhantomState.READY,
+            drawing=drawing.model_dump(mode="json"),
+        )
+
+
+def _read(row: PhantomRow) -> Phantom:
+    return Phantom.model_validate(
+        {
+            "id": row.id,
+            "created_at": row.created_at,
+            "name": row.name,
+            "built_in": row.built_in,
+            "state": row.state,
+            "reason": row.reason,
+            "drawing": row.drawing,
+            "job_id": row.job_id,
+        }
+    )

@@ -1,0 +1,55 @@
+"""Writing a job's row, inside the transaction that accepts its subject."""
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.storage.paging import new_id, refuse_taken
+from sawmill_worker.storage.tables import JobDependencyRow, JobRow
+
+
+def queue_job(
+    session: Session,
+    kind: JobKind,
+    subject_id: str,
+    now: datetime,
+    *,
+    needs: Sequence[str] = (),
+    job_id: str | None = None,
+    background: bool = False,
+) -> str:
+    """Queue a job that starts only when the jobs it needs have ended, and return its id.
+
+    A `background` job starts when no other could; one that another needs is brought forward with it.
+    """
+    job_id = job_id or new_id()
+    refuse_taken(session, JobRow, "job", job_id)
+    session.add(
+        JobRow(
+            id=job_id,
+            created_at=now,
+            kind=kind,
+            state=JobState.QUEUED,
+            subject_id=subject_id,
+            background=background,
+            attempt=0,
+            losses=0,
+            outages=0,
+            cancel_requested=False,
+        )
+    )
+    session.flush()
+    session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
+    if not background:
+        _bring_forward(session, needs)
+    return job_id
+
+
+def _bring_forward(session: Session, job_ids: Sequence[str]) -> None:
+    while job_ids:
+        session.execute(update(JobRow).where(JobRow.id.in_(job_ids)).values(background=False))
+        needed = select(JobDependencyRow.needs_job_id).where(JobDependencyRow.job_id.in_(job_ids))
+        job_ids = session.scalars(needed).all()

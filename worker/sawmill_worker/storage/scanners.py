@@ -1,0 +1,124 @@
+"""Scanners and which calibration each of them uses."""
+
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.scanners import Activation, Scanner, ScannerSpec
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
+from sawmill_worker.storage.tables import (
+    ActivationRow,
+    CalibrationRow,
+    DriftRow,
+    ReconstructionRow,
+    ScannerRow,
+    ScanRow,
+    ScheduleRow,
+)
+
+
+class Scanners:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def create(self, spec: ScannerSpec, *, scanner_id: str | None = None) -> Scanner:
+        """Add a scanner.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        """
+        row = ScannerRow(id=scanner_id or new_id(), created_at=self._database.now(), spec=spec.model_dump(mode="json"))
+        with self._database.write() as session:
+            refuse_taken(session, ScannerRow, "scanner", row.id)
+            session.add(row)
+            return read_scanner(session, row)
+
+    def get(self, scanner_id: str) -> Scanner:
+        """One scanner, or `NotFound`."""
+        with self._database.read() as session:
+            return read_scanner(session, found(session, ScannerRow, "scanner", scanner_id))
+
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Scanner]:
+        """All scanners, newest first."""
+        with self._database.read() as session:
+            return read_page(
+                session,
+                select(ScannerRow),
+                ScannerRow,
+                lambda row: read_scanner(session, row),
+                after=after,
+                limit=limit,
+            )
+
+    def update(self, scanner_id: str, spec: ScannerSpec) -> Scanner:
+        """Replace what its owner said of it; existing results keep the constants they were made with."""
+        with self._database.write() as session:
+            row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            row.spec = spec.model_dump(mode="json")
+            return read_scanner(session, row)
+
+    def delete(self, scanner_id: str) -> None:
+        """Remove a scanner that nothing refers to.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or scans, results or schedules refer to it.
+        """
+        with self._database.write() as session:
+            row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
+            for table in (ScanRow, CalibrationRow, ReconstructionRow, DriftRow, ScheduleRow):
+                used = session.scalar(select(func.count()).select_from(table).where(table.scanner_id == scanner_id))
+                if used:
+                    msg = f"scanner {scanner_id!r} is used by {used} {table.__tablename__}; a used scanner stays"
+                    raise Conflict("scanner-in-use", msg)
+            session.delete(row)
+
+    def history(self, scanner_id: str, *, limit: int = 50) -> list[Activation]:
+        """Which calibrations were active, newest first."""
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", scanner_id)
+            rows = session.scalars(
+                select(ActivationRow)
+                .where(ActivationRow.scanner_id == scanner_id)
+                .order_by(ActivationRow.number.desc())
+                .limit(limit)
+            )
+            return [
+                Activation(
+                    calibration_id=row.calibration_id, activated_at=row.activated_at.isoformat(), reason=row.reason
+                )
+                for row in rows
+            ]
+
+
+def active_calibration_id(session: Session, scanner_id: str) -> str | None:
+    """The newest activation's calibration."""
+    return session.scalar(
+        select(ActivationRow.calibration_id)
+        .where(ActivationRow.scanner_id == scanner_id)
+        .order_by(ActivationRow.number.desc())
+        .limit(1)
+    )
+
+
+def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
+    """Add to the scanner's history."""
+    session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
+    session.flush()
+
+
+def read_scanner(session: Session, row: ScannerRow) -> Scanner:
+    """The scanner as it stands, its active calibration included."""
+    active = active_calibration_id(session, row.id)
+    return Scanner.model_validate(
+        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active}
+    )

@@ -1,0 +1,154 @@
+"""Scans: uploads, and what the job that reads them found."""
+
+from sqlalchemy import Select, or_, select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.queueing import queue_job
+from sawmill_worker.storage.tables import (
+    CalibrationRow,
+    DriftRow,
+    JobRow,
+    PhantomRow,
+    ReconstructionRow,
+    ScannerRow,
+    ScanRow,
+)
+from sawmill_worker.storage.uploading import kept_upload
+
+_COLUMNS = {"scanner_id", "phantom_id"}
+
+
+class Scans:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        self._database = database
+        self._files = files
+
+    def accept(
+        self, spec: ScanSpec, received: Received, *, scan_id: str | None = None, background: bool = False
+    ) -> Scan:
+        """Keep an upload and queue the job that reads it.
+
+        Parameters
+        ----------
+        spec
+            What the uploader says of the file.
+        received
+            From `FileStore.receive`. When this method raises, the upload is discarded.
+        scan_id
+            A fixed id; null for a new one.
+        background
+            Read only when no other job could start.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such scanner or phantom, or the id is taken.
+        """
+        row = ScanRow(
+            id=scan_id or new_id(),
+            created_at=self._database.now(),
+            scanner_id=spec.scanner_id,
+            phantom_id=spec.phantom_id,
+            spec=spec.model_dump(mode="json", exclude=_COLUMNS),
+            state=ScanState.INGESTING,
+            size_bytes=received.size_bytes,
+            sha256=received.sha256,
+        )
+        with kept_upload(self._files, received, JobKind.INGEST, row.id) as keep, self._database.write() as session:
+            refuse_taken(session, ScanRow, "scan", row.id)
+            found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
+            if spec.phantom_id is not None:
+                found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
+            row.job_id = queue_job(session, JobKind.INGEST, row.id, row.created_at, background=background)
+            session.add(row)
+            session.flush()
+            keep()
+        return _read(row)
+
+    def get(self, scan_id: str) -> Scan:
+        """One scan, or `NotFound`."""
+        with self._database.read() as session:
+            return _read(found(session, ScanRow, "scan", scan_id))
+
+    def page(
+        self,
+        *,
+        scanner_id: str | None = None,
+        state: ScanState | None = None,
+        after: str | None = None,
+        limit: int = 50,
+    ) -> Page[Scan]:
+        """Scans, newest first."""
+        statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
+        with self._database.read() as session:
+            return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
+
+    def delete(self, scan_id: str) -> None:
+        """Remove a scan, and its files after the commit; calibrations and reconstructions made from it stay.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or a job that needs it has not ended.
+        """
+        with self._database.write() as session:
+            row = found(session, ScanRow, "scan", scan_id, lock=True)
+            busy = session.scalar(_unfinished_jobs_of(row))
+            if busy is not None:
+                msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
+                raise Conflict("scan-in-use", msg)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.INGEST, scan_id))
+        self._files.remove_upload(JobKind.INGEST, scan_id)
+
+
+def usable_scan(session: Session, scan_id: str) -> ScanRow:
+    """A scan that is ready or may become so, locked until the transaction ends.
+
+    Raises
+    ------
+    NotFound, Conflict
+        There is none, or it was refused.
+    """
+    row = found(session, ScanRow, "scan", scan_id, lock=True)
+    if row.state is ScanState.REFUSED:
+        raise Conflict("scan-refused", f"scan {scan_id!r} was refused and cannot be used: {row.reason}")
+    return row
+
+
+def _unfinished_jobs_of(scan: ScanRow) -> Select[str]:
+    made_from_it = (CalibrationRow, ReconstructionRow, DriftRow)
+    results = [select(table.job_id).where(table.scan_id == scan.id) for table in made_from_it]
+    return (
+        select(JobRow.id)
+        .where(JobRow.state.in_([JobState.QUEUED, JobState.RUNNING]))
+        .where(or_(JobRow.id == scan.job_id, *(JobRow.id.in_(ids) for ids in results)))
+        .limit(1)
+    )
+
+
+def _read(row: ScanRow) -> Scan:
+    return Scan.model_validate(
+        {
+            **row.spec,
+            **(row.reading or {}),
+            "id": row.id,
+            "created_at": row.created_at,
+            "scanner_id": row.scanner_id,
+            "phantom_id": row.phantom_id,
+            "state": row.state,
+            "reason": row.reason,
+            "size_bytes": row.size_bytes,
+            "sha256": row.sha256,
+            "job_id": row.job_id,
+        }
+    )

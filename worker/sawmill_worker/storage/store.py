@@ -1,0 +1,89 @@
+"""Everything that is stored, behind one object."""
+
+import os
+
+from sqlalchemy import text
+
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.storage.calibrations import Calibrations
+from sawmill_worker.storage.database import Clock, Database, make_engine, utc_now
+from sawmill_worker.storage.drifts import Drifts
+from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.jobs import Jobs
+from sawmill_worker.storage.phantoms import Phantoms
+from sawmill_worker.storage.plans import Plans
+from sawmill_worker.storage.reconstructions import Reconstructions
+from sawmill_worker.storage.scanners import Scanners
+from sawmill_worker.storage.scans import Scans
+from sawmill_worker.storage.schedules import Schedules
+from sawmill_worker.storage.settings import StorageSettings
+
+
+class Store:
+    """The resources, each with its own methods; every method is one transaction and speaks in contracts.
+
+    Attributes
+    ----------
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules
+        The rows.
+    files
+        The arrays.
+    settings
+        With which another process can open the same store.
+    """
+
+    def __init__(self, settings: StorageSettings, *, clock: Clock = utc_now) -> None:
+        self.settings = settings
+        self.files = FileStore(settings.data_folder)
+        self._database = Database(make_engine(settings.url), clock)
+        self.scanners = Scanners(self._database)
+        self.phantoms = Phantoms(self._database, self.files)
+        self.scans = Scans(self._database, self.files)
+        self.calibrations = Calibrations(self._database)
+        self.reconstructions = Reconstructions(self._database)
+        self.plans = Plans(self._database)
+        self.drifts = Drifts(self._database)
+        self.jobs = Jobs(self._database, self.files)
+        self.schedules = Schedules(self._database)
+
+    @classmethod
+    def open(cls, settings: StorageSettings, *, clock: Clock = utc_now) -> "Store":
+        """A store whose tables are up to date and which holds the built-in phantoms.
+
+        Parameters
+        ----------
+        settings
+            Where it is; the data folder is made if it is missing.
+        clock
+            The time for rows and schedules; leases go by the database's own.
+        """
+        store = cls(settings, clock=clock)
+        store._database.upgrade()
+        store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
+        return store
+
+    def check(self, *, reserve_bytes: int | None = None) -> None:
+        """Say whether rows and files can be written.
+
+        Parameters
+        ----------
+        reserve_bytes
+            Free bytes below which the disk counts as full; null: those of the settings.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer, or the data folder cannot be written to.
+        StorageFull
+            The disk is full, or nearly so.
+        """
+        with self._database.read() as session:
+            session.execute(text("SELECT 1"))
+        if not os.access(self.files.folder, os.W_OK | os.X_OK):
+            raise StorageUnavailable(f"the data folder {str(self.files.folder)!r} cannot be written to")
+        self.files.check_room(self.settings.disk_reserve_bytes if reserve_bytes is None else reserve_bytes)
+
+    def close(self) -> None:
+        """Let go of the database's connections."""
+        self._database.engine.dispose()

@@ -1,0 +1,258 @@
+"""The rows. Specifications and results are JSON: the contracts own their shape, the columns are what is searched by."""
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from enum import StrEnum
+from typing import Any, ClassVar
+
+from sqlalchemy import (
+    JSON,
+    BigInteger,
+    DateTime,
+    Dialect,
+    Enum,
+    Float,
+    ForeignKey,
+    Index,
+    MetaData,
+    String,
+    TypeDecorator,
+    UniqueConstraint,
+)
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.phantoms import PhantomState
+from sawmill_worker.contracts.scans import ScanState
+
+Json = dict[str, Any]
+
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """Aware datetimes in, aware UTC datetimes out, on databases with and without time zones."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Convert to UTC; a naive time is refused."""
+        if value is None:
+            return None
+        if value.tzinfo is None:
+            msg = f"a stored time must carry its time zone: {value!r}"
+            raise ValueError(msg)
+        return value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
+        """Say that it is UTC."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+def _words(kind: type[StrEnum]) -> Enum:
+    """Stored as its value in a plain text column, so that a new word needs no migration."""
+    return Enum(kind, native_enum=False, length=20, values_callable=lambda words: [word.value for word in words])
+
+
+class Base(DeclarativeBase):
+    """Typed declarative base with named constraints, which migrations need."""
+
+    metadata = MetaData(
+        naming_convention={
+            "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+            "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+            "fk": "fk_%(table_name)s_%(column_0_name)s",
+            "pk": "pk_%(table_name)s",
+        }
+    )
+    type_annotation_map: ClassVar[Mapping[Any, Any]] = {
+        Json: JSON(none_as_null=True),
+        datetime: UtcDateTime(),
+        JobKind: _words(JobKind),
+        JobState: _words(JobState),
+        PhantomState: _words(PhantomState),
+        ScanState: _words(ScanState),
+    }
+
+
+class Resource(Base):
+    """What every resource has."""
+
+    __abstract__ = True
+
+    id: Mapped[str] = mapped_column(String(64), primary_key=True)
+    created_at: Mapped[datetime]
+
+
+class JobRow(Resource):
+    """The row is the job (DESIGN section 6)."""
+
+    __tablename__ = "jobs"
+    __table_args__ = (Index(None, "state", "created_at", "id"),)
+
+    kind: Mapped[JobKind]
+    state: Mapped[JobState]
+    subject_id: Mapped[str] = mapped_column(String(64), index=True)
+    # For idle times: claimed when no other job could start.
+    background: Mapped[bool] = mapped_column(default=False)
+    # Fences: grows with each claim. Attempts that were lost are counted apart, and so are full disks in a row.
+    attempt: Mapped[int] = mapped_column(default=0)
+    losses: Mapped[int] = mapped_column(default=0)
+    outages: Mapped[int] = mapped_column(default=0)
+    worker: Mapped[str | None] = mapped_column(String(200))
+    # Seconds since 1970 by the database's clock: the only clock that all workers share.
+    lease_expires_s: Mapped[float | None] = mapped_column(Float(53))
+    not_before_s: Mapped[float | None] = mapped_column(Float(53))
+    waiting_for: Mapped[Json | None]
+    cancel_requested: Mapped[bool] = mapped_column(default=False)
+    progress: Mapped[Json | None]
+    failure: Mapped[Json | None]
+    started_at: Mapped[datetime | None]
+    finished_at: Mapped[datetime | None]
+
+
+class JobDependencyRow(Base):
+    """A job may start only when all the jobs it needs have ended."""
+
+    __tablename__ = "job_dependencies"
+
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
+    needs_job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True, index=True)
+
+
+class ScannerRow(Resource):
+    """A scanner; its active calibration is its newest activation."""
+
+    __tablename__ = "scanners"
+
+    spec: Mapped[Json]
+
+
+class PhantomRow(Resource):
+    """A phantom."""
+
+    __tablename__ = "phantoms"
+
+    name: Mapped[str] = mapped_column(String(200))
+    built_in: Mapped[bool]
+    state: Mapped[PhantomState]
+    reason: Mapped[str | None]
+    drawing: Mapped[Json | None]
+    picture: Mapped[Json | None]
+    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id"))
+
+
+class ScanRow(Resource):
+    """A scan; `spec` holds what its uploader said apart from the two columns."""
+
+    __tablename__ = "scans"
+    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    phantom_id: Mapped[str | None] = mapped_column(ForeignKey("phantoms.id"), index=True)
+    spec: Mapped[Json]
+    state: Mapped[ScanState]
+    reason: Mapped[str | None]
+    size_bytes: Mapped[int] = mapped_column(BigInteger)
+    sha256: Mapped[str] = mapped_column(String(64))
+    reading: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
+
+
+class CalibrationRow(Resource):
+    """A calibration; its state is its job's. It outlives its scan and its schedule, whose ids it keeps."""
+
+    __tablename__ = "calibrations"
+    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    scan_id: Mapped[str] = mapped_column(String(64), index=True)
+    phantom_id: Mapped[str] = mapped_column(ForeignKey("phantoms.id"), index=True)
+    schedule_id: Mapped[str | None] = mapped_column(String(64))
+    options: Mapped[Json]
+    activate: Mapped[bool]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+class ReconstructionRow(Resource):
+    """A reconstruction; its state is its job's. It outlives its scan, whose id it keeps."""
+
+    __tablename__ = "reconstructions"
+    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    scan_id: Mapped[str] = mapped_column(String(64), index=True)
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+class DriftRow(Resource):
+    """A look at drift; its state is its job's. It outlives its scan, whose id it keeps."""
+
+    __tablename__ = "drifts"
+    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    scan_id: Mapped[str] = mapped_column(String(64), index=True)
+    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+class PlanRow(Resource):
+    """A plan; its state is its job's. It outlives its phantom and its scanner, whose ids it keeps."""
+
+    __tablename__ = "plans"
+
+    phantom_id: Mapped[str] = mapped_column(String(64))
+    scanner_id: Mapped[str] = mapped_column(String(64))
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+class ActivationRow(Base):
+    """From then on this calibration was its scanner's active one."""
+
+    __tablename__ = "activations"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"), index=True)
+    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
+    activated_at: Mapped[datetime]
+    reason: Mapped[str]
+
+
+class ScheduleRow(Resource):
+    """When to recalibrate; `next_due_at` is null when disabled."""
+
+    __tablename__ = "schedules"
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    cron: Mapped[str] = mapped_column(String(100))
+    enabled: Mapped[bool]
+    on_pass: Mapped[str] = mapped_column(String(20))
+    options: Mapped[Json]
+    next_due_at: Mapped[datetime | None] = mapped_column(index=True)
+
+
+class ScheduleRunRow(Base):
+    """What came of one due time; the constraint makes it once only."""
+
+    __tablename__ = "schedule_runs"
+    __table_args__ = (UniqueConstraint("schedule_id", "due_at"),)
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    schedule_id: Mapped[str] = mapped_column(ForeignKey("schedules.id", ondelete="CASCADE"))
+    due_at: Mapped[datetime]
+    outcome: Mapped[str] = mapped_column(String(40))
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))

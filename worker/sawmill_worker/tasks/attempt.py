@@ -1,0 +1,34 @@
+"""What a task is given."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from sawmill_worker.contracts.jobs import Job, Progress
+from sawmill_worker.storage.store import Store
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One attempt at a job.
+
+    Attributes
+    ----------
+    job : Job
+        As it was claimed.
+    store : Store
+        To load from; results go through `output` and the return value.
+    output : Path
+        An empty folder: what is left in it becomes the subject's files.
+    report : callable
+        Told how far the job is.
+    """
+
+    job: Job
+    store: Store
+    output: Path
+    report: Callable[[Progress], None]
+
+    def say(self, fraction: float, stage: str) -> None:
+        """Report progress."""
+        self.report(Progress(fraction=fraction, stage=stage))

@@ -1,0 +1,65 @@
+"""Writing a reconstruction's volume with everything it was made from."""
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+from sawmill_worker.contracts.base import Handedness, Rotation
+from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.formats.result_files import NewVolume, new_reconstruction
+
+
+@dataclass(frozen=True)
+class VolumeOrigin:
+    """Which rows of which scan a volume is of, and the geometry they were taken with."""
+
+    scanner: ScannerConstants
+    theta: Theta
+    rotation: Rotation
+    handedness: Handedness
+    rows: tuple[int, int]
+    input_sha256: str
+    preparation: tuple[str, ...] = ()
+    row_step: int = 1
+
+
+def new_volume(
+    path: Path,
+    shape: tuple[int, int, int],
+    origin: VolumeOrigin,
+    options: ReconstructionOptions,
+    *,
+    unit: str,
+    views: int,
+) -> AbstractContextManager[NewVolume]:
+    """Begin a volume (slice, x, y) as HDF5; its slices are written as they come (`new_reconstruction`)."""
+    # What was asked for beyond the options, as a job's identifiers, is no parameter of the method.
+    asked = options.model_dump(mode="json", exclude_none=True, include=set(ReconstructionOptions.model_fields))
+    pitch = origin.scanner.row_pitch_mm
+    step = "" if origin.row_step == 1 else f":{origin.row_step}"
+    return new_reconstruction(
+        path,
+        shape,
+        pixel_mm=options.field_mm / options.size,
+        row_pitch_mm=None if pitch is None else pitch * origin.row_step,
+        centre_mm=options.field_centre_mm,
+        # The scan's first row lies at 0, so that volumes of other rows of the same scan lie where they belong.
+        first_slice_mm=(pitch or 0.0) * origin.rows[0],
+        unit=unit,
+        geometry={
+            **origin.scanner.model_dump(mode="json", exclude_none=True),
+            **origin.theta.model_dump(mode="json"),
+            "rotation": origin.rotation.value,
+            "handedness": origin.handedness.value,
+        },
+        parameters={
+            **asked,
+            "views": views,
+            "rows": f"{origin.rows[0]}:{origin.rows[1]}{step}",
+            "preparation": list(origin.preparation),
+        },
+        software_version=version("sawmill-calibration"),
+        input_sha256=origin.input_sha256,
+    )

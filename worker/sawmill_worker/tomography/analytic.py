@@ -1,0 +1,203 @@
+"""Analytic fan-beam projection of polygons and discs, and its derivatives: no pixels anywhere."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ive
+
+from sawmill_worker.tomography import _analytic_numba as kernels
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_worker.tomography.phantom import Phantom
+
+PARAMETERS = kernels.PARAMETERS
+# Below so many samples one thread is done before others have woken up, on a busy machine by far.
+WORTH_THREADS = 40_000
+
+
+@dataclass(frozen=True)
+class DetectorCells:
+    """Where the detector's cells lie: the first one's border in mm, their width in mm, their number."""
+
+    first_border_mm: float
+    width_mm: float
+    count: int
+
+    @classmethod
+    def of(cls, scanner: Scanner, *, binned: int = 1) -> "DetectorCells":
+        """The scanner's cells, `binned` of them taken together; a remainder at the far end is left out."""
+        return cls(
+            -0.5 * scanner.num_detector_pixels * scanner.detector_pitch_mm,
+            scanner.detector_pitch_mm * binned,
+            scanner.num_detector_pixels // binned,
+        )
+
+
+def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
+    """Whether a phantom of this radius around the COR stays in front of the source, along the detector normal."""
+    return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
+
+
+def _check(phantom: Phantom, frame: SourceFrame, position_mm: tuple[float, float]) -> None:
+    reach = phantom.radius_mm + math.hypot(*position_mm)
+    if not clears(reach, frame):
+        raise GeometryError(
+            f"the phantom {phantom.name!r} reaches {reach:.4g} mm from the centre of rotation, so far that it touches "
+            f"the source at {frame.source_distance_mm:.4g} mm (tilt {frame.tilt_rad:.3g} rad)"
+        )
+
+
+def project(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> FloatArray:
+    """The phantom's sinogram.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        Moved by `position_mm` in the image frame.
+    cells : DetectorCells
+        Where the cells lie.
+    frame : SourceFrame
+        The geometry.
+    angles_rad : (views,) float64
+        View angles as the scanner's sense of rotation reads them.
+    rays_per_cell : int, optional
+        So many equidistant rays a cell; by default the mean over the whole cell.
+
+    Returns
+    -------
+    (views, cells) float64
+        Line integrals, mm times density.
+
+    Raises
+    ------
+    GeometryError
+        If the phantom reaches the source.
+    """
+    _check(phantom, frame, position_mm)
+    out = np.empty((angles_rad.size, cells.count))
+    kernel = kernels.project_in_one_thread if out.size < WORTH_THREADS else kernels.project
+    kernel(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out
+
+
+def project_with_derivative(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
+    _check(phantom, frame, position_mm)
+    out = np.empty((PARAMETERS + 1, angles_rad.size, cells.count))
+    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out[PARAMETERS], out[:PARAMETERS]
+
+
+def project_with_moments(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """As `project`, and the first moments, integrals of x and of y along the ray: (views, cells), (2, views, cells)."""
+    _check(phantom, frame, position_mm)
+    out = np.empty((PARAMETERS + 3, angles_rad.size, cells.count))
+    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out[PARAMETERS], out[PARAMETERS + 1 :]
+
+
+@dataclass(frozen=True)
+class GramOptions:
+    """What `gram` does beyond plain least squares.
+
+    Attributes
+    ----------
+    weights : (views, cells) float64 or None
+        Of each cell's products; None weighs all alike.
+    extended : bool
+        Whether p^2 and the first moments stand beside the rest.
+    hardening : float
+        The derivatives are those of p + hardening p^2.
+    blur_cells : float
+        Standard deviation of the blur along the detector that all but 1 and the sinogram have.
+    """
+
+    weights: FloatArray | None = None
+    extended: bool = False
+    hardening: float = 0.0
+    blur_cells: float = 0.0
+
+
+def blur_taps(width_cells: float) -> FloatArray:
+    """The discrete Gaussian of this standard deviation, middle first: exp(-t) I_j(t), t its square (Lindeberg 1990).
+
+    Unlike samples of a Gaussian it has the variance asked for, however narrow, and its cosine transform is
+    exp(t (cos w - 1)).
+    """
+    taps = np.asarray(ive(np.arange(math.ceil(4.5 * width_cells) + 2), width_cells**2), np.float64)
+    normalised: FloatArray = taps / (2.0 * taps.sum() - taps[0])
+    return normalised
+
+
+def gram(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    sinogram: FloatArray,
+    *,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    rays_per_cell: int | None = None,
+    options: GramOptions | None = None,
+) -> FloatArray:
+    """Inner products over the cells, per view, of (seven derivatives, projection p, 1, sinogram): (views, 10, 10).
+
+    Extended, p^2 and the phantom's first moments (integrals of x and of y along the ray) follow: (views, 13, 13).
+    This is all that least squares needs, without ever storing the derivative.
+    """
+    _check(phantom, frame, position_mm)
+    chosen = options or GramOptions()
+    count = kernels.ROWS if chosen.extended else PARAMETERS + 3
+    out = np.empty((angles_rad.size, count, count))
+    arguments = _arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
+    weights = np.empty((0, 0)) if chosen.weights is None else chosen.weights
+    kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
+    taps = blur_taps(chosen.blur_cells) if chosen.blur_cells > 0.0 else np.ones(1)
+    kernel(*arguments, sinogram, weights, chosen.hardening, taps, out)
+    return out
+
+
+def _arguments(
+    phantom: Phantom,
+    cells: DetectorCells,
+    frame: SourceFrame,
+    angles_rad: FloatArray,
+    position_mm: tuple[float, float],
+    rays_per_cell: int | None,
+) -> tuple[FloatArray, FloatArray, FloatArray, float, float, NDArray[np.float64], float, float, int]:
+    return (
+        phantom.edges,
+        phantom.discs,
+        frame.to_vector(),
+        position_mm[0],
+        position_mm[1],
+        np.ascontiguousarray(angles_rad, np.float64),
+        cells.first_border_mm,
+        cells.width_mm,
+        rays_per_cell or 0,
+    )

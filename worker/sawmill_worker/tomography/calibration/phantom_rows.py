@@ -1,0 +1,41 @@
+"""Which rows of a stack show the phantom: those between two jumps that the phantom explains best."""
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.geometry import FloatArray
+
+# A step from row to row is a jump when it is so many times the usual one, and this share of the shadow itself.
+JUMP, JUMP_SHARE = 4.0, 0.1
+# Rows that are compared are averaged over cells and taken at so many views: jumps are coarse.
+VIEWS, CELLS = 60, 64
+
+
+def segments(stack: NDArray[np.floating]) -> list[slice]:
+    """Runs of rows without a jump between them, longest first.
+
+    Parameters
+    ----------
+    stack : (views, rows, detector) float
+        Line integrals. A phantom is the same in all its rows; where it ends, everything changes at once.
+    """
+    rows = stack.shape[1]
+    coarse = _coarse(stack)
+    steps = np.sqrt(((coarse[1:] - coarse[:-1]) ** 2).mean(axis=1))
+    depth = float(np.median(coarse.std(axis=1)))
+    usual = float(np.median(steps)) if steps.size else 0.0
+    jumps = np.flatnonzero(steps > max(JUMP * usual, JUMP_SHARE * depth)) + 1
+    edges = [0, *jumps.tolist(), rows]
+    runs = [slice(first, last) for first, last in pairwise(edges)]
+    return sorted(runs, key=lambda run: run.start - run.stop)
+
+
+def _coarse(stack: NDArray[np.floating]) -> FloatArray:
+    """(rows, samples): every so many views, cells averaged."""
+    views, rows, cells = stack.shape
+    binned = max(1, cells // CELLS)
+    some = np.asarray(stack[:: max(1, views // VIEWS), :, : cells // binned * binned], np.float64)
+    means: FloatArray = some.reshape(len(some), rows, -1, binned).mean(axis=3).transpose(1, 0, 2).reshape(rows, -1)
+    return means

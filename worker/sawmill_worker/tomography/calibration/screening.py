@@ -1,0 +1,107 @@
+"""Cells and views without a usable signal, found before anything is fitted.
+
+Their samples get no weight; for the search, cells are bridged from their neighbours and views left out.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from sawmill_worker.tomography.geometry import FloatArray
+
+# A cell whose mean over the views stands out from its neighbours' by so many robust deviations, and by this share of
+# the sinogram's range, is hot or dead.
+CELL_DEVIATIONS, CELL_SHARE = 20.0, 0.06
+NEIGHBOURS = 11
+# A view with this share of its samples outside the range of the others is corrupt.
+VIEW_SHARE = 0.01
+
+
+@dataclass(frozen=True)
+class Screening:
+    """What may be used.
+
+    Attributes
+    ----------
+    cells : (cells,) bool
+    views : (views,) bool
+    """
+
+    cells: NDArray[np.bool_]
+    views: NDArray[np.bool_]
+
+    @property
+    def weights(self) -> FloatArray | None:
+        """(views, cells) float64, 0 where nothing may be used; None where everything may."""
+        if self.cells.all() and self.views.all():
+            return None
+        return np.outer(self.views, self.cells).astype(np.float64)
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """(views, cells) what may be used."""
+        used: NDArray[np.bool_] = np.outer(self.views, self.cells)
+        return used
+
+    @property
+    def done(self) -> tuple[str, ...]:
+        """One sentence for each thing left out."""
+        told = []
+        if not self.cells.all():
+            told.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
+        if not self.views.all():
+            told.append(f"{int((~self.views).sum())} corrupt views were left out")
+        return tuple(told)
+
+    def bridged(self, sinogram: FloatArray) -> FloatArray:
+        """The sinogram with the cells left out interpolated along the detector."""
+        if self.cells.all():
+            return sinogram
+        position = np.arange(self.cells.size)
+        right = np.clip(np.searchsorted(position[self.cells], position), 1, self.cells.sum() - 1)
+        low, high = position[self.cells][right - 1], position[self.cells][right]
+        share = np.clip((position - low) / (high - low), 0.0, 1.0)
+        filled: FloatArray = np.where(
+            self.cells, sinogram, (1.0 - share) * sinogram[:, low] + share * sinogram[:, high]
+        )
+        return filled
+
+
+def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
+    """Look at a sinogram (views, detector) before it is used: at its cells, its views, or both."""
+    usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
+    if usable_views.sum() < 3:
+        usable_views[:] = True
+    usable_cells = ~_odd_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
+    if usable_cells.sum() < 8:
+        usable_cells[:] = True
+    return Screening(usable_cells, usable_views)
+
+
+def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
+    low = float(np.median(np.quantile(sinogram, 0.02, axis=1)))
+    # Hot cells stand in every view: the highest hundredth is theirs.
+    high = float(np.median(np.quantile(sinogram, 0.99, axis=1)))
+    span = high - low
+    outside = (sinogram < low - 0.3 * span) | (sinogram > high + span)
+    common = np.median(outside.mean(axis=1))
+    flat = np.ptp(sinogram, axis=1) < 0.02 * span
+    corrupt: NDArray[np.bool_] = (outside.mean(axis=1) > common + VIEW_SHARE) | flat
+    return corrupt
+
+
+def _odd_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
+    varies = np.flatnonzero(np.ptp(sinogram, axis=0) > 0.0)
+    odd = np.zeros(sinogram.shape[1], bool)
+    if varies.size == 0:
+        return odd
+    # Air may be free of noise; a cell that never changes amid others that do has no signal.
+    odd[varies[0] : varies[-1] + 1] = np.ptp(sinogram, axis=0)[varies[0] : varies[-1] + 1] == 0.0
+    mean = np.median(sinogram, axis=0) + sinogram.mean(axis=0)
+    departure = np.abs(mean - median_filter(mean, NEIGHBOURS, mode="nearest"))
+    spread = 1.4826 * float(np.median(departure))
+    low, high = np.quantile(mean, [0.02, 0.98])
+    odd |= departure > max(CELL_DEVIATIONS * spread, CELL_SHARE * float(high - low))
+    return odd

@@ -1,0 +1,93 @@
+"""What the residual holds beside white noise: how much, and where it lies."""
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from sawmill_worker.tomography.geometry import FloatArray
+
+# Views are to blame when so small a part of them holds so much of the residual's power, and holds it all over: their
+# mean square root of it, which a few strong cells do not carry, exceeds the other views' by so much.
+FEW_VIEWS, MOST_POWER, ALL_OVER = 0.05, 0.5, 2.0
+# A kink of the shadow stands out by this share of its depth, from cell to cell; so many cells beside it belong to it.
+KINK, BESIDE = 0.005, 2
+# Edges are to blame when a cell there holds so many times the power of one elsewhere in the shadow.
+EDGES_STAND_OUT = 3.0
+# A mean of products is noise up to so many of its standard deviations.
+CHANCE = 4.0
+# The shadow proper, as a share of its depth.
+SHADOW = 0.02
+
+
+class Place(StrEnum):
+    """Where the model is not the scan's."""
+
+    VIEWS = "few views"
+    CELLS = "single cells"
+    EDGES = "edges"
+    INSIDE = "inside"
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What a residual holds beside noise.
+
+    Attributes
+    ----------
+    share : float
+        Its RMS against that of the sinogram without its mean.
+    place : Place
+        Where most of it lies.
+    """
+
+    share: float
+    place: Place
+
+
+def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
+    """Of a residual (views, cells) beside the model sinogram that left it; 0 where nothing may be used."""
+    shared = shared_power(residual)
+    spread = float(model.std())
+    return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
+
+
+def shared_power(residual: FloatArray) -> float:
+    """Mean square of what a residual (views, cells) holds beside noise, whatever the noise's size here and there.
+
+    Noise is not shared by neighbours; what a model lacks is.
+    """
+    return max(_beyond_chance(residual[:, 1:] * residual[:, :-1]), _beyond_chance(residual[1:] * residual[:-1]), 0.0)
+
+
+def _beyond_chance(products: FloatArray) -> float:
+    """Their mean, or nothing where independent noise, as uneven as it may be, has one as large."""
+    mean = float(products.mean())
+    return mean if mean > CHANCE * float(products.std()) / math.sqrt(products.size) else 0.0
+
+
+def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
+    power = residual**2
+    # What every view sees in a cell, and its neighbour does not; the views' mean leaves some of the noise.
+    cells = residual.mean(axis=0)
+    unequal = 0.5 * float((np.diff(cells) ** 2).mean()) - (float(power.mean()) - shared) / len(residual)
+    if unequal > MOST_POWER * shared:
+        return Place.CELLS
+    by_view = power.sum(axis=1)
+    worst = np.argsort(by_view)[-max(1, round(FEW_VIEWS * len(by_view))) :]
+    if by_view[worst].sum() > MOST_POWER * by_view.sum():
+        level = np.sqrt(np.abs(residual)).mean(axis=1) ** 2
+        if np.median(level[worst]) > ALL_OVER * np.median(level):
+            return Place.VIEWS
+    depth = float(np.ptp(model))
+    edges = maximum_filter1d(np.abs(np.diff(model, 2, axis=1, prepend=0.0, append=0.0)), 2 * BESIDE + 1, axis=1)
+    at_edges = edges > KINK * depth
+    inside = (model > model.min() + SHADOW * depth) & ~at_edges
+    return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, inside) else Place.INSIDE
+
+
+def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:
+    return float(power[where].mean()) if where.any() else 0.0

@@ -1,0 +1,57 @@
+"""What a reconstruction by filtered back-projection costs: seconds and memory, before it is begun."""
+
+from sawmill_worker.tomography.fbp import LANES, lanes_of
+
+MEMORY_BYTES = 768 * 2**20
+# More slices a block bring nothing but memory.
+MOST_SLICES = 32
+
+# Fitted by `make bench-fbp` on two cores; docs/performance.md has the fit beside the machine's limits.
+SECONDS_A_STACK = 0.05
+SECONDS_A_CELL = 8e-9
+SECONDS_AN_UPDATE = 6.0e-11
+SECONDS_A_PIXEL = 2.0e-8
+
+
+def seconds(views: int, cells: int, size: int, slices: int) -> float:
+    """Seconds from rows to the volume's file: filtering goes by the cell, back-projection by the view and pixel.
+
+    Parameters
+    ----------
+    views, cells, size, slices : int
+        Of each sinogram, of each side of a slice, and how many slices.
+    """
+    pixels = size * size
+    a_slice = SECONDS_A_CELL * views * cells + SECONDS_AN_UPDATE * views * pixels + SECONDS_A_PIXEL * pixels
+    return SECONDS_A_STACK + slices * a_slice
+
+
+def seconds_left(elapsed: float, done: float, slices: int) -> float:
+    """By the pace so far; `seconds` foretells until there is one."""
+    return elapsed / done * (slices - done)
+
+
+def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
+    """Memory of a block at work: its rows and a copy on reading, rows laid out, and its slices."""
+    rows = 2 * slices * views * cells + lanes_of(slices) * views * (cells + 2)
+    return 4 * (rows + slices * size * size)
+
+
+def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, threads: int) -> tuple[int, int]:
+    """Slices a block, in whole vectors where there are several, and how many blocks at a time.
+
+    One for each thread where there is enough to share out, as long as all of them stay within the memory.
+    """
+    vectors = -(-slices // LANES)
+    counts = (*range(1, LANES), *range(LANES, MOST_SLICES + 1, LANES))
+    for abreast in range(min(threads, vectors), 0, -1):
+        share = LANES * -(-vectors // abreast)
+        fitting = [n for n in counts if n <= share and abreast * block_bytes(views, cells, size, n) <= memory_bytes]
+        if fitting and (abreast == 1 or fitting[-1] >= LANES):
+            return fitting[-1], abreast
+    return 1, 1
+
+
+def volume_bytes(size: int, slices: int) -> int:
+    """A volume of float32, before it is compressed."""
+    return 4 * slices * size * size

@@ -1,0 +1,220 @@
+"""What moved since a calibration, how surely, and what that looks like: from pairs of opposite rays, without a phantom.
+
+The fit itself stands in `conjugate_rays`. R and psi cannot be seen (design page, section 5).
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Rotation, Scanner, SourceFrame
+from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
+
+# From so many times the better residual on, the other sense of rotation is ruled out.
+DECISIVE_RATIO = 1.1
+# A change beyond so many standard deviations is a change.
+SIGNIFICANT = 3.0
+# Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
+UNEXPLAINED = 11.83
+
+DISTANCE_NOT_SEEN = (
+    "the distance from source to detector: this log does not show it, so it is held at the calibrated one"
+)
+NOT_SEEN = (
+    "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
+    "the first angle psi, so neither the encoder's zero nor which way is up",
+    "from which end the log is looked at",
+    "a turntable that moved along the ray through the centre of rotation, which changes R alone",
+)
+
+
+class DriftError(ValueError):
+    """A scan that shows no drift; the message says why.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: sparse-views, partial-turn, outside-detector, nothing-seen, moved-too-far.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+@dataclass(frozen=True, eq=False)
+class ConjugateFit:
+    """What pairs of opposite rays say of the detector.
+
+    Attributes
+    ----------
+    covariance : (3, 3) float64
+        Of (u_c, tau, SDD).
+    distance_held : bool
+        The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
+    rotation : Rotation
+        The sense of rotation in which the pairs agree better.
+    rotation_ratio : float
+        Residual of the other sense against this one's.
+    relative_residual : float
+        RMS of the pairs' differences against the RMS of what they differ in: the part of the rays that changes with
+        the view, after the blur.
+    carried : (2,) float64
+        Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
+    adjustments : tuple of str
+        What was done to the scan before it was used.
+    """
+
+    cor_column_mm: float
+    tilt_rad: float
+    source_to_detector_mm: float
+    covariance: FloatArray
+    distance_held: bool
+    rotation: Rotation
+    rotation_ratio: float
+    relative_residual: float
+    carried: FloatArray
+    adjustments: tuple[str, ...]
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of (u_c, tau, SDD)."""
+        spread: FloatArray = np.sqrt(np.diag(self.covariance))
+        return spread
+
+    @property
+    def rotation_decided(self) -> bool:
+        """Whether the scan tells which way it turned; a round, centred log does not."""
+        return self.rotation_ratio > DECISIVE_RATIO
+
+
+@dataclass(frozen=True, eq=False)
+class DriftChange:
+    """Measured less calibrated.
+
+    Attributes
+    ----------
+    change : (3,) float64
+        Of (u_c, tau, SDD).
+    covariance : (3, 3) float64
+        Of the change: this scan's and the calibration's.
+    ray_change_mm : float
+        RMS distance of the rays inside the log's disc with R and psi held; SDD too where it has not changed
+        significantly, because this scan sees it worse than the calibration does.
+    ray_change_uncertainty_mm : float
+        RMS ray distance that the covariance alone brings about.
+    """
+
+    change: FloatArray
+    covariance: FloatArray
+    ray_change_mm: float
+    ray_change_uncertainty_mm: float
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Standard deviations of the changes, (3,)."""
+        spread: FloatArray = np.sqrt(np.diag(self.covariance))
+        return spread
+
+    @property
+    def significance(self) -> FloatArray:
+        """Each change in units of its standard deviation, (3,); 0 for what was held."""
+        deviation = self.deviation
+        share: FloatArray = np.divide(self.change, deviation, out=np.zeros(3), where=deviation > 0.0)
+        return share
+
+    @property
+    def moved(self) -> bool:
+        """Whether any change is significant."""
+        return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
+
+
+def drift_change(
+    scanner: Scanner,
+    calibrated: SourceFrame,
+    calibrated_covariance: FloatArray | None,
+    fit: ConjugateFit,
+    *,
+    radius_mm: float = 150.0,
+) -> DriftChange:
+    """Compare a scan's conjugate rays with a calibration.
+
+    Parameters
+    ----------
+    calibrated_covariance : (5, 5) float64
+        Of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
+    radius_mm : float
+        Of the disc in which rays are compared.
+    """
+    covariance = fit.covariance.copy()
+    if calibrated_covariance is not None:
+        order = [3, 4, 2]
+        # Where SDD is held, the calibration's error of it moves what is measured of the others.
+        difference = np.eye(3)
+        difference[:2, 2] = -fit.carried
+        covariance += difference @ calibrated_covariance[np.ix_(order, order)] @ difference.T
+    if fit.distance_held:
+        covariance[2, :] = covariance[:, 2] = 0.0
+    before = np.array([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm])
+    change = np.array([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]) - before
+    counted, spread = _counted(change, covariance)
+    u_c, tau, sdd = (float(value) for value in before + counted)
+    now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
+    frame_covariance = np.zeros((5, 5))
+    frame_covariance[np.ix_([3, 4, 2], [3, 4, 2])] = spread
+    try:
+        rays = ray_error(scanner, calibrated, now, radius_mm=radius_mm).rms_mm
+    except GeometryError:  # the calibrated rays no longer meet the log
+        rays = radius_mm
+    uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
+    return DriftChange(change, covariance, rays, uncertainty)
+
+
+def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The change and its covariance, conditional on an unchanged SDD unless that has changed significantly."""
+    if covariance[2, 2] == 0.0 or abs(change[2]) > SIGNIFICANT * math.sqrt(covariance[2, 2]):
+        return change, covariance
+    carried = covariance[:, 2] / covariance[2, 2]
+    return change - carried * change[2], covariance - np.outer(carried, covariance[2])
+
+
+def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
+    """What moved and where to look, in one sentence.
+
+    A turntable that moves leaves the detector's foot u_n = u_c - SDD sin tau and height H = SDD cos tau as they are, so
+    tau and SDD follow u_c; a detector that slides along itself leaves tau and SDD as they are.
+    """
+    column, tilt, distance = moved.change
+    tau = calibrated.tilt_rad
+    if not moved.moved:
+        return (
+            f"nothing moved that this scan can show: the COR is where it was to {moved.deviation[0]:.2g} mm on the "
+            f"detector, the tilt to {math.degrees(moved.deviation[1]):.2g} degrees: go on with this calibration"
+        )
+    turntable = _unexplained(moved, np.array([1.0, math.cos(tau) / calibrated.source_to_detector_mm, math.sin(tau)]))
+    slide = _unexplained(moved, np.array([1.0, 0.0, 0.0]))
+    tilted = abs(moved.significance[1]) > SIGNIFICANT
+    shifted = f"the COR moved {column:+.2f} mm on the detector"
+    if turntable <= UNEXPLAINED and not tilted:
+        also = " (a detector that slid along itself would look the same)" if slide <= UNEXPLAINED else ""
+        return f"{shifted} and the tilt did not: look at the turntable, not the detector{also}"
+    if turntable <= UNEXPLAINED:
+        return f"{shifted} and the tilt followed as when the turntable moves sideways: look at the turntable"
+    if slide <= UNEXPLAINED:
+        return f"{shifted} and the tilt stayed, as when the detector slides along itself: look at the detector's stops"
+    return (
+        f"the detector stands otherwise towards the source: COR {column:+.2f} mm, tilt {math.degrees(tilt):+.3f} "
+        f"degrees, distance {distance:+.1f} mm: look at the mounting of detector and source, then calibrate with the "
+        "phantom"
+    )
+
+
+def _unexplained(moved: DriftChange, direction: FloatArray) -> float:
+    """Chi-squared that is left of the change when the best multiple of a motion is taken off."""
+    seen = np.flatnonzero(moved.deviation > 0.0)
+    precision = np.zeros((3, 3))
+    precision[np.ix_(seen, seen)] = np.linalg.inv(moved.covariance[np.ix_(seen, seen)])
+    along = float(direction @ precision @ moved.change / (direction @ precision @ direction))
+    rest = moved.change - along * direction
+    return float(rest @ precision @ rest)

@@ -1,0 +1,108 @@
+"""The ramp filter of filtered back-projection and its windows."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
+
+
+class FilterName(StrEnum):
+    """Window on the ramp."""
+
+    RAM_LAK = "ram-lak"
+    SHEPP_LOGAN = "shepp-logan"
+    COSINE = "cosine"
+    HAMMING = "hamming"
+    HANN = "hann"
+
+
+def _window(name: FilterName, f: FloatArray) -> FloatArray:
+    """Window at frequencies f relative to the cut-off, zero beyond it."""
+    inside = np.abs(f) <= 1.0
+    match name:
+        case FilterName.RAM_LAK:
+            value = np.ones_like(f)
+        case FilterName.SHEPP_LOGAN:
+            value = np.sinc(0.5 * f)
+        case FilterName.COSINE:
+            value = np.cos(0.5 * np.pi * f)
+        case FilterName.HAMMING:
+            value = 0.54 + 0.46 * np.cos(np.pi * f)
+        case FilterName.HANN:
+            value = 0.5 + 0.5 * np.cos(np.pi * f)
+    return np.where(inside, value, 0.0)
+
+
+def ramp_response(
+    cells: int, pitch_mm: float, name: FilterName, frequency_scaling: float, *, aperture_mm: float = 0.0
+) -> tuple[FloatArray, int]:
+    """Frequency response of the windowed ramp for rfft, and the padded length.
+
+    `aperture_mm` is the width on the detector over which the result is averaged: a pixel's shadow.
+
+    The ramp is the transform of its band-limited kernel (Kak and Slaney 1988, eq. 3.61), not |f| sampled, so that the
+    mean of the image is right. The response contains the cell width of the convolution integral.
+
+    Raises
+    ------
+    GeometryError
+        If frequency_scaling is not in (0, 1].
+    """
+    if not 0.0 < frequency_scaling <= 1.0:
+        raise GeometryError(f"frequency_scaling must be above 0 and at most 1, not {frequency_scaling}")
+    length = scipy.fft.next_fast_len(2 * cells - 1, real=True)
+    offset = np.minimum(np.arange(length), length - np.arange(length))
+    kernel = np.zeros(length)
+    kernel[0] = 0.25 / pitch_mm**2
+    odd = offset % 2 == 1
+    kernel[odd] = -1.0 / (np.pi * offset[odd] * pitch_mm) ** 2
+    ramp = scipy.fft.rfft(kernel).real * pitch_mm
+    relative = np.arange(ramp.size) * 2.0 / length / frequency_scaling
+    mean = np.sinc(np.arange(ramp.size) * aperture_mm / (length * pitch_mm))
+    return ramp * _window(name, relative) * mean, length
+
+
+@dataclass(frozen=True, eq=False)
+class RowFilter:
+    """A weight for each cell, and then the windowed ramp over the row.
+
+    Attributes
+    ----------
+    weight : (cells,) float32
+    response : (length // 2 + 1,) float32
+        Of `ramp_response`.
+    length : int
+        Of a row padded with zeros.
+    """
+
+    weight: NDArray[np.float32]
+    response: NDArray[np.float32]
+    length: int
+
+    @classmethod
+    def of(
+        cls,
+        weight: FloatArray,
+        pitch_mm: float,
+        name: FilterName,
+        frequency_scaling: float,
+        *,
+        aperture_mm: float = 0.0,
+    ) -> "RowFilter":
+        """As `ramp_response`."""
+        response, length = ramp_response(weight.size, pitch_mm, name, frequency_scaling, aperture_mm=aperture_mm)
+        return cls(weight.astype(np.float32), response.astype(np.float32), length)
+
+    def __call__(self, rows: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Each row (..., cells) float32, in its unit per mm."""
+        cells = self.weight.size
+        padded = np.zeros((*rows.shape[:-1], self.length), np.float32)
+        np.multiply(rows, self.weight, out=padded[..., :cells])
+        spectrum = scipy.fft.rfft(padded, overwrite_x=True)
+        spectrum *= self.response
+        filtered: NDArray[np.float32] = scipy.fft.irfft(spectrum, n=self.length, overwrite_x=True)[..., :cells]
+        return filtered

@@ -1,0 +1,167 @@
+"""Shifts of views that lost rows, from features seen in neighbouring views.
+
+Knots and bark move across the detector as the log turns, and stay in their row. Features are detected, described (SIFT:
+Lowe, Int. J. Computer Vision 60 (2004) 91) and matched between views that are neighbours in angle; of the matches'
+shifts along the log the one with most followers is taken, as RANSAC does, with every match as a hypothesis.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.geometry import TAU, FloatArray
+from sawmill_worker.tomography.preparing.missing_rows import RowsError, RowShifts, Stack, check_certain, present_rows
+
+FEWEST_ROWS = 32
+MOST_FEATURES = 800
+# Contrast of the weakest feature that is kept, of 1, and the width in cells of a Gaussian against noise.
+CONTRAST = 0.01
+SMOOTHING = 1.0
+# A match is kept where the next best one is further by this factor (Lowe 2004, section 7.1), and no further across.
+RATIO, FURTHEST_ACROSS = 0.8, 0.25
+# Matches agree on a shift within so many rows; fewer, or a smaller share, agree by chance.
+AGREEING_ROWS, FEWEST_AGREEING, SHARE_AGREEING = 0.5, 6, 0.15
+# Each view is matched with so many that follow it, no further away than features stay recognisable.
+NEIGHBOURS, FURTHEST_RAD = 2, math.radians(20.0)
+# Pairs whose shifts scatter about whole numbers by less lost whole rows: each is taken as whole, lest errors add up.
+WHOLE_SCATTER = 0.22
+# A pair that contradicts the others by more rows than this loses weight.
+CONTRADICTING, ROUNDS = 0.25, 10
+
+
+@dataclass(frozen=True, eq=False)
+class _Features:
+    """Of one view of so many cells: positions (n, 2) as cell and row, and descriptors (n, 128)."""
+
+    cells: int
+    at: NDArray[np.float32]
+    descriptors: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two views, and by how many rows the second lies further along the log than the first."""
+
+    first: int
+    second: int
+    shift: float
+    standard_deviation: float
+
+
+def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowShifts:
+    """Each view's shift from features matched between neighbouring views.
+
+    Parameters
+    ----------
+    images : all views' images (rows, cells) float32, one after the other
+        Line integrals; missing rows are NaN.
+    angles_rad : (views,) float64
+
+    Raises
+    ------
+    RowsError
+        Where a view shares too few features with its neighbours.
+    """
+    detector = cv2.SIFT.create(nfeatures=MOST_FEATURES, contrastThreshold=CONTRAST)
+    features = [_features(detector, view, image) for view, image in enumerate(images)]
+    pairs = [_matched(features, one, other) for one, other in _neighbours(angles_rad)]
+    return _solved([pair for pair in pairs if pair is not None], len(features))
+
+
+def _features(detector: "cv2.Feature2D", view: int, image: Stack) -> _Features:
+    rows, cells = np.flatnonzero(present_rows(image)), image.shape[1]
+    if rows.size < FEWEST_ROWS:
+        raise RowsError(f"view {view} has {rows.size} rows; features need at least {FEWEST_ROWS}")
+    points, descriptors = detector.detectAndCompute(_grey(image[rows]), None)
+    if not points:
+        return _Features(cells, np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
+    at = np.asarray(cv2.KeyPoint.convert(points), np.float32) + np.array([0.0, rows[0]], np.float32)
+    return _Features(cells, at, np.asarray(descriptors, np.float32))
+
+
+def _grey(image: Stack) -> NDArray[np.uint8]:
+    """What varies along the log (rows, cells), as grey from 0 to 255: its outline and rings say nothing of the rows."""
+    varying = cv2.GaussianBlur(image - np.median(image, axis=0), (0, 0), SMOOTHING)
+    low, high = np.quantile(varying, [0.001, 0.999])
+    return np.asarray(np.clip((varying - low) * (255.0 / max(high - low, 1e-30)), 0.0, 255.0), np.uint8)
+
+
+def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
+    """Pairs of views close in angle, across the end of a full turn too."""
+    order = np.argsort(angles_rad % TAU)
+    pairs = []
+    for ahead in range(1, min(NEIGHBOURS, order.size // 2) + 1):
+        following = np.roll(order, -ahead)
+        near = (angles_rad[following] - angles_rad[order]) % TAU <= FURTHEST_RAD
+        pairs += [(int(one), int(other)) for one, other in zip(order[near], following[near], strict=True)]
+    return pairs
+
+
+def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
+    """The shift that most matches agree on; None where too few do."""
+    one, other = features[first], features[second]
+    if min(len(one.at), len(other.at)) < FEWEST_AGREEING:
+        return None
+    best = [
+        near
+        for near, *further in cv2.BFMatcher(cv2.NORM_L2).knnMatch(one.descriptors, other.descriptors, k=2)
+        if near.distance < RATIO * further[0].distance
+    ]
+    if not best:
+        return None
+    across, along = (one.at[[m.queryIdx for m in best]] - other.at[[m.trainIdx for m in best]]).T
+    along = along[np.abs(across) <= FURTHEST_ACROSS * one.cells]
+    if not along.size:
+        return None
+    agreeing = np.abs(along[:, None] - along) <= AGREEING_ROWS
+    followers = along[agreeing[agreeing.sum(axis=1).argmax()]]
+    if followers.size < max(FEWEST_AGREEING, SHARE_AGREEING * along.size):
+        return None
+    # The window of agreement is itself no more than this sharp; a handful of equal shifts is no proof of more.
+    spread = max(float(followers.std()), AGREEING_ROWS / 4.0)
+    return _Pair(first, second, float(followers.mean()), spread / math.sqrt(followers.size))
+
+
+def _solved(pairs: list[_Pair], views: int) -> RowShifts:
+    """Least squares over all pairs; the common origin is free."""
+    if not pairs:
+        raise RowsError(
+            "no two views share enough features to be laid over one another: align the rows by their profile"
+        )
+    ends = np.array([(pair.first, pair.second) for pair in pairs])
+    _check_connected(ends, views)
+    incidence = np.zeros((len(pairs), views))
+    incidence[np.arange(len(pairs)), ends[:, 0]] = -1.0
+    incidence[np.arange(len(pairs)), ends[:, 1]] = 1.0
+    shift = np.array([pair.shift for pair in pairs])
+    if (shift - np.rint(shift)).std() < WHOLE_SCATTER:
+        shift = np.rint(shift)
+    precision = np.array([pair.standard_deviation for pair in pairs]) ** -2.0
+    weight = precision
+    for _ in range(ROUNDS):
+        # The mean shift is free; the ones make it zero.
+        normal = incidence.T @ (weight[:, None] * incidence) + 1.0
+        solved = np.linalg.solve(normal, incidence.T @ (weight * shift))
+        weight = precision * np.minimum(1.0, CONTRADICTING / np.maximum(np.abs(shift - incidence @ solved), 1e-9))
+    scatter = weight * (shift - incidence @ solved) ** 2
+    inflation = max(1.0, float(scatter.sum()) / max(len(pairs) - views + 1, 1))
+    deviation = np.sqrt(inflation * np.diag(np.linalg.inv(normal)))
+    check_certain(deviation, "the views are too far apart or too noisy for features: align the rows by their profile")
+    return RowShifts.of(solved, deviation)
+
+
+def _check_connected(ends: NDArray[np.int_], views: int) -> None:
+    group = np.arange(views)
+    for first, second in ends:
+        group[group == group[second]] = group[first]
+    names, sizes = np.unique(group, return_counts=True)
+    if names.size > 1:
+        alone = int(np.flatnonzero(group == names[sizes.argmin()])[0])
+        raise RowsError(
+            f"view {alone} shares too few features with its neighbours to be laid over them: align the rows by their "
+            "profile"
+        )

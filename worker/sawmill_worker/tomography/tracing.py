@@ -1,0 +1,141 @@
+"""From a phantom's picture to its outlines in mm, sub-pixel."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
+
+# In pixels: a contour this close to a circle is one; a polygon may cut corners by so much before its sides are fitted.
+CIRCLE_RMS = 0.4
+CORNER_CUT = 1.5
+# Relative standard uncertainty of a traced size that is not the picture's pixels.
+SIZE_TOLERANCE = 0.001
+# Corners of the outline within this many pixels are left out when a side is fitted: contouring rounds them.
+NEAR_CORNER = 3.0
+LEAST_AREA = 25.0
+MOST_SHAPES = 200
+
+
+def trace(picture: NDArray[np.floating], width_mm: float, *, name: str) -> Phantom:
+    """Outline the bright parts of a drawing.
+
+    Parameters
+    ----------
+    picture : (rows, columns) float
+        Grey values; bright is wood. A row is +x, a column is +y, the centre is the origin.
+    width_mm : float
+        Width of the picture, along its columns, in mm.
+
+    Returns
+    -------
+    Phantom
+        Polygons and discs; what is dark inside bright is a hole.
+
+    Raises
+    ------
+    PhantomError
+        If the picture shows no outline, or far too many.
+    """
+    from skimage.measure import find_contours  # noqa: PLC0415 - takes a second to import, for pictures only
+
+    if picture.ndim != 2 or min(picture.shape) < 8:
+        raise PhantomError(f"the picture has shape {picture.shape}: give a grey picture of at least 8 x 8 pixels")
+    if not (math.isfinite(width_mm) and width_mm > 0.0):
+        raise PhantomError(f"the picture's width must be a positive number of millimetres, not {width_mm}")
+    low, high = float(picture.min()), float(picture.max())
+    if not high > low:
+        raise PhantomError("the picture is of one grey throughout: the phantom must be brighter than its surroundings")
+    pixel = width_mm / picture.shape[1]
+    centre = 0.5 * (np.array(picture.shape) - 1.0)
+    padded = np.pad(np.asarray(picture, np.float64), 1, constant_values=low)
+    shapes: list[Shape] = []
+    for contour in find_contours(padded, 0.5 * (low + high)):
+        outline = contour[:-1] - 1.0
+        area = _area(outline)
+        if abs(area) >= LEAST_AREA:
+            # find_contours runs with the bright side on one hand, so the sign of the area tells wood from hole.
+            shapes.append(_shape((outline - centre) * pixel, pixel, 1.0 if area < 0.0 else -1.0))
+    if not shapes:
+        raise PhantomError("the picture shows no outline of at least 25 pixels")
+    if len(shapes) > MOST_SHAPES:
+        raise PhantomError(f"the picture shows {len(shapes)} outlines, more than {MOST_SHAPES}: give a clean drawing")
+    if not any(shape.density > 0.0 for shape in shapes):
+        raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
+    return Phantom(name, tuple(shapes), _size_tolerance(shapes, pixel))
+
+
+def _size_tolerance(shapes: list[Shape], pixel: float) -> float:
+    """Two opposite sides, each somewhere in its pixel, leave their distance uncertain by pixel / sqrt(6)."""
+    outlines = np.concatenate(Phantom("outlines", tuple(shapes)).outlines())
+    extent = float(np.ptp(outlines, axis=0).mean())
+    return max(SIZE_TOLERANCE, pixel / math.sqrt(6.0) / extent)
+
+
+def _area(outline: FloatArray) -> float:
+    x, y = outline[:, 0], outline[:, 1]
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _shape(outline: FloatArray, pixel: float, density: float) -> Shape:
+    centre, radius, rms = _circle(outline)
+    if rms < CIRCLE_RMS * pixel and radius > 2.0 * pixel:
+        return Disc(centre, radius, density)
+    corners = _corners(outline, CORNER_CUT * pixel)
+    return Polygon(tuple((float(x), float(y)) for x, y in _fit_sides(outline, corners, NEAR_CORNER * pixel)), density)
+
+
+def _circle(points: FloatArray) -> tuple[tuple[float, float], float, float]:
+    """Least-squares circle (Kasa 1976): centre, radius, RMS distance."""
+    system = np.column_stack([2.0 * points, np.ones(len(points))])
+    solution = np.linalg.lstsq(system, (points**2).sum(axis=1), rcond=None)[0]
+    cx, cy = float(solution[0]), float(solution[1])
+    distance = np.hypot(points[:, 0] - cx, points[:, 1] - cy)
+    radius = float(distance.mean())
+    return (cx, cy), radius, float(np.sqrt(np.mean((distance - radius) ** 2)))
+
+
+def _corners(outline: FloatArray, tolerance: float) -> NDArray[np.intp]:
+    """Indices of the outline's corners; it starts at one, so that no side is cut in two."""
+    from skimage.measure import approximate_polygon  # noqa: PLC0415 - takes a second to import, for pictures only
+
+    first = int(np.argmax(((outline - outline.mean(axis=0)) ** 2).sum(axis=1)))
+    closed = np.concatenate([outline[first:], outline[: first + 1]])
+    kept = approximate_polygon(closed, tolerance)[:-1]
+    # approximate_polygon returns some of the points themselves, in order.
+    where = [int(np.flatnonzero((closed[:-1] == corner).all(axis=1))[0]) for corner in kept]
+    return (np.array(where) + first) % len(outline)
+
+
+def _fit_sides(outline: FloatArray, corners: NDArray[np.intp], near: float) -> FloatArray:
+    """Corners where total-least-squares lines through the outline's sides meet."""
+    count = len(corners)
+    if count < 3:
+        raise PhantomError("an outline of the picture is too thin to be a body")
+    lines = [_side(outline, corners[i], corners[(i + 1) % count], near) for i in range(count)]
+    fitted = []
+    for i in range(count):
+        (p, d), (q, e) = lines[i - 1], lines[i]
+        across = d[0] * e[1] - d[1] * e[0]
+        corner = outline[corners[i]]
+        if abs(across) > math.sin(math.radians(5.0)):
+            s = ((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across
+            meeting = p + s * d
+            # Two short sides of a curve may meet far away: such a corner stays where the outline has it.
+            corner = meeting if np.hypot(*(meeting - corner)) < 2.0 * near else corner
+        fitted.append(corner)
+    return np.array(fitted)
+
+
+def _side(outline: FloatArray, start: int, stop: int, near: float) -> tuple[FloatArray, FloatArray]:
+    """A point and a unit direction of the line through one side."""
+    count = len(outline)
+    index = (start + np.arange((stop - start) % count + 1)) % count
+    points = outline[index]
+    far = (np.hypot(*(points - points[0]).T) > near) & (np.hypot(*(points - points[-1]).T) > near)
+    points = points[far] if far.sum() >= 3 else points[[0, -1]]
+    middle = points.mean(axis=0)
+    direction = np.linalg.svd(points - middle)[2][0]
+    return middle, direction
