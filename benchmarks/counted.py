@@ -15,23 +15,14 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.air import AirCorrection
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.default import CalibrationTask
-from sawmill_worker.tomography.geometry import (
-    TAU,
-    FloatArray,
-    GeometryError,
-    Handedness,
-    Rotation,
-    SourceFrame,
-    Theta,
-    ThetaBounds,
-)
+from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
 from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.vocabulary import AirCorrection, Handedness, Rotation
 
 RAYS, FRAMES, DARK_LEVEL, DARK_NOISE, GAIN_SPREAD = 8, 10, 200.0, 5.0, 0.03
 VIEWS = (20, 45, 60, 90, 120, 180, 360)

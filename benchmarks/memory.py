@@ -23,7 +23,6 @@ import tifffile
 from numpy.typing import NDArray
 from scanners import SCANNER
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
@@ -32,6 +31,7 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tasks.attempt import Attempt
 from sawmill_worker.tasks.running import run
+from sawmill_worker.vocabulary import DataKind
 
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels
 FIELDS, PHOTONS, DARK = 10, 40_000.0, 200.0

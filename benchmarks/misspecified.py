@@ -25,11 +25,12 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Handedness
+from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.tracing import trace
+from sawmill_worker.vocabulary import Handedness
 
 RAYS = 8
 FIELD_MM = 400.0

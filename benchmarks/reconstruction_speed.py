@@ -26,7 +26,6 @@ from published_pipeline import PublishedObjective
 from scanners import SCANNER
 from scipy.optimize import nnls
 
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.formats.result_files import new_reconstruction
@@ -38,11 +37,11 @@ from sawmill_worker.tomography._fbp_numba import back_project_block
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.fbp import Preparation, fbp, fbp_block
-from sawmill_worker.tomography.filters import FilterName
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_abreast, reconstruct_stack
+from sawmill_worker.vocabulary import FilterName, Handedness, Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500

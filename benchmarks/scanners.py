@@ -8,17 +8,9 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.default import CalibrationTask
-from sawmill_worker.tomography.geometry import (
-    TAU,
-    GeometryError,
-    Handedness,
-    Rotation,
-    Scanner,
-    SourceFrame,
-    Theta,
-    ThetaBounds,
-)
+from sawmill_worker.tomography.geometry import TAU, GeometryError, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 CUSTOM = Phantom(

@@ -15,7 +15,8 @@ from paper.searches import MadeOf, binned, default_source, every_so_many, phanto
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.default import CalibrationTask
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
-from sawmill_worker.tomography.geometry import FloatArray, Rotation, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
+from sawmill_worker.vocabulary import Rotation
 
 # Farthest from the truth that each profile goes: psi, R, SDD, u_c, tau.
 REACH = np.array([np.radians(1.0), 40.0, 60.0, 4.0, np.radians(3.0)])

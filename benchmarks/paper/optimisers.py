@@ -14,8 +14,9 @@ from paper.searches import MadeOf, default_source, default_unit, every_so_many, 
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.default import CalibrationTask
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions
-from sawmill_worker.tomography.geometry import FloatArray, Rotation, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import FloatArray, Theta, ThetaBounds
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.vocabulary import Rotation
 
 CHECKPOINTS = 60
 # The share of the best J known within which a run counts as a success: SciPy's own default stop.

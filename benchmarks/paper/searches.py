@@ -13,16 +13,9 @@ from sawmill_worker.tomography.built_in import BUILT_IN
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
-from sawmill_worker.tomography.geometry import (
-    FloatArray,
-    Handedness,
-    Rotation,
-    Scanner,
-    SourceFrame,
-    Theta,
-    angle_difference,
-)
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 NOISE = 0.02
 MadeOf = Literal["published", "simulated", "exact"]

@@ -10,10 +10,11 @@ import pytest
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Job
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind
 
 HERE = Path(__file__).parent
 

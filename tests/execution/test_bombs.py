@@ -15,9 +15,10 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, ScanSpec, ScanState
+from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.execution.runner import Runner
+from sawmill_worker.vocabulary import DataKind
 
 CHUNK = 2**20
 WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"

@@ -22,9 +22,9 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.formats.result_files import NamedArray, NewVolume, new_reconstruction
 from sawmill_worker.formats.result_files import write_calibration as write_calibration_file
@@ -32,6 +32,7 @@ from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16

@@ -2,10 +2,10 @@ import re
 
 import pytest
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.vocabulary import DataKind
 
 
 def comparison(*, within: bool) -> dict:

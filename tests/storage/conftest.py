@@ -10,10 +10,11 @@ import pytest
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import Scanner, ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, Scan, ScanSpec
+from sawmill_worker.contracts.scans import Scan, ScanSpec
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind
 
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 THETA = {

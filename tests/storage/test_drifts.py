@@ -4,8 +4,9 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.vocabulary import DataKind
 
 
 @pytest.fixture

@@ -6,8 +6,9 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobStat
 from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture, PhantomState
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.contracts.scans import DataKind, ScanSpec, ScanState
+from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
+from sawmill_worker.vocabulary import DataKind
 
 REFUSAL = Failure(kind=FailureKind.INPUT, code="angles-missing", detail="the file carries no angles")
 

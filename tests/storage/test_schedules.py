@@ -5,11 +5,12 @@ from datetime import UTC, datetime
 
 import pytest
 
-from sawmill_worker.contracts.scans import DataKind, ScanSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 

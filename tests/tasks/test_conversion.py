@@ -17,14 +17,13 @@ from sawmill_worker.tasks.conversion import (
     to_theta,
 )
 from sawmill_worker.tomography import built_in
-from sawmill_worker.tomography.calibration.adjust import Adjustment
-from sawmill_worker.tomography.calibration.calibration import Status
 from sawmill_worker.tomography.geometry import ThetaBounds as Bounds
+from sawmill_worker.vocabulary import Adjustment, CalibrationStatus
 
 
 def test_both_sides_know_the_same_adjustments_and_statuses():
     assert [one.value for one in contracts.Adjustment] == [one.value for one in Adjustment]
-    assert [one.value for one in contracts.CalibrationStatus] == [one.value for one in Status]
+    assert [one.value for one in contracts.CalibrationStatus] == [one.value for one in CalibrationStatus]
 
 
 def test_the_constants_arrive(constants, scanner):

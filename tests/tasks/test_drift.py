@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationResult
 from sawmill_worker.contracts.drifts import DriftAsk, DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants
@@ -21,6 +20,7 @@ from sawmill_worker.tasks.running import run
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import DataKind
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
@@ -24,6 +23,7 @@ from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.vocabulary import DataKind
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.tasks.conversion import from_theta
 from sawmill_worker.tasks.failures import JobFailure
@@ -15,6 +14,7 @@ from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconst
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 # Off the centre, with a knot: no slice of it looks like another one turned.
 LOG = Phantom("log", (Disc((25.0, -10.0), 110.0, 0.018), Disc((60.0, 20.0), 20.0, 0.012)))

@@ -8,9 +8,10 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import DataKind, ScanReading, ScanShape, ScanSpec
+from sawmill_worker.contracts.scans import ScanReading, ScanShape, ScanSpec
 from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.tasks.running import needs_of
+from sawmill_worker.vocabulary import DataKind
 
 THETA = GivenTheta(
     initial_angle_rad=2.55,

@@ -13,7 +13,6 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.contracts.scans import ScanSpec
@@ -29,6 +28,7 @@ from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.preparing.missing_rows import RowsError
+from sawmill_worker.vocabulary import DataKind
 
 VIEWS, ROWS = 36, 44
 LOST = 6

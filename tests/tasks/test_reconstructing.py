@@ -7,13 +7,13 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.tasks import room
 from sawmill_worker.tasks.conversion import from_theta
 from sawmill_worker.tasks.failures import JobFailure
 from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 from sawmill_worker.tasks.value_range import SAMPLED_VALUES, ValueRange
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 SLICES = 70
 OPTIONS = ReconstructionOptions(size=32, field_mm=420.0)

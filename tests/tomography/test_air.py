@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.air import AirCorrection, find_air
+from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.vocabulary import AirCorrection
 
 VIEWS = 90
 

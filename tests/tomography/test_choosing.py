@@ -3,11 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.choosing import Method, recommend
+from sawmill_worker.tomography.choosing import recommend
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.noise import estimated_noise, photon_noise
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018),))
 SCANNER = Scanner(860.0, 256, 4.0)
@@ -21,10 +22,10 @@ def scan(angles, noise):
 @pytest.mark.parametrize(
     ("views", "turn", "noise", "method", "says"),
     [
-        (360, TAU, 0.01, Method.FBP, "360 views all round with 1"),
-        (45, TAU, 0.01, Method.TOTAL_VARIATION, "45 views are fewer than the 180"),
-        (360, TAU, 0.06, Method.TOTAL_VARIATION, "the noise is"),
-        (200, 0.6 * TAU, 0.01, Method.TOTAL_VARIATION, "the 200 views leave a gap"),
+        (360, TAU, 0.01, ReconstructionMethod.FBP, "360 views all round with 1"),
+        (45, TAU, 0.01, ReconstructionMethod.TOTAL_VARIATION, "45 views are fewer than the 180"),
+        (360, TAU, 0.06, ReconstructionMethod.TOTAL_VARIATION, "the noise is"),
+        (200, 0.6 * TAU, 0.01, ReconstructionMethod.TOTAL_VARIATION, "the 200 views leave a gap"),
     ],
 )
 def test_views_gaps_and_noise_decide_and_the_reason_is_said(views, turn, noise, method, says):

@@ -8,10 +8,11 @@ import pytest
 
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import DriftError, drift_change, likely_cause
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Rotation, Scanner, Theta
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import Rotation
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)

@@ -9,11 +9,11 @@ from scipy import ndimage
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.filters import FilterName
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.vocabulary import FilterName
 
 FIELD = 400.0
 LOG = Phantom(

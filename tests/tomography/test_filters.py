@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.filters import FilterName, RowFilter, ramp_response
+from sawmill_worker.tomography.filters import RowFilter, ramp_response
 from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.vocabulary import FilterName
 
 PITCH = 1.5
 every_filter = pytest.mark.parametrize("name", list(FilterName))

@@ -10,7 +10,6 @@ from sawmill_worker.tomography.geometry import (
     TAU,
     FanBeamGeometry,
     GeometryError,
-    Rotation,
     Scanner,
     SourceFrame,
     Theta,
@@ -20,6 +19,7 @@ from sawmill_worker.tomography.geometry import (
     view_weights,
     wrap_angle,
 )
+from sawmill_worker.vocabulary import Rotation
 
 R_S = 859.46
 

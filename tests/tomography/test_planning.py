@@ -6,11 +6,12 @@ import pytest
 from sawmill_worker.tomography.analytic import DetectorCells, project_with_derivative
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Handedness, Rotation, angle_difference
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, angle_difference
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
 from sawmill_worker.tomography.planning import plan
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 NOISE = 0.02
 REPEATS = 30

@@ -7,7 +7,8 @@ from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.tikhonov import AlphaRule, tikhonov
+from sawmill_worker.tomography.tikhonov import tikhonov
+from sawmill_worker.vocabulary import AlphaRule
 
 LOG = Phantom("log", (Disc((10.0, 0.0), 120.0, 0.018), Disc((30.0, 40.0), 25.0, 0.01)))
 

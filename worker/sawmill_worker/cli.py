@@ -29,28 +29,28 @@ from sawmill_worker.commands.options import (
     wrong_use_told,
 )
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
-from sawmill_worker.contracts.base import DataKind, Handedness, Rotation
-from sawmill_worker.contracts.calibrations import (
-    Adjustment,
-    CalibrationFile,
-    CalibrationMethod,
-    CalibrationOptions,
-    CalibrationResult,
-    PaperOptions,
-)
+from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationOptions, CalibrationResult, PaperOptions
 from sawmill_worker.contracts.drifts import DriftOptions, DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult
-from sawmill_worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
-from sawmill_worker.contracts.reconstructions import (
-    AlphaRule,
-    FilterName,
-    MethodReport,
-    ReconstructionMethod,
-    ReconstructionOptions,
-)
+from sawmill_worker.contracts.preparing import PrepareOptions
+from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionOptions
 from sawmill_worker.formats.angles import AngleSteps
 from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.vocabulary import (
+    Adjustment,
+    AirCorrection,
+    AlphaRule,
+    CalibrationMethod,
+    DataKind,
+    FaultyCells,
+    FilterName,
+    Handedness,
+    ReconstructionMethod,
+    RingRemoval,
+    Rotation,
+    RowAlignment,
+)
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_show_locals=False)
 phantom_app = typer.Typer(no_args_is_help=True)

@@ -6,13 +6,12 @@ from pathlib import Path
 import numpy as np
 import structlog
 
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PolygonShape
 from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionMethod
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
@@ -24,6 +23,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scan
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206

@@ -7,12 +7,12 @@ from scipy.ndimage import gaussian_filter1d
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.adjust import Adjustment
 from sawmill_worker.tomography.calibration.calibration import CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.calibration.screening import Screening, screen
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.vocabulary import Adjustment
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

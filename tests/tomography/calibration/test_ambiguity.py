@@ -7,8 +7,9 @@ from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibration import CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
-from sawmill_worker.tomography.geometry import Handedness, Rotation, Scanner, Theta
+from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

@@ -7,15 +7,12 @@ import pytest
 
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.adjust import Adjustment
 from sawmill_worker.tomography.calibration.calibration import CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.calibration.refine import SinogramData, refine
 from sawmill_worker.tomography.geometry import (
     TAU,
     FanBeamGeometry,
-    Handedness,
-    Rotation,
     Scanner,
     Theta,
     ThetaBounds,
@@ -28,6 +25,7 @@ from sawmill_worker.tomography.preparing.preprocess import line_integrals
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 from sawmill_worker.tomography.tracing import trace
+from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 SEEDS = range(20)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)

@@ -7,14 +7,8 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.misfit import CoarseMisfit, coarse_data, search_box
-from sawmill_worker.tomography.geometry import (
-    GeometryError,
-    Handedness,
-    Rotation,
-    Scanner,
-    ThetaBounds,
-    angle_difference,
-)
+from sawmill_worker.tomography.geometry import GeometryError, Scanner, ThetaBounds, angle_difference
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 BOTH = {Handedness.AS_DRAWN: L_SHAPE, Handedness.FROM_BEHIND: L_SHAPE.mirrored()}
 

@@ -12,9 +12,10 @@ from sawmill_worker.tomography.calibration.paper import (
     calibrate_as_published,
     remove_background,
 )
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Handedness, Rotation, Scanner, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta, ThetaBounds
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 SMALL = PaperOptions(image_size=64, max_generations=5)
 SEARCHED = replace(SMALL, max_generations=40)

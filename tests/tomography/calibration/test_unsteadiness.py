@@ -8,11 +8,11 @@ import pytest
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.adjust import Adjustment
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.geometry import TAU, Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.vocabulary import Adjustment
 
 SCANNER = Scanner(859.46, 384, 3.0)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)

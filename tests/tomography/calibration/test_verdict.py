@@ -6,8 +6,9 @@ from sawmill_worker.tomography.calibration.refine import Fit
 from sawmill_worker.tomography.calibration.structure import Place, Structure
 from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.verdict import TurnedRival, judge
-from sawmill_worker.tomography.geometry import Handedness, Rotation, SourceFrame
+from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import PredictedRayError
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 GOOD_FIT = {
     "frame": SourceFrame(0.0, 900.0, 1600.0, 0.0, 0.0),

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.air import AirCorrection
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
+from sawmill_worker.vocabulary import AirCorrection
 
 VIEWS, ROWS = 60, 3
 NOISE = 0.005

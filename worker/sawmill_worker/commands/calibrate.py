@@ -8,10 +8,11 @@ from sawmill_worker.commands.options import PhantomSaid, ScanSaid
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.commands.scan_rows import open_rows
 from sawmill_worker.commands.terminal import Report
-from sawmill_worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationResult
+from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
 from sawmill_worker.tasks.preparing import Stack
 from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.vocabulary import Adjustment
 
 
 def calibrate_scan(

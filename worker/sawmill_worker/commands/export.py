@@ -12,7 +12,6 @@ from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.formats.angles import AnglesGiven
 from sawmill_worker.formats.rtk_xml import rtk_xml
 from sawmill_worker.tasks.conversion import to_scanner, to_theta
-from sawmill_worker.tomography import geometry
 from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 
@@ -26,7 +25,7 @@ def export_geometry(target: ExportTarget, calibration: Path, output: Path, angle
         The file holds no calibration, or there are not as many angles as views.
     """
     known = read_calibration(calibration)
-    turned = geometry.Rotation(known.rotation).apply(np.deg2rad(angles.expand(views)))
+    turned = known.rotation.apply(np.deg2rad(angles.expand(views)))
     _WRITERS[target](output, FanBeamGeometry(to_scanner(known.scanner), to_theta(known.theta), turned))
 
 

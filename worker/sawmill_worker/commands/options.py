@@ -10,12 +10,13 @@ from typing import Annotated
 import typer
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import DataKind, Rotation, Rows
+from sawmill_worker.contracts.base import Rows
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.geometry import GivenTheta, Theta
-from sawmill_worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
+from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
 from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.vocabulary import AirCorrection, DataKind, FaultyCells, RingRemoval, Rotation, RowAlignment
 
 LARGEST_MM = 1e5
 CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."

@@ -10,7 +10,6 @@ from sawmill_worker.commands.options import CalibrationSaid, PicturesSaid, ScanS
 from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.commands.scan_rows import ScanRows, open_rows
 from sawmill_worker.commands.terminal import Report
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
@@ -20,6 +19,7 @@ from sawmill_worker.storage.arrays import alpha_curve, side_view, volume_slice, 
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 MOSAIC_SLICES = 16
 

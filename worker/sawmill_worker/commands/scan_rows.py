@@ -12,10 +12,9 @@ from pydantic import ValidationError
 
 from sawmill_worker.commands.options import ScanSaid, complaint
 from sawmill_worker.commands.terminal import Report, part_of
-from sawmill_worker.contracts.base import DataKind
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Progress
-from sawmill_worker.contracts.preparing import PrepareOptions, RowAlignment
+from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.reading import reading_scan
 from sawmill_worker.formats.scan_file import OpenScan, is_own_scan, open_scan
 from sawmill_worker.tasks.failures import refused
@@ -23,6 +22,7 @@ from sawmill_worker.tasks.preparing import Stack, prepare_scan
 from sawmill_worker.tasks.room import memory_available
 from sawmill_worker.tasks.selection import chosen_rows, chosen_views
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 # Of the free memory, for all rows that are asked for; the rest is for what is made of them.
 MEMORY_SHARE = 0.9

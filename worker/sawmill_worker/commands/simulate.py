@@ -6,16 +6,15 @@ import numpy as np
 
 from sawmill_worker.commands.options import PhantomSaid
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.contracts.base import DataKind, Handedness, Rotation
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.formats.angles import AnglesGiven
 from sawmill_worker.formats.scan_file import write_raw_scan, write_scan
 from sawmill_worker.tasks.conversion import to_phantom, to_scanner, to_theta
-from sawmill_worker.tomography import geometry
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
 
 FIRST_LOG_SLICE_MM = 20.0
 SHORTEST_LOG_MM = 400.0
@@ -38,7 +37,7 @@ def simulate_scan(
 ) -> None:
     """Write one cross-section a row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
     angles_rad = np.deg2rad(angles.expand(views))
-    turned = geometry.Rotation(rotation).apply(angles_rad)
+    turned = rotation.apply(angles_rad)
     fan = FanBeamGeometry(to_scanner(scanner), to_theta(theta), turned)
     if data is DataKind.COUNTS:
         stack = simulate_stack(slices, fan, photons=photons, seed=seed)

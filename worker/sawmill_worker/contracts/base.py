@@ -2,7 +2,6 @@
 
 import re
 from datetime import datetime
-from enum import StrEnum
 from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
@@ -12,27 +11,6 @@ class Contract(BaseModel):
     """A frozen model that refuses unknown fields and non-finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
-
-
-class Handedness(StrEnum):
-    """From which end the phantom was looked at (DESIGN section 3)."""
-
-    AS_DRAWN = "as-drawn"
-    FROM_BEHIND = "from-behind"
-
-
-class Rotation(StrEnum):
-    """Which way the angles count: as the scan gives them, or the other way."""
-
-    AS_GIVEN = "as-given"
-    REVERSED = "reversed"
-
-
-class DataKind(StrEnum):
-    """What the numbers of a scan are. Never guessed."""
-
-    COUNTS = "counts"
-    LINE_INTEGRALS = "line-integrals"
 
 
 Identifier = Annotated[

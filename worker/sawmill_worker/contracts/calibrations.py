@@ -1,12 +1,11 @@
 """Calibrations: what can be asked, and the answer with everything that is known about it."""
 
 import json
-from enum import StrEnum
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Handedness, Identifier, Rotation, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
 from sawmill_worker.contracts.geometry import (
     ScannerConstants,
     SourceFrame,
@@ -15,39 +14,7 @@ from sawmill_worker.contracts.geometry import (
     ThetaDeviation,
 )
 from sawmill_worker.contracts.jobs import Failure
-
-
-class CalibrationMethod(StrEnum):
-    """`default` is what users want; `paper` is the published search."""
-
-    DEFAULT = "default"
-    PAPER = "paper"
-
-
-class Adjustment(StrEnum):
-    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
-
-    FAULTY_CELLS = "faulty-cells"
-    CORRUPT_VIEWS = "corrupt-views"
-    INTENSITY_AVERAGING = "intensity-averaging"
-    BLUR = "blur"
-    OUTLIERS = "outliers"
-    VIEW_GAIN = "view-gain"
-    BEAM_HARDENING = "beam-hardening"
-    DENSITY_GRADIENT = "density-gradient"
-    PHANTOM_ROWS = "phantom-rows"
-
-
-class CalibrationStatus(StrEnum):
-    """How far an answer may be relied on; `reasons` hold the cure."""
-
-    CALIBRATED = "calibrated"
-    IMPRECISE = "imprecise"
-    AMBIGUOUS_TURN = "ambiguous-turn"
-    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
-    INCONSISTENT_SCALE = "inconsistent-scale"
-    NOT_CONVERGED = "not-converged"
-    WITHOUT_ERROR_BARS = "without-error-bars"
+from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, CalibrationStatus, Handedness, Rotation
 
 
 class PaperOptions(Contract):

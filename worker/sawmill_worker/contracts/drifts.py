@@ -4,9 +4,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rotation, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Failure
+from sawmill_worker.vocabulary import Rotation
 
 
 class DriftOptions(Contract):

@@ -1,42 +1,9 @@
 """How a scan is prepared when it is read: from the raw stack to the sinograms that everything else uses."""
 
-from enum import StrEnum
-
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract
-
-
-class AirCorrection(StrEnum):
-    """What the air at the detector's ends takes out of the line integrals."""
-
-    AUTO = "auto"
-    OFF = "off"
-    BACKGROUND = "background"
-    VIEWS = "views"
-
-
-class FaultyCells(StrEnum):
-    """What becomes of dead and hot detector cells."""
-
-    AUTO = "auto"
-    KEEP = "keep"
-    BRIDGE = "bridge"
-
-
-class RingRemoval(StrEnum):
-    """How rings are taken out."""
-
-    OFF = "off"
-    SORTING = "sorting"
-
-
-class RowAlignment(StrEnum):
-    """How views that lost rows are laid over one another."""
-
-    OFF = "off"
-    PROFILE = "profile"
-    FEATURES = "features"
+from sawmill_worker.vocabulary import AirCorrection, FaultyCells, RingRemoval, RowAlignment
 
 
 class PrepareOptions(Contract):

@@ -1,50 +1,13 @@
 """Reconstructions: what can be asked, and the answer."""
 
-from enum import StrEnum
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
-from sawmill_worker.contracts.base import (
-    Contract,
-    CoordinateMm,
-    Handedness,
-    Identifier,
-    PositiveMm,
-    Rotation,
-    Stamped,
-    SteppedRows,
-)
+from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.geometry import GivenTheta, Theta
 from sawmill_worker.contracts.jobs import Failure
-
-
-class ReconstructionMethod(StrEnum):
-    """Filtered back-projection, the iterative methods, or whichever of them suits the scan's views and noise."""
-
-    FBP = "fbp"
-    TIKHONOV = "tikhonov"
-    CAUCHY_MAP = "cauchy_map"
-    TOTAL_VARIATION = "total_variation"
-    AUTO = "auto"
-
-
-class AlphaRule(StrEnum):
-    """How Tikhonov's alpha is chosen where it is not given."""
-
-    DISCREPANCY = "discrepancy"
-    GCV = "gcv"
-    L_CURVE = "l-curve"
-
-
-class FilterName(StrEnum):
-    """Window on the ramp."""
-
-    RAM_LAK = "ram-lak"
-    SHEPP_LOGAN = "shepp-logan"
-    COSINE = "cosine"
-    HAMMING = "hamming"
-    HANN = "hann"
+from sawmill_worker.vocabulary import AlphaRule, FilterName, Handedness, ReconstructionMethod, Rotation
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:

@@ -4,8 +4,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Handedness, Identifier, Name, PositiveMm, Rotation, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants, ThetaBounds
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 
 class Tolerances(Contract):

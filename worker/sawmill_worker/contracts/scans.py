@@ -4,8 +4,9 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, DataKind, Identifier, Name, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Name, Rows, Stamped
 from sawmill_worker.contracts.preparing import PrepareOptions
+from sawmill_worker.vocabulary import DataKind
 
 
 class ScanState(StrEnum):

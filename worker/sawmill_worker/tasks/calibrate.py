@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_worker.contracts.base import DataKind
-from sawmill_worker.contracts.calibrations import Adjustment, CalibrationOptions, CalibrationSucceeded
+from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import Scanner
 from sawmill_worker.contracts.scans import Scan, ScanState
@@ -19,6 +18,7 @@ from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tasks.log_comparison import LogRow, log_images, log_row_beside
 from sawmill_worker.tasks.selection import chosen_rows, chosen_views
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.vocabulary import Adjustment, DataKind
 
 
 def calibrate(attempt: Attempt) -> dict[str, Any]:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts import calibrations as contracts
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.geometry import ScannerConstants, ThetaBounds
 from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.phantoms import PhantomDrawing
@@ -22,12 +21,11 @@ from sawmill_worker.tasks.conversion import (
     to_phantom,
     to_scanner,
 )
-from sawmill_worker.tomography import geometry
-from sawmill_worker.tomography.calibration.adjust import Adjustment
 from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.calibration.phantom_rows import segments
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.vocabulary import CalibrationMethod, Handedness, Rotation
 
 Report = Callable[[Progress], None]
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
@@ -82,13 +80,13 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
         sinogram=given.sinogram,
         angles_rad=given.angles_rad,
         bounds=to_bounds(given.bounds),
-        handedness=None if chosen.handedness is None else geometry.Handedness(chosen.handedness),
-        rotation=None if chosen.rotation is None else geometry.Rotation(chosen.rotation),
+        handedness=chosen.handedness,
+        rotation=chosen.rotation,
         rays_per_cell=chosen.rays_per_cell,
         log_radius_mm=given.log_radius_mm,
         tolerance_mm=given.tolerance_mm,
         from_counts=given.from_counts,
-        without=frozenset(Adjustment(name) for name in chosen.without),
+        without=frozenset(chosen.without),
     )
 
 
@@ -104,7 +102,7 @@ def run_calibration(
         value = best if math.isfinite(best) else None
         report(Progress(fraction=fraction, stage="search", generation=generation, best_value=value))
 
-    if options.method is contracts.CalibrationMethod.PAPER:
+    if options.method is CalibrationMethod.PAPER:
         # Imported here because it brings the reconstruction along, for which the default need not wait.
         from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
 
@@ -137,7 +135,7 @@ def calibration_result(calibration: Calibration, given: CalibrationInput) -> con
         offset=calibration.offset,
         residual=contracts.Residual(rms=calibration.residual_rms, relative=calibration.relative_residual),
         adjustments=[*given.remarks, *calibration.adjustments],
-        status=contracts.CalibrationStatus(calibration.status),
+        status=calibration.status,
         verdict=calibration.verdict,
         reasons=list(calibration.reasons),
         scanner=given.scanner,

@@ -6,11 +6,9 @@ from importlib.metadata import version
 
 import numpy as np
 
-from sawmill_worker.contracts.base import Rotation
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult
 from sawmill_worker.tasks.conversion import to_frame, to_scanner
-from sawmill_worker.tomography import geometry
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
@@ -21,6 +19,7 @@ from sawmill_worker.tomography.drift import (
     likely_cause,
 )
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.vocabulary import Rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +40,7 @@ def run_drift(given: DriftInput) -> DriftResult:
     started = time.perf_counter()
     known = given.calibration
     scanner, calibrated = to_scanner(known.scanner), to_frame(known.source_frame)
-    fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, geometry.Rotation(known.rotation))
+    fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=given.log_radius_mm)
     rotation = Rotation(fit.rotation)

@@ -3,8 +3,6 @@
 import math
 from typing import Any
 
-from sawmill_worker.contracts.base import DataKind
-from sawmill_worker.contracts.preparing import RowAlignment
 from sawmill_worker.contracts.scans import ScanReading, ScanShape
 from sawmill_worker.formats.angles import parse_angles
 from sawmill_worker.formats.canonical import CanonicalScan
@@ -13,6 +11,7 @@ from sawmill_worker.tasks.attempt import Attempt
 from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tasks.preparing import prepare_scan
 from sawmill_worker.tasks.room import memory_available
+from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 
 def ingest(attempt: Attempt) -> dict[str, Any]:

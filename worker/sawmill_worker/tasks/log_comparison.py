@@ -6,12 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.base import Rotation
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.tasks.calibrating import CalibrationInput
 from sawmill_worker.tasks.conversion import to_scanner, to_theta
 from sawmill_worker.tasks.reconstructing import volume_unit
-from sawmill_worker.tomography import geometry
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
@@ -79,7 +77,7 @@ def log_images(
 def _image(
     log: LogRow, given: CalibrationInput, calibration: CalibrationResult, field_mm: float
 ) -> NDArray[np.float32] | None:
-    angles = geometry.Rotation(Rotation(calibration.rotation)).apply(given.angles_rad)
+    angles = calibration.rotation.apply(given.angles_rad)
     try:
         fan = FanBeamGeometry(to_scanner(calibration.scanner), to_theta(calibration.theta), angles)
         return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram)

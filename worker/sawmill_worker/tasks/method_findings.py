@@ -6,7 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionMethod
+from sawmill_worker.contracts.reconstructions import MethodReport
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 Floats = NDArray[np.float64]
 

@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.jobs import Progress
-from sawmill_worker.contracts.preparing import AirCorrection, FaultyCells, PrepareOptions, RingRemoval, RowAlignment
+from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.canonical import CanonicalScan
 from sawmill_worker.formats.scan_file import NewScan, new_scan
 from sawmill_worker.tasks.room import check_disk_for_scan
-from sawmill_worker.tomography import air
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.preparing.missing_rows import CommonRows, RowShifts, present_rows
 from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
 from sawmill_worker.tomography.preparing.preprocess import Exposure
 from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
+from sawmill_worker.vocabulary import AirCorrection, FaultyCells, RingRemoval, RowAlignment
 
 Stack = NDArray[np.float32]
 Report = Callable[[Progress], None]
@@ -158,7 +158,7 @@ def _measures(options: PrepareOptions, *, counts: bool) -> Measures:
     correction = by_kind if options.air is AirCorrection.AUTO else options.air
     bridging = options.faulty_cells is FaultyCells.BRIDGE or (options.faulty_cells is FaultyCells.AUTO and counts)
     return Measures(
-        air=air.AirCorrection(correction),
+        air=correction,
         largest_air_level=LARGEST_DRIFT if options.air is AirCorrection.AUTO else math.inf,
         bridge_faulty_cells=bridging,
         remove_rings=options.rings is RingRemoval.SORTING,

@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from sawmill_worker.contracts.base import DataKind, Handedness, Rotation
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.geometry import Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
@@ -13,6 +12,7 @@ from sawmill_worker.tasks.calibrate import usable_scan
 from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 from sawmill_worker.tasks.selection import chosen_rows, chosen_views
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
 
 
 def reconstruct(attempt: Attempt) -> dict[str, Any]:

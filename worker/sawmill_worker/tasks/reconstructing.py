@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.jobs import Progress
-from sawmill_worker.contracts.reconstructions import ReconstructionMethod, ReconstructionOptions, ReconstructionResult
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tasks.conversion import to_scanner, to_theta
 from sawmill_worker.tasks.room import check_disk, memory_available
 from sawmill_worker.tasks.solving import Work, solver_of
 from sawmill_worker.tasks.value_range import ValueRange
 from sawmill_worker.tasks.writing_volumes import VolumeOrigin, new_volume
-from sawmill_worker.tomography import cost, geometry
+from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.choosing import recommend
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
+from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
 
 Report = Callable[[Progress], None]
 # Line integrals (views, stop - start, detector) of the slices start..stop.
@@ -85,7 +85,7 @@ def run_reconstruction(
         The file cannot be written.
     """
     started = time.perf_counter()
-    angles = geometry.Rotation(given.rotation).apply(given.angles_rad)
+    angles = given.rotation.apply(given.angles_rad)
     grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
     projector = Projector(FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles), grid)
     slices = len(range(*given.rows, given.row_step))

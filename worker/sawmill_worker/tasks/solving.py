@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionMethod, ReconstructionOptions
+from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionOptions
 from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tasks.method_findings import MethodFindings, Slices
 from sawmill_worker.tasks.room import check_memory
@@ -18,14 +18,14 @@ from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.cauchy_map import Choice, cauchy_map, choose
 from sawmill_worker.tomography.fbp import Block, fbp_block
-from sawmill_worker.tomography.filters import FilterName
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.telling import Phases, Told
 from sawmill_worker.tomography.noise import data_misfit, estimated_noise, photon_noise, remark_on_filtered
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_abreast
-from sawmill_worker.tomography.tikhonov import AlphaCurve, AlphaRule, tikhonov
+from sawmill_worker.tomography.tikhonov import AlphaCurve, tikhonov
 from sawmill_worker.tomography.total_variation import choose_weight, total_variation
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 Columns = Mapping[str, NDArray[np.float64]]
 Sinogram = NDArray[np.float32]
@@ -134,7 +134,7 @@ class _Fbp:
         images = fbp_block(
             self._work.projector,
             rows,
-            filter_name=FilterName(options.filter),
+            filter_name=options.filter,
             frequency_scaling=options.frequency_scaling,
             weighting=options.weighting,
         )
@@ -227,9 +227,7 @@ class _Tikhonov(_Iterative):
 
     def solve(self, numbers: Indices, lines: Block, progress: Told) -> Slices:
         options = self._work.options
-        found = tikhonov(
-            self._projector, lines, alpha=options.alpha, rule=AlphaRule(options.alpha_rule), progress=progress
-        )
+        found = tikhonov(self._projector, lines, alpha=options.alpha, rule=options.alpha_rule, progress=progress)
         self._findings.add(found, alpha=found.alpha)
         distances = np.abs(numbers - self._work.slices // 2)
         index = int(np.argmin(distances))

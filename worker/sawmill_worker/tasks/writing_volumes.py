@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sawmill_worker.contracts.base import Handedness, Rotation
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.formats.result_files import NewVolume, new_reconstruction
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ fields were taken, or a constant that somebody added.
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from sawmill_worker.tomography.preparing.faulty_cells import Sinogram, middle_of_views
+from sawmill_worker.vocabulary import AirCorrection
 
 # The outermost cells, whose median is the level that the others are compared with.
 OUTERMOST = 8
@@ -25,14 +25,6 @@ EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
 MARGIN = 3
 # A level that varies by more than this factor of its noise's variance drifts.
 DRIFTING = 2.0
-
-
-class AirCorrection(StrEnum):
-    """What is taken out: nothing; one constant for a row; or each view's level where it drifts, else the constant."""
-
-    OFF = "off"
-    BACKGROUND = "background"
-    VIEWS = "views"
 
 
 @dataclass(frozen=True, eq=False)

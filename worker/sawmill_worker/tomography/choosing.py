@@ -1,27 +1,20 @@
 """Which method for which data: method="auto"."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, view_weights
 from sawmill_worker.tomography.noise import estimated_noise
-
-
-class Method(StrEnum):
-    """The methods that `recommend` picks from."""
-
-    FBP = "fbp"
-    TOTAL_VARIATION = "total_variation"
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 
 @dataclass(frozen=True)
 class Recommendation:
     """A method and, in one sentence, why."""
 
-    method: Method
+    method: ReconstructionMethod
     reason: str
 
 
@@ -45,19 +38,20 @@ def recommend(geometry: FanBeamGeometry, sinogram: ArrayLike) -> Recommendation:
         view_weights(geometry.angles_rad)
     except GeometryError:
         return Recommendation(
-            Method.TOTAL_VARIATION, f"the {views} views leave a gap that filtered back-projection cannot bridge"
+            ReconstructionMethod.TOTAL_VARIATION,
+            f"the {views} views leave a gap that filtered back-projection cannot bridge",
         )
     if views < ENOUGH_VIEWS:
         return Recommendation(
-            Method.TOTAL_VARIATION,
+            ReconstructionMethod.TOTAL_VARIATION,
             f"{views} views are fewer than the {ENOUGH_VIEWS} that leave filtered back-projection free of streaks",
         )
     if share > MUCH_NOISE:
         return Recommendation(
-            Method.TOTAL_VARIATION,
+            ReconstructionMethod.TOTAL_VARIATION,
             f"the noise is {100.0 * share:.2g} % of the signal, more than filtered back-projection averages out",
         )
     return Recommendation(
-        Method.FBP,
+        ReconstructionMethod.FBP,
         f"{views} views all round with {100.0 * share:.2g} % noise leave filtered back-projection little to gain from",
     )

@@ -18,8 +18,9 @@ from scipy.sparse import csr_array
 
 from sawmill_worker.tomography.calibration.screening import screen
 from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Rotation, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.view_gain import view_gain
+from sawmill_worker.vocabulary import Rotation
 
 ComplexArray = NDArray[np.complex128]
 

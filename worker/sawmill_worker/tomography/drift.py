@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Rotation, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
+from sawmill_worker.vocabulary import Rotation
 
 # From so many times the better residual on, the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1

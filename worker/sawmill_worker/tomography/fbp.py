@@ -2,18 +2,18 @@
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import get_num_threads
 from numpy.typing import ArrayLike, NDArray
 
 from sawmill_worker.tomography import _fbp_numba as kernels
-from sawmill_worker.tomography.filters import FilterName, RowFilter
+from sawmill_worker.tomography.filters import RowFilter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, view_weights
 from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.vocabulary import FilterName, Weighting
 
-Weighting = Literal["exact", "none"]
 Block = NDArray[np.float32]
 
 # Slices are handled in vectors of so many.

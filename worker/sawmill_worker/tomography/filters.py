@@ -1,23 +1,13 @@
 """The ramp filter of filtered back-projection and its windows."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
-
-
-class FilterName(StrEnum):
-    """Window on the ramp."""
-
-    RAM_LAK = "ram-lak"
-    SHEPP_LOGAN = "shepp-logan"
-    COSINE = "cosine"
-    HAMMING = "hamming"
-    HANN = "hann"
+from sawmill_worker.vocabulary import FilterName
 
 
 def _window(name: FilterName, f: FloatArray) -> FloatArray:

@@ -7,7 +7,6 @@ the centre of rotation (COR) is the origin, angles count counter-clockwise.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from typing import Self
 
 import numpy as np
@@ -22,24 +21,6 @@ LARGEST = 1e5
 
 class GeometryError(ValueError):
     """A geometry that cannot exist; the message says which value and what would be right."""
-
-
-class Handedness(StrEnum):
-    """From which end the phantom was looked at: as drawn, or from behind (y -> -y)."""
-
-    AS_DRAWN = "as-drawn"
-    FROM_BEHIND = "from-behind"
-
-
-class Rotation(StrEnum):
-    """Which way the view angles count: as given, or reversed (phi -> -phi)."""
-
-    AS_GIVEN = "as-given"
-    REVERSED = "reversed"
-
-    def apply(self, angles_rad: FloatArray) -> FloatArray:
-        """View angles (views,) in rad as this sense of rotation reads them."""
-        return angles_rad if self is Rotation.AS_GIVEN else -angles_rad
 
 
 def rotate(angle_rad: ArrayLike, x: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:

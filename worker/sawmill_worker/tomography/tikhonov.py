@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +12,7 @@ from sawmill_worker.tomography.iterative.telling import Phases, Told, part_of
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.vocabulary import AlphaRule
 
 ITERATIONS = 200
 TOLERANCE = 1e-4
@@ -28,18 +28,6 @@ CURVE_POINTS = 60
 # Random signs that estimate the trace in GCV; one draw over thousands of rays is right to a per cent.
 PROBE_STEPS = 40
 PROBE_SEED = 22
-
-
-class AlphaRule(StrEnum):
-    """How alpha is chosen where it is not given.
-
-    discrepancy: the largest alpha that explains the data to their noise (Morozov). gcv: generalised cross-validation
-    (Golub, Heath and Wahba 1979). l-curve: where residual against norm bends most sharply (Hansen 1992).
-    """
-
-    DISCREPANCY = "discrepancy"
-    GCV = "gcv"
-    L_CURVE = "l-curve"
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,6 @@ lower the residual by far more than chance and by a share that matters before it
 import math
 from collections.abc import Collection
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +31,7 @@ from sawmill_worker.tomography.calibration.refine import (
 from sawmill_worker.tomography.calibration.uncertainty import Spread, parameter_spread
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.vocabulary import Adjustment
 
 # In robust standard deviations: beyond it a sample loses weight.
 OUTLIER = 4.0
@@ -53,20 +53,6 @@ BLUR_ROUNDS = 2
 # A view strays whose neighbouring cells share so many times the others' residual power (median), if no more than this
 # share of the views do.
 STRAY, FEW_STRAYS, STRAY_ROUNDS = 3.0, 0.1, 3
-
-
-class Adjustment(StrEnum):
-    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
-
-    FAULTY_CELLS = "faulty-cells"
-    CORRUPT_VIEWS = "corrupt-views"
-    INTENSITY_AVERAGING = "intensity-averaging"
-    BLUR = "blur"
-    OUTLIERS = "outliers"
-    VIEW_GAIN = "view-gain"
-    BEAM_HARDENING = "beam-hardening"
-    DENSITY_GRADIENT = "density-gradient"
-    PHANTOM_ROWS = "phantom-rows"
 
 
 @dataclass(frozen=True)

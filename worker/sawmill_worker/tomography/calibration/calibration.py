@@ -2,33 +2,13 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
-from sawmill_worker.tomography.geometry import (
-    FloatArray,
-    Handedness,
-    Rotation,
-    Scanner,
-    SourceFrame,
-    Theta,
-    ThetaBounds,
-)
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.ray_error import PredictedRayError
-
-
-class Status(StrEnum):
-    """How far an answer may be relied on; the refusals of `CalibrationError` have codes of their own."""
-
-    CALIBRATED = "calibrated"
-    IMPRECISE = "imprecise"
-    AMBIGUOUS_TURN = "ambiguous-turn"
-    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
-    INCONSISTENT_SCALE = "inconsistent-scale"
-    NOT_CONVERGED = "not-converged"
-    WITHOUT_ERROR_BARS = "without-error-bars"
+from sawmill_worker.vocabulary import CalibrationStatus, Handedness, Rotation
 
 
 class CalibrationError(Exception):
@@ -128,7 +108,7 @@ class Calibration:
     model: FloatArray
     residual: FloatArray
     adjustments: tuple[str, ...]
-    status: Status
+    status: CalibrationStatus
     verdict: str
     reasons: tuple[str, ...]
     search: SearchReport

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.adjust import Adjusted, Adjustment, adjust, explained
+from sawmill_worker.tomography.calibration.adjust import Adjusted, adjust, explained
 from sawmill_worker.tomography.calibration.calibration import (
     Calibration,
     CalibrationError,
@@ -26,17 +26,10 @@ from sawmill_worker.tomography.calibration.starts import random_starts, shadow_e
 from sawmill_worker.tomography.calibration.structure import find_structure
 from sawmill_worker.tomography.calibration.unsteadiness import find_unsteadiness
 from sawmill_worker.tomography.calibration.verdict import TurnedRival, judge
-from sawmill_worker.tomography.geometry import (
-    FloatArray,
-    GeometryError,
-    Handedness,
-    Rotation,
-    Scanner,
-    ThetaBounds,
-    angle_difference,
-)
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, ThetaBounds, angle_difference
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.ray_error import predicted_ray_error, scale_ray_error
+from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02

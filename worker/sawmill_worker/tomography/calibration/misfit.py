@@ -19,8 +19,6 @@ from sawmill_worker.tomography.geometry import (
     TAU,
     FloatArray,
     GeometryError,
-    Handedness,
-    Rotation,
     Scanner,
     SourceFrame,
     Theta,
@@ -28,6 +26,7 @@ from sawmill_worker.tomography.geometry import (
     wrap_angle,
 )
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.vocabulary import Handedness, Rotation
 
 TURNS = 120
 COARSE_VIEWS = 40

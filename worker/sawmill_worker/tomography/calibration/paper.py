@@ -20,25 +20,16 @@ from sawmill_worker.tomography.calibration.calibration import (
     CalibrationError,
     HypothesisReport,
     SearchReport,
-    Status,
     choose_theta,
 )
 from sawmill_worker.tomography.calibration.default import CalibrationTask, Progress
 from sawmill_worker.tomography.calibration.refusals import NOT_FOUND
-from sawmill_worker.tomography.fbp import Weighting, fbp
-from sawmill_worker.tomography.filters import FilterName
-from sawmill_worker.tomography.geometry import (
-    FanBeamGeometry,
-    FloatArray,
-    GeometryError,
-    Handedness,
-    Rotation,
-    Theta,
-    ThetaBounds,
-)
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta, ThetaBounds
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.ray_error import scale_ray_error
+from sawmill_worker.vocabulary import CalibrationStatus, FilterName, Handedness, Rotation, Weighting
 
 # Spread of the tight stop, as a share of the objective of a perfect image.
 TIGHT = 1e-6
@@ -245,7 +236,9 @@ def _answer(
         model=model,
         residual=residual,
         adjustments=(),
-        status=Status.WITHOUT_ERROR_BARS if hypotheses[0].relative_residual < NOT_FOUND else Status.NOT_CONVERGED,
+        status=CalibrationStatus.WITHOUT_ERROR_BARS
+        if hypotheses[0].relative_residual < NOT_FOUND
+        else CalibrationStatus.NOT_CONVERGED,
         verdict="watch" if hypotheses[0].relative_residual < NOT_FOUND else "fail",
         reasons=_reasons(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,

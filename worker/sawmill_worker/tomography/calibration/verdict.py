@@ -1,13 +1,14 @@
-"""Status and verdict, with reasons that name a likely cause and what to do."""
+"""CalibrationStatus and verdict, with reasons that name a likely cause and what to do."""
 
 import math
 from dataclasses import dataclass
 
-from sawmill_worker.tomography.calibration.calibration import HypothesisReport, Status
+from sawmill_worker.tomography.calibration.calibration import HypothesisReport
 from sawmill_worker.tomography.calibration.refine import Fit
 from sawmill_worker.tomography.calibration.structure import Place, Structure
 from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.ray_error import PredictedRayError
+from sawmill_worker.vocabulary import CalibrationStatus
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
@@ -45,7 +46,7 @@ class TurnedRival:
 class Judgement:
     """What is thought of a calibration, reasons worst first."""
 
-    status: Status
+    status: CalibrationStatus
     verdict: str
     reasons: tuple[str, ...]
 
@@ -80,7 +81,7 @@ def judge(
     found = _Findings()
     if not fit.converged:
         cure = "repeat it with more views or another seed" if turn_held else "use a phantom with corners"
-        found.fail(f"the fit did not converge: {cure}", Status.NOT_CONVERGED)
+        found.fail(f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
     if unsteady_mm <= UNSTEADY * tolerance_mm:
         unsteady = None
     if unsteady is not None:
@@ -91,7 +92,7 @@ def judge(
         _judge_short_distance(found, unconstrained_mm, source_to_cor_mm, short_of_deviations)
     if predicted.upper_95_mm > tolerance_mm:
         imprecise = _imprecise(predicted, tolerance_mm, of_the_model=widening > WIDENED or unsteady is not None)
-        (found.watch if predicted.rms_mm <= tolerance_mm else found.fail)(imprecise, Status.IMPRECISE)
+        (found.watch if predicted.rms_mm <= tolerance_mm else found.fail)(imprecise, CalibrationStatus.IMPRECISE)
     if structure is not None and structure.share > TOLD and unsteady is None:
         told = (
             f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
@@ -118,13 +119,13 @@ class _Findings:
         self._fails: list[str] = []
         self._watches: list[str] = []
         self._notes: list[str] = []
-        self._statuses: list[Status] = []
+        self._statuses: list[CalibrationStatus] = []
 
-    def fail(self, reason: str, status: Status) -> None:
+    def fail(self, reason: str, status: CalibrationStatus) -> None:
         self._fails.append(reason)
         self._statuses.append(status)
 
-    def watch(self, reason: str, status: Status | None = None) -> None:
+    def watch(self, reason: str, status: CalibrationStatus | None = None) -> None:
         self._watches.append(reason)
         if status is not None:
             self._statuses.append(status)
@@ -134,7 +135,7 @@ class _Findings:
 
     def judgement(self) -> Judgement:
         verdict = "fail" if self._fails else "watch" if self._watches else "pass"
-        status = next(iter(self._statuses), Status.CALIBRATED)
+        status = next(iter(self._statuses), CalibrationStatus.CALIBRATED)
         return Judgement(status, verdict, (*self._fails, *self._watches, *self._notes))
 
 
@@ -158,19 +159,19 @@ def _judge_rivals(
         found.watch(
             f"the scan does not tell {best.handedness.value}, {best.rotation.value} from {second.handedness.value}, "
             f"{second.rotation.value}: say which it is, or use a phantom without symmetry",
-            Status.AMBIGUOUS_HANDEDNESS,
+            CalibrationStatus.AMBIGUOUS_HANDEDNESS,
         )
     if not turn_held:
         found.watch(
             "the phantom looks the same from every side, so nothing holds the first angle and its position: "
             "use a phantom without symmetry",
-            Status.AMBIGUOUS_TURN,
+            CalibrationStatus.AMBIGUOUS_TURN,
         )
     elif turned is not None and undecided(turned.relative_residual):
         found.watch(
             f"the phantom looks the same turned by {turned.by_deg:.0f} degrees, so the first angle may be off by as "
             "much: use a phantom without symmetry",
-            Status.AMBIGUOUS_TURN,
+            CalibrationStatus.AMBIGUOUS_TURN,
         )
 
 
@@ -185,7 +186,7 @@ def _judge_short_distance(
         found.fail(
             f"{told} by {short_of_deviations:.0f} standard deviations: the phantom is larger than its drawing, by "
             f"{source_to_cor_mm / unconstrained_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
-            Status.INCONSISTENT_SCALE,
+            CalibrationStatus.INCONSISTENT_SCALE,
         )
     else:
         found.note(

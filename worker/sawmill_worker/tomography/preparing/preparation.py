@@ -6,10 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.air import Air, AirCorrection, find_air
+from sawmill_worker.tomography.air import Air, find_air
 from sawmill_worker.tomography.preparing.bridging import bridge
 from sawmill_worker.tomography.preparing.faulty_cells import Sinogram, faulty_cells, middle_of_views
 from sawmill_worker.tomography.preparing.ring_removal import WINDOW, remove_rings, stripes
+from sawmill_worker.vocabulary import AirCorrection
 
 Stack = NDArray[np.float32]
 

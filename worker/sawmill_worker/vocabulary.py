@@ -1,0 +1,152 @@
+"""The words that cross walls: what can be chosen and answered, and the published outlines, each defined once.
+
+Science, contracts, pictures and service all import this module, and it imports the standard library alone.
+"""
+
+from enum import StrEnum
+from typing import Literal, Protocol, Self, TypeVar
+
+
+class _Negatable(Protocol):
+    def __neg__(self) -> Self: ...
+
+
+_Angles = TypeVar("_Angles", bound=_Negatable)
+
+
+class Handedness(StrEnum):
+    """From which end the phantom was looked at: as drawn, or from behind (y becomes -y)."""
+
+    AS_DRAWN = "as-drawn"
+    FROM_BEHIND = "from-behind"
+
+
+class Rotation(StrEnum):
+    """Which way the view angles count: as the scan gives them, or the other way (phi becomes -phi)."""
+
+    AS_GIVEN = "as-given"
+    REVERSED = "reversed"
+
+    def apply(self, angles_rad: _Angles) -> _Angles:
+        """View angles as this sense of rotation reads them; a float or an array."""
+        return angles_rad if self is Rotation.AS_GIVEN else -angles_rad
+
+
+class DataKind(StrEnum):
+    """What the numbers of a scan are. Never guessed."""
+
+    COUNTS = "counts"
+    LINE_INTEGRALS = "line-integrals"
+
+
+class AirCorrection(StrEnum):
+    """What the air at the detector's ends takes out of the line integrals.
+
+    `background` is one constant for a row. `views` is each view's level where it drifts, else the constant. `auto` is
+    `views` for counts and `off` for line integrals.
+    """
+
+    AUTO = "auto"
+    OFF = "off"
+    BACKGROUND = "background"
+    VIEWS = "views"
+
+
+class FaultyCells(StrEnum):
+    """What becomes of dead and hot detector cells."""
+
+    AUTO = "auto"
+    KEEP = "keep"
+    BRIDGE = "bridge"
+
+
+class RingRemoval(StrEnum):
+    """How rings are taken out."""
+
+    OFF = "off"
+    SORTING = "sorting"
+
+
+class RowAlignment(StrEnum):
+    """How views that lost rows are laid over one another."""
+
+    OFF = "off"
+    PROFILE = "profile"
+    FEATURES = "features"
+
+
+class CalibrationMethod(StrEnum):
+    """`default` is what users want; `paper` is the published search."""
+
+    DEFAULT = "default"
+    PAPER = "paper"
+
+
+class Adjustment(StrEnum):
+    """What a calibration does by itself about a scan that is not as the plain model has it; each can be left out."""
+
+    FAULTY_CELLS = "faulty-cells"
+    CORRUPT_VIEWS = "corrupt-views"
+    INTENSITY_AVERAGING = "intensity-averaging"
+    BLUR = "blur"
+    OUTLIERS = "outliers"
+    VIEW_GAIN = "view-gain"
+    BEAM_HARDENING = "beam-hardening"
+    DENSITY_GRADIENT = "density-gradient"
+    PHANTOM_ROWS = "phantom-rows"
+
+
+class CalibrationStatus(StrEnum):
+    """How far an answer may be relied on; `reasons` hold the cure."""
+
+    CALIBRATED = "calibrated"
+    IMPRECISE = "imprecise"
+    AMBIGUOUS_TURN = "ambiguous-turn"
+    AMBIGUOUS_HANDEDNESS = "ambiguous-handedness"
+    INCONSISTENT_SCALE = "inconsistent-scale"
+    NOT_CONVERGED = "not-converged"
+    WITHOUT_ERROR_BARS = "without-error-bars"
+
+
+Verdict = Literal["pass", "watch", "fail"]
+
+# Of the published search (arXiv 2206.14444).
+PaperObjective = Literal["image", "projection"]
+PaperCorrelation = Literal["unnormalised", "normalised"]
+PaperStop = Literal["published", "tight"]
+
+
+class ReconstructionMethod(StrEnum):
+    """Filtered back-projection, the iterative methods, or whichever of them suits the scan's views and noise."""
+
+    FBP = "fbp"
+    TIKHONOV = "tikhonov"
+    CAUCHY_MAP = "cauchy_map"
+    TOTAL_VARIATION = "total_variation"
+    AUTO = "auto"
+
+
+class FilterName(StrEnum):
+    """Window on the ramp."""
+
+    RAM_LAK = "ram-lak"
+    SHEPP_LOGAN = "shepp-logan"
+    COSINE = "cosine"
+    HAMMING = "hamming"
+    HANN = "hann"
+
+
+# `none` is the published pipeline's: no cosine weight, no distance weight.
+Weighting = Literal["exact", "none"]
+
+
+class AlphaRule(StrEnum):
+    """How Tikhonov's alpha is chosen where it is not given.
+
+    discrepancy: the largest alpha that explains the data to their noise (Morozov). gcv: generalised cross-validation
+    (Golub, Heath and Wahba 1979). l-curve: where residual against norm bends most sharply (Hansen 1992).
+    """
+
+    DISCREPANCY = "discrepancy"
+    GCV = "gcv"
+    L_CURVE = "l-curve"
