@@ -27,10 +27,10 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.running import run
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.tasks.attempt import Attempt
-from sawmill_worker.tasks.running import run
 from sawmill_worker.vocabulary import DataKind
 
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels

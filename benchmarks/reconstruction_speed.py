@@ -30,8 +30,6 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.formats.result_files import new_reconstruction
 from sawmill_worker.formats.scan_file import open_scan, write_scan
-from sawmill_worker.tasks.conversion import from_theta
-from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
 from sawmill_worker.tomography import analytic, cost
 from sawmill_worker.tomography._fbp_numba import back_project_block
 from sawmill_worker.tomography.analytic import DetectorCells
@@ -41,6 +39,8 @@ from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray,
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_abreast, reconstruct_stack
+from sawmill_worker.use_cases.conversion import from_theta
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.vocabulary import FilterName, Handedness, Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)

@@ -70,7 +70,7 @@ def test_a_calibration_waits_for_no_server_no_tracing_and_no_drawing():
     assert not of(("skimage", "matplotlib", "sqlalchemy", "celery", "fastapi"), modules)
 
 
-def test_a_process_that_is_kept_ready_has_all_tasks_imported():
+def test_a_process_that_is_kept_ready_has_all_jobs_imported():
     modules = imported_by("import sawmill_worker.execution.attempt")
-    tasks = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
-    assert {f"sawmill_worker.tasks.{task}" for task in tasks} <= modules
+    jobs = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
+    assert {f"sawmill_worker.jobs.{job}" for job in jobs} <= modules

@@ -7,8 +7,8 @@ import pytest
 from sawmill_worker.contracts.calibrations import CalibrationFile
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
-from sawmill_worker.tasks.calibration_files import write_result
-from sawmill_worker.tasks.conversion import from_frame, to_theta
+from sawmill_worker.use_cases.calibration_files import write_result
+from sawmill_worker.use_cases.conversion import from_frame, to_theta
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
 MOVED = "2.55,714.7,317.9,45.7,0.281"  # the turntable 2 mm along x

@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.tasks.conversion import to_frame
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.use_cases.conversion import to_frame
 
 
 def chunks(path: Path, size: int = 100_000):

@@ -196,9 +196,10 @@ def run(attempt: Attempt) -> dict[str, Any]:
 def install() -> None:
     """Put the fakes where the real process imports the science: no test waits for kernels to compile."""
     fakes: dict[str, dict[str, Any]] = {
-        "sawmill_worker.tasks": {},
-        "sawmill_worker.tasks.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
-        "sawmill_worker.tasks.failures": {"JobFailure": JobFailure},
+        "sawmill_worker.jobs": {},
+        "sawmill_worker.use_cases": {},
+        "sawmill_worker.jobs.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
+        "sawmill_worker.use_cases.failures": {"JobFailure": JobFailure},
     }
     for name, contents in fakes.items():
         module = ModuleType(name)

@@ -6,7 +6,8 @@ import sys
 FORBIDDEN = (
     "sawmill_worker.tomography",
     "sawmill_worker.formats",
-    "sawmill_worker.tasks",
+    "sawmill_worker.jobs",
+    "sawmill_worker.use_cases",
     "numba",
     "scipy",
     "matplotlib",

@@ -23,10 +23,10 @@ from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.demo_client import DemoError, Json, Report
 from sawmill_worker.demo_page import Section, write_page
 from sawmill_worker.pictures.image_panels import log_comparison_png
-from sawmill_worker.tasks.conversion import from_theta, to_frame
 from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.use_cases.conversion import from_theta, to_frame
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 # What a tape measure and a spirit level get wrong: the geometry that a mill would have without calibrating.

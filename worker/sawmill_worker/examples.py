@@ -17,12 +17,12 @@ from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.formats.scan_file import write_raw_scan
 from sawmill_worker.storage.store import Store
-from sawmill_worker.tasks.conversion import from_theta
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
+from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"

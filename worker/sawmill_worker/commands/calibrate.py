@@ -9,9 +9,9 @@ from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.commands.scan_rows import open_rows
 from sawmill_worker.commands.terminal import Report
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
-from sawmill_worker.tasks.calibrating import CalibrationInput, run_calibration, with_phantom_rows
-from sawmill_worker.tasks.preparing import Stack
 from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.use_cases.prepare import Stack
 from sawmill_worker.vocabulary import Adjustment
 
 
@@ -55,8 +55,8 @@ def _draw(
     result: CalibrationResult,
 ) -> None:
     # Imported here because it brings the reconstruction along, for which an answer need not wait.
-    from sawmill_worker.tasks.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
-    from sawmill_worker.tasks.log_comparison import log_images, log_row_beside  # noqa: PLC0415
+    from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
+    from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside  # noqa: PLC0415
 
     log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
     images = None if log is None else log_images(log, given, result, None)

@@ -9,7 +9,7 @@ from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.commands.terminal import Report
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.contracts.jobs import Progress
-from sawmill_worker.tasks.drifting import DriftInput, run_drift
+from sawmill_worker.use_cases.drift import DriftInput, run_drift
 
 
 def look_for_drift(said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: Report) -> DriftResult:

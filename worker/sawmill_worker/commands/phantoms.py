@@ -6,9 +6,9 @@ from sawmill_worker.commands.options import PhantomSaid, complaint
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_worker.formats.picture import read_picture
-from sawmill_worker.tasks.conversion import from_phantom
-from sawmill_worker.tasks.failures import refused
 from sawmill_worker.tomography.tracing import trace
+from sawmill_worker.use_cases.conversion import from_phantom
+from sawmill_worker.use_cases.failures import refused
 
 
 def drawing_of(said: PhantomSaid) -> PhantomDrawing:

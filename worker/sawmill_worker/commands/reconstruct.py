@@ -17,8 +17,8 @@ from sawmill_worker.pictures.images import image_png
 from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
 from sawmill_worker.storage.arrays import alpha_curve, side_view, volume_slice, volume_slices
 from sawmill_worker.storage.errors import Conflict
-from sawmill_worker.tasks.failures import refused
-from sawmill_worker.tasks.reconstructing import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.vocabulary import Handedness, Rotation
 
 MOSAIC_SLICES = 16

@@ -10,7 +10,7 @@ from sawmill_worker.commands.options import complaint
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_worker.formats.errors import UnreadableScan
 from sawmill_worker.formats.result_files import LONGEST_ANSWER, read_calibration_json
-from sawmill_worker.tasks.failures import JobFailure, refused
+from sawmill_worker.use_cases.failures import JobFailure, refused
 
 
 def read_calibration(path: Path) -> CalibrationResult:

@@ -17,11 +17,11 @@ from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.reading import reading_scan
 from sawmill_worker.formats.scan_file import OpenScan, is_own_scan, open_scan
-from sawmill_worker.tasks.failures import refused
-from sawmill_worker.tasks.preparing import Stack, prepare_scan
-from sawmill_worker.tasks.room import memory_available
-from sawmill_worker.tasks.selection import chosen_rows, chosen_views
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.prepare import Stack, prepare_scan
+from sawmill_worker.use_cases.room import memory_available
+from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 # Of the free memory, for all rows that are asked for; the rest is for what is made of them.

@@ -9,11 +9,11 @@ from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.formats.angles import AnglesGiven
 from sawmill_worker.formats.scan_file import write_raw_scan, write_scan
-from sawmill_worker.tasks.conversion import to_phantom, to_scanner, to_theta
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.use_cases.conversion import to_phantom, to_scanner, to_theta
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
 
 FIRST_LOG_SLICE_MM = 20.0

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColu
 from rich.text import Text
 
 from sawmill_worker.contracts import jobs
-from sawmill_worker.tasks.failures import JobFailure, input_errors_translated
+from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 
 Report = Callable[[jobs.Progress], None]
 

@@ -17,11 +17,11 @@ from sawmill_worker.execution.limits import keep_to, limits_of
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.jobs.running import Attempt, needs_of, run, warm_up
 from sawmill_worker.storage.files import flush_tree
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.tasks.failures import JobFailure
-from sawmill_worker.tasks.running import Attempt, needs_of, run, warm_up
+from sawmill_worker.use_cases.failures import JobFailure
 
 
 def main() -> None:

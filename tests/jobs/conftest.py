@@ -1,0 +1,62 @@
+"""A store in which jobs find their subjects."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from small_scanner import CONSTANTS, calibration, constants, scanner, sinogram, theta, turn  # noqa: F401 - fixtures
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Job, JobKind, Progress
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+
+@pytest.fixture
+def spec() -> Callable[..., ScannerSpec]:
+    """The scanner with tolerances of the test's own."""
+    return lambda **tolerances: ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=Tolerances(**tolerances))
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    opened = Store.open(StorageSettings(data_folder=tmp_path / "data", database_url=None))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
+    """An attempt at the newest job of a kind, and what it reported."""
+
+    def at(kind: JobKind, told: list[Progress] | None = None) -> Attempt:
+        (job,) = store.jobs.page(kind=kind, limit=1).items
+        output = tmp_path / f"output-{job.id}"
+        output.mkdir()
+        return Attempt(job=job, store=store, output=output, report=[].append if told is None else told.append)
+
+    return at
+
+
+@pytest.fixture
+def finish(store: Store) -> Callable[[Attempt, dict[str, Any]], Job]:
+    """Commit what an attempt made."""
+
+    def commit(attempt: Attempt, result: dict[str, Any]) -> Job:
+        claim = store.jobs.claim("test", lease_s=60)
+        assert claim is not None
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        for path in attempt.output.iterdir():
+            path.rename(output / path.name)
+        store.jobs.succeed(claim, result, output)
+        return store.jobs.get(claim.job_id)
+
+    return commit
+
+
+@pytest.fixture
+def ask() -> type[CalibrationAsk]:
+    return CalibrationAsk

@@ -1,0 +1,177 @@
+"""A look at drift on a real store: the job's answer, and what it refuses."""
+
+import io
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationResult
+from sawmill_worker.contracts.drifts import DriftAsk, DriftResult
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.jobs.running import run
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.use_cases.conversion import from_frame
+from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.vocabulary import DataKind
+
+MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
+CONSTANTS = ScannerConstants(**vars(MILL))
+THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
+TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
+
+
+@pytest.fixture
+def log_scan(turn):
+    """A log with 1 % noise, (views, detector)."""
+
+    def of(theta=THETA, *, views=120, reverse=False):
+        angles = -turn(views) if reverse else turn(views)
+        log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
+        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=0.01, seed=4)
+
+    return of
+
+
+@pytest.fixture
+def known(calibration):
+    """The calibration of that scanner."""
+    return calibration(THETA, scanner=CONSTANTS, source_frame=from_frame(THETA.source_frame(859.46)))
+
+
+@pytest.fixture
+def look(known, turn):
+    def at(sinogram, **changes):
+        given = DriftInput(
+            sinogram=sinogram,
+            angles_rad=turn(len(sinogram)),
+            rows=(0, 1),
+            calibration=known,
+            input_sha256="0" * 64,
+        )
+        return run_drift(replace(given, **changes))
+
+    return at
+
+
+def test_a_scanner_that_has_not_moved_is_within_tolerance(look, log_scan):
+    told = look(log_scan())
+    assert told.within_tolerance is True
+    assert not told.moved
+    assert "nothing moved that this scan can show" in told.reason
+    assert abs(told.change.cor_column_mm) < 4.0 * told.change_standard_deviation.cor_column_mm
+    assert any("distance R" in blind for blind in told.not_seen)
+    assert any("psi" in blind for blind in told.not_seen)
+
+
+def test_what_was_done_to_the_scan_is_told(look, log_scan):
+    sound = log_scan()
+    assert look(sound).adjustments == []
+    faulty = sound.copy()
+    faulty[:, 150], faulty[40] = 0.0, 30.0
+    done = look(faulty).adjustments
+    assert [words in told for words, told in zip(("1 detector cells", "1 corrupt views"), done, strict=True)] == [
+        True,
+        True,
+    ]
+
+
+def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_scan):
+    told = look(log_scan(TURNTABLE))
+    expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
+    assert told.change.cor_column_mm == pytest.approx(expected, abs=0.15)
+    assert "look at the turntable" in told.reason
+    assert told.within_tolerance is False
+    assert look(log_scan(TURNTABLE), tolerance_mm=2.0 * told.ray_change_mm).within_tolerance is True
+
+
+def test_a_scan_that_is_too_uncertain_says_so(look, log_scan):
+    told = look(log_scan(), tolerance_mm=1e-4)
+    assert told.within_tolerance is None
+    assert "average more rows" in told.reason
+
+
+def test_a_log_that_turned_the_other_way_is_told_first(look, log_scan):
+    told = look(log_scan(reverse=True))
+    assert (told.rotation, told.rotation_decided, told.within_tolerance) == ("reversed", True, False)
+    assert told.rotation_ratio > 3.0
+    assert "turned the other way" in told.reason
+
+
+@pytest.fixture
+def asked(store, attempt, finish, known):
+    """Upload a stack of that scanner's, and ask for drift against the known calibration; its job's attempt."""
+    tolerances = Tolerances(ray_change_mm=0.25)
+    store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=tolerances), scanner_id="line-2")
+
+    def ask(stack, *, rows=None):
+        buffer = io.BytesIO()
+        np.save(buffer, stack.astype(np.float32))
+        step = 360.0 / len(stack)
+        spec = ScanSpec(
+            scanner_id="line-2",
+            data=DataKind.LINE_INTEGRALS,
+            angles_deg=f"{step / 2}:{step}",
+            phantom_id="l-shape",
+        )
+        scan = store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8))
+        reading = attempt(JobKind.INGEST)
+        finish(reading, run(reading))
+        calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+        result = known.model_dump(mode="json", include=set(CalibrationResult.model_fields))
+        finish(attempt(JobKind.CALIBRATE), result)
+        store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id, rows=rows))
+        return attempt(JobKind.DRIFT)
+
+    return ask
+
+
+def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
+    empty = np.zeros((120, 384))
+    looking = asked(np.stack([log_scan(TURNTABLE), empty], axis=1), rows="0:1")
+    result = DriftResult.model_validate(run(looking))
+    assert (result.views, result.rows, result.tolerance_mm) == (120, (0, 1), 0.25)
+    assert not result.within_tolerance
+    assert result.significance.cor_column_mm > 3.0
+    assert list(looking.output.iterdir()) == []
+    finish(looking, result.model_dump(mode="json"))
+    assert store.drifts.get(looking.job.subject_id).result == result
+
+
+def test_sparse_views_are_the_asker_s_to_mend(asked, log_scan):
+    with pytest.raises(JobFailure, match="60 views stand 6 degrees apart") as failure:
+        run(asked(log_scan(views=60)[:, None]))
+    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "sparse-views")
+
+
+def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
+    looking = asked(log_scan()[:, None])
+    scanner = store.scanners.get("line-2")
+    wider = scanner.constants.model_copy(update={"detector_pitch_mm": 3.1})
+    store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
+    with pytest.raises(JobFailure, match=r"384 cells of 3 mm and the scan of 384 of 3\.1 mm") as failure:
+        run(looking)
+    assert failure.value.code == "contradiction"
+
+
+def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, attempt):
+    scan = store.scans.get(asked(log_scan()[:, None]).store.scans.page().items[0].id)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), drift_id="late")
+    store.jobs.request_cancel(calibration.job_id)
+    with pytest.raises(JobFailure, match="is cancelled and has no geometry to compare with"):
+        run(attempt(JobKind.DRIFT))
+
+
+def test_the_tilt_is_told_in_the_units_of_its_name(look, log_scan):
+    told = look(log_scan(replace(THETA, detector_tilt=0.16)))
+    expected = math.atan(0.16) - math.atan(0.15)
+    assert told.change.tilt_rad == pytest.approx(expected, abs=6.0 * told.change_standard_deviation.tilt_rad)
+    assert told.moved

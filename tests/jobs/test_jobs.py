@@ -1,0 +1,221 @@
+"""Each kind of job on a real store, in this process."""
+
+import io
+import json
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+from PIL import Image
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.jobs.running import run
+from sawmill_worker.pictures.calibration_report import overlay_png
+from sawmill_worker.storage import arrays
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.use_cases.conversion import from_theta, to_frame, to_phantom
+from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.vocabulary import DataKind
+
+
+@pytest.fixture
+def upload(store, spec):
+    """Accept a stack (views, rows, detector) of line integrals of one scanner's."""
+    scanner = store.scanners.create(spec(), scanner_id="line-2")
+
+    def accept(stack: np.ndarray, angles_deg: str):
+        buffer = io.BytesIO()
+        np.save(buffer, stack.astype(np.float32))
+        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
+        told = ScanSpec(
+            scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
+        )
+        return store.scans.accept(told, received)
+
+    return accept
+
+
+@pytest.fixture
+def ingested(upload, attempt, finish):
+    """The same, read and ready."""
+
+    def ready(stack: np.ndarray, angles_deg: str):
+        scan = upload(stack, angles_deg)
+        reading = attempt(JobKind.INGEST)
+        finish(reading, run(reading))
+        return scan
+
+    return ready
+
+
+def test_an_upload_becomes_the_one_form(upload, attempt):
+    stack = np.random.default_rng(4).uniform(0, 1, (6, 2, 128))
+    upload(stack, "10:60")
+    reading = attempt(JobKind.INGEST)
+    result = run(reading)
+    assert result["shape"] == {"views": 6, "rows": 2, "detector": 128}
+    assert result["angular_range_deg"] == pytest.approx([10.0, 310.0])
+    with h5py.File(reading.output / "scan.h5") as file:
+        detector = file["entry/instrument/detector"]
+        assert np.array_equal(detector["data"][()], stack.astype(np.float32))
+        assert detector["x_pixel_size"][()] == 9.0
+        assert detector["data"].chunks[1] == 1
+
+
+def test_another_detectors_upload_is_refused(upload, attempt):
+    upload(np.ones((6, 1, 100)), "0:60")
+    with pytest.raises(JobFailure, match=r"100 detector cells .* num_detector_pixels 128") as failure:
+        run(attempt(JobKind.INGEST))
+    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "wrong-shape")
+
+
+def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):
+    scan = ingested(sinogram(turn(60))[:, None], "3:6")
+    store.calibrations.accept(ask(scan_id=scan.id))
+    told = []
+    calibrating = attempt(JobKind.CALIBRATE, told)
+    result = CalibrationResult.model_validate(run(calibrating))
+    error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
+    assert error.rms_mm < 0.02
+    assert result.comparison is None
+    assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
+    fractions = [progress.fraction for progress in told]
+    assert fractions == sorted(fractions)
+
+
+def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt, finish, ask, sinogram, turn):
+    scan = ingested(sinogram(turn(60))[:, None], "3:6")
+    first = store.calibrations.accept(ask(scan_id=scan.id, activate=True))
+    calibrating = attempt(JobKind.CALIBRATE)
+    finish(calibrating, run(calibrating))
+    assert store.scanners.get("line-2").active_calibration_id == first.id
+    # The same sinogram with its angles counted backwards: a scanner that now turns the other way.
+    other = ingested(sinogram(turn(60))[:, None], "-3:-6")
+    store.calibrations.accept(ask(scan_id=other.id))
+    result = run(attempt(JobKind.CALIBRATE))
+    assert result["comparison"]["calibration_id"] == first.id
+    assert not result["comparison"]["within_tolerance"]
+    assert "turns the other way" in result["comparison"]["reason"]
+
+
+def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt, ask, sinogram, scanner, theta):
+    angles = np.deg2rad(np.arange(0.0, 200.0, 4.0))
+    scan = ingested(sinogram(angles)[:, None], "0:4")
+    store.calibrations.accept(ask(scan_id=scan.id))
+    calibrating = attempt(JobKind.CALIBRATE)
+    result = CalibrationResult.model_validate(run(calibrating))
+    error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
+    assert error.rms_mm < 0.05
+    record = arrays.calibration(calibrating.output / "result.h5")
+    assert not record.arrays["phantom_image"].any()
+    assert "log_after" not in record.arrays
+    with Image.open(io.BytesIO(overlay_png(record.answer, record.arrays))) as picture:
+        assert min(picture.size) > 300
+
+
+def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, ask, sinogram, turn):
+    scan = ingested(sinogram(turn(60))[:, None], "3:6")
+    store.calibrations.accept(ask(scan_id=scan.id))
+    calibrating = attempt(JobKind.CALIBRATE)
+    result = run(calibrating)
+    with h5py.File(calibrating.output / "result.h5") as file:
+        units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
+    assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
+    record = arrays.calibration(calibrating.output / "result.h5")
+    assert record.answer == json.loads(json.dumps(result))
+    made = record.arrays
+    assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
+    assert np.array_equal(made["phantom_outlines_mm"][0], made["phantom_outlines_mm"][-1])
+    evaluations, best = made["search_history"].T
+    assert (np.diff(best) < 0.0).all()
+    assert evaluations[-1] <= result["search"]["evaluations"]
+    half = 0.5 * made["phantom_field_mm"] / 256
+    middle, outside = (round(128 + mm / (2 * half)) for mm in (60.0, -60.0))
+    # x > 0 holds the L's long leg, x < 0 and y < 0 nothing.
+    assert made["phantom_image"][middle, outside] == pytest.approx(1.0, abs=0.15)
+    assert made["phantom_image"][outside, outside] == pytest.approx(0.0, abs=0.15)
+
+
+def test_a_log_beside_the_phantom_is_kept_before_and_after(
+    store, ingested, attempt, finish, ask, sinogram, turn, scanner, theta
+):
+    log = Phantom("log", (Disc((20.0, 10.0), 110.0), Disc((40.0, -30.0), 15.0)))
+    shadow = project(log, DetectorCells.of(scanner), theta.source_frame(859.46), turn(60), rays_per_cell=8)
+    air = np.zeros_like(shadow)
+    stack = np.stack([sinogram(turn(60))] * 2 + [shadow] * 4 + [air], axis=1)
+    scan = ingested(stack, "3:6")
+    kept = []
+    for _ in range(2):
+        store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
+        calibrating = attempt(JobKind.CALIBRATE)
+        result = run(calibrating)
+        kept.append(arrays.calibration(calibrating.output / "result.h5").arrays)
+        finish(calibrating, result)
+    first, second = kept
+    assert "log_before" not in first
+    assert first["log_row"] == 4
+    assert np.array_equal(first["log_after"], second["log_before"])
+    inside = first["log_after"][128 + round(20 / 345 * 256), 128]
+    assert inside == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, sinogram, turn, theta):
+    scan = ingested(np.repeat(sinogram(turn(60))[:, None], 2, axis=1), "3:6")
+    wanted = ReconstructionAsk(scan_id=scan.id, theta=from_theta(theta), rows="1:2", size=64, field_mm=420.0)
+    store.reconstructions.accept(wanted)
+    reconstructing = attempt(JobKind.RECONSTRUCT)
+    result = run(reconstructing)
+    assert (result["shape"], result["rows"]) == ([1, 64, 64], [1, 2])
+    with h5py.File(reconstructing.output / "volume.h5") as file:
+        image = file["entry/reconstruction/data"][0]
+    inside, outside = image[45, 20], image[20, 20]  # x > 0 holds the L's long leg, x < 0 and y < 0 nothing
+    assert inside == pytest.approx(1.0, abs=0.2)
+    assert outside == pytest.approx(0.0, abs=0.2)
+
+
+def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
+    store, ingested, attempt, finish, sinogram, turn, theta
+):
+    stack = sinogram(turn(60))[:, None] * np.arange(1.0, 8.0)[:, None]
+    scan = ingested(stack, "3:6")
+    asked = {"scan_id": scan.id, "theta": from_theta(theta), "size": 32}
+    results, images, middles = [], [], []
+    for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
+        store.reconstructions.accept(ReconstructionAsk(**asked, **options))
+        reconstructing = attempt(JobKind.RECONSTRUCT)
+        results.append(run(reconstructing))
+        with h5py.File(reconstructing.output / "volume.h5") as file:
+            volume = file["entry/reconstruction"]
+            images.append(volume["data"][()])
+            middles.append((volume["x"][()].mean(), volume["y"][()].mean()))
+            np.testing.assert_array_equal(file["entry/side_view/along_x/data"], images[-1].max(axis=1))
+        finish(reconstructing, results[-1])
+    (region, whole), part = images, results[0]
+    assert (part["rows"], part["row_step"], part["shape"]) == ([1, 7], 2, [3, 32, 32])
+    assert middles == [pytest.approx((60.0, -60.0)), pytest.approx((0.0, 0.0))]
+    # Rows 1, 3 and 5 hold 2, 4 and 6 times the phantom; single precision.
+    means = region.mean(axis=(1, 2))
+    assert means / means[0] == pytest.approx([1.0, 2.0, 3.0], rel=1e-4)
+    # The same field in pixels of 12.5 mm, four times as wide: what its edges blur is a few per cent.
+    assert means[0] == pytest.approx(whole[1, 17:25, 7:15].mean(), rel=0.05)
+
+
+def test_a_picture_is_traced_to_its_drawing(store, attempt):
+    drawn = Image.fromarray(np.rint(255 * RECTANGLE_WITH_HOLE.rasterise(800, 400.0)).astype(np.uint8))
+    buffer = io.BytesIO()
+    drawn.save(buffer, format="PNG")
+    said = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
+    store.phantoms.accept_picture(said, store.files.receive([buffer.getvalue()], max_bytes=10**7))
+    drawing = PhantomDrawing.model_validate(run(attempt(JobKind.TRACE_PHANTOM)))
+    assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
+    traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)
+    difference = traced.rasterise(400, 400.0) - RECTANGLE_WITH_HOLE.rasterise(400, 400.0)
+    assert np.abs(difference).mean() < 1e-3

@@ -1,0 +1,50 @@
+import pytest
+
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
+from sawmill_worker.contracts.plans import PlanAsk, PlanResult
+from sawmill_worker.jobs.running import run
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.planning import plan
+from sawmill_worker.use_cases.conversion import from_theta
+from sawmill_worker.use_cases.failures import JobFailure
+
+
+@pytest.fixture
+def asked(store, spec, theta):
+    """Ask for a plan on one scanner."""
+    store.scanners.create(spec(), scanner_id="line-2")
+    ask = PlanAsk(scanner_id="line-2", theta=from_theta(theta), views=30, noise=0.01)
+    return lambda phantom_id: store.plans.accept(phantom_id, ask)
+
+
+def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, store, scanner, theta, turn):
+    accepted = asked("l-shape")
+    planning = attempt(JobKind.PLAN)
+    answer = run(planning)
+    result = PlanResult.model_validate(answer)
+    expected = plan(FanBeamGeometry(scanner, theta, turn(30)), L_SHAPE, noise=0.01)
+    assert result.predicted_ray_error_mm.rms == expected.predicted_ray_error.rms_mm
+    assert result.standard_deviation.source_frame.magnification == expected.frame_deviation[5]
+    assert result.standard_deviation.theta.source_shift_mm == expected.theta_deviation[2]
+    assert list(planning.output.iterdir()) == []
+    finish(planning, answer)
+    assert store.plans.get(accepted.id).result == result
+
+
+def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, store):
+    disc = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    asked(store.phantoms.create(disc).id)
+    with pytest.raises(JobFailure, match="leaves psi undetermined") as failure:
+        run(attempt(JobKind.PLAN))
+    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
+
+
+def test_a_phantom_deleted_meanwhile_is_told(asked, attempt, store):
+    phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
+    asked(phantom.id)
+    store.phantoms.delete(phantom.id)
+    with pytest.raises(JobFailure, match="there is no phantom") as failure:
+        run(attempt(JobKind.PLAN))
+    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom-not-found")

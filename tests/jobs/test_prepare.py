@@ -1,0 +1,273 @@
+"""From a file as read to the sinograms that every job uses, as asked."""
+
+import io
+import math
+import subprocess
+import sys
+import textwrap
+from dataclasses import dataclass
+from types import SimpleNamespace
+from uuid import uuid4
+
+import h5py
+import numpy as np
+import pytest
+
+from sawmill_worker.contracts.jobs import FailureKind, JobKind
+from sawmill_worker.contracts.preparing import PrepareOptions
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.formats.canonical import CanonicalScan
+from sawmill_worker.formats.contents import Projections, held
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.jobs.running import run
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.preparing.missing_rows import RowsError
+from sawmill_worker.use_cases import prepare as preparing
+from sawmill_worker.use_cases import room
+from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.use_cases.prepare import prepare_scan
+from sawmill_worker.vocabulary import DataKind
+
+VIEWS, ROWS = 36, 44
+LOST = 6
+PHOTONS, DARK = 20_000.0, 200.0
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What a scan's file holds."""
+
+    stack: np.ndarray
+    air_level: np.ndarray | None
+    remarks: tuple[str, ...]
+    row_shifts: np.ndarray | None
+
+
+@pytest.fixture
+def exposed(scanner, theta, turn):
+    """Counts, flats and darks of a log, the source 5 % weaker than for the flats; cells differ, rows do not."""
+    log, rng = LogModel.random(61), np.random.default_rng(62)
+    geometry, cells = FanBeamGeometry(scanner, theta, turn(VIEWS)), DetectorCells.of(scanner)
+    heights = 30.0 + 3.0 * np.arange(ROWS)
+    rows = [project(log.slice_at(z), cells, geometry.frame, geometry.angles_rad, rays_per_cell=1) for z in heights]
+    air = PHOTONS * (1.0 + 0.03 * rng.standard_normal(128))
+    counts = rng.poisson(0.95 * air * np.exp(-np.stack(rows, axis=1))) + DARK
+    shape = (1, ROWS, 128)
+    return tuple(part.astype(np.float32) for part in (counts, np.full(shape, air + DARK), np.full(shape, DARK)))
+
+
+@pytest.fixture
+def prepare(turn, tmp_path):
+    """Prepare counts (with flats) or line integrals as said, and read the file that is made."""
+
+    def of(parts, window=2**20, *, together=(1, 1), rows_missing=False, **options):
+        projections, flats, darks = (*parts, None, None)[:3]
+        views = held(projections)
+        read = CanonicalScan(
+            Projections(views.shape, views.read, together),
+            turn(VIEWS), flats is not None, flats, darks, 9.0, 3.0, "npz", (), rows_missing,
+        )  # fmt: skip
+        output = tmp_path / f"{uuid4().hex}.h5"
+        done = prepare_scan(
+            read,
+            PrepareOptions(**options),
+            output,
+            detector_pitch_mm=9.0,
+            report=lambda _: None,
+            window_bytes=window,
+        )
+        stored = read_stored_scan(output)
+        assert done.shape == stored.line_integrals.shape
+        with h5py.File(output) as file:
+            shifts = file.get("entry/provenance/row_shifts")
+            return Prepared(
+                stored.line_integrals, stored.air_level, done.remarks, None if shifts is None else shifts[()]
+            )
+
+    return of
+
+
+def test_counts_lose_the_sources_drift_and_line_integrals_are_used_as_they_are(prepare, exposed):
+    prepared = prepare(exposed)
+    raw = prepare(exposed, air="off", faulty_cells="keep")
+    assert raw.stack[:, :, :8].mean() == pytest.approx(-np.log(0.95), abs=0.002)
+    assert prepared.stack[:, :, :8].mean() == pytest.approx(0.0, abs=0.002)
+    assert any("taken out of 44 rows: 0.051 in the mean" in remark for remark in prepared.remarks)
+    declared = prepare([raw.stack])
+    np.testing.assert_array_equal(declared.stack, raw.stack)
+    assert declared.remarks == ()
+    asked = prepare([raw.stack], air="background")
+    assert asked.stack[:, :, :8].mean() == pytest.approx(0.0, abs=0.002)
+
+
+def test_a_bridged_cell_has_no_counts_of_its_own(prepare, exposed):
+    exposed[0][:, 3, 64] = 60_000.0
+    prepared = prepare(exposed)
+    assert np.argwhere(prepared.air_level == 0.0).tolist() == [[3, 64]]
+    assert prepared.stack[:, 3, 64].min() > 0.5
+
+
+def test_views_that_lost_rows_are_laid_over_one_another(prepare, exposed):
+    counts, flats, darks = exposed
+    lost = np.full_like(counts, np.nan)
+    top, bottom = np.random.default_rng(63).integers(0, LOST, (2, VIEWS))
+    for view in range(VIEWS):
+        kept = ROWS - top[view] - bottom[view]
+        lost[view, :kept] = counts[view, top[view] : top[view] + kept]
+    whole = prepare(exposed).stack
+    mended = prepare([lost, flats, darks], rows_missing=True, align_rows="profile")
+    assert mended.stack.shape[1] == ROWS - top.max() - bottom.max()
+    assert mended.air_level.shape == mended.stack.shape[1:]
+    same = whole[:, top.max() : ROWS - bottom.max()]
+    # The air of a row is measured over other views than before: a constant of the size of its noise.
+    assert np.abs(mended.stack - same).max() < 0.02
+    assert "views laid over one another by their profile: " in mended.remarks[-1]
+    assert "whole rows" in mended.remarks[-1]
+    np.testing.assert_array_equal(mended.row_shifts, top - top.min())
+
+
+def test_features_that_are_not_there_are_said_to_be_missing(prepare, exposed):
+    with pytest.raises(RowsError, match="align the rows by their profile"):
+        prepare(exposed, align_rows="features")
+
+
+@pytest.fixture
+def upload(store, spec):
+    """Accept line integrals (views, rows, detector) of one scanner's, to be prepared as said."""
+    scanner = store.scanners.create(spec(), scanner_id="line-2")
+
+    def accept(stack, **said):
+        buffer = io.BytesIO()
+        np.save(buffer, stack.astype(np.float32))
+        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
+        told = ScanSpec(scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **said)
+        return store.scans.accept(told, received)
+
+    return accept
+
+
+def test_an_upload_is_prepared_as_said_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):
+    raw = prepare(exposed, air="off", faulty_cells="keep").stack
+    raw[3, 0] = np.nan
+    upload(raw, align_rows="profile", air="background")
+    reading = attempt(JobKind.INGEST)
+    result = run(reading)
+    assert result["shape"]["rows"] == ROWS - 1
+    assert result["remarks"][-1].startswith("views laid over one another by their profile: 43 of 44 rows are in all")
+    with h5py.File(reading.output / "scan.h5") as file:
+        np.testing.assert_array_equal(file["entry/provenance/row_shifts"], np.zeros(VIEWS))
+        assert file["entry/provenance/remarks"][()].decode().splitlines() == result["remarks"]
+        assert abs(file["entry/instrument/detector/data"][:, :, :8].mean()) < 0.002
+
+
+@pytest.mark.parametrize(("total", "kind"), [(900_000, FailureKind.PASSING), (800_000, FailureKind.INPUT)])
+def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
+    upload, attempt, exposed, monkeypatch, total, kind
+):
+    upload(exposed[0])
+    reading = attempt(JobKind.INGEST)
+    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000, total=total))
+    with pytest.raises(
+        JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
+    ) as full:
+        run(reading)
+    assert (full.value.kind, full.value.code) == (kind, "disk-full")
+
+
+def test_reading_tells_how_far_it_is(upload, attempt, exposed, monkeypatch):
+    told = []
+    monkeypatch.setattr(preparing, "_within", lambda _, shape: max(1, 2**19 // (4 * math.prod(shape))))
+    upload(exposed[0], align_rows="profile", air="background")
+    with pytest.raises(JobFailure):
+        run(attempt(JobKind.INGEST, told))
+    fractions = [progress.fraction for progress in told]
+    assert fractions == sorted(fractions)
+    assert {progress.stage for progress in told} == {"read", "align rows"}
+    assert len(told) >= 4
+
+
+# A row of all views is 18 KiB, a view 22 KiB. The pieces say how the file can be read: row by row, or view by view.
+@pytest.mark.parametrize(
+    ("together", "window", "align_rows"),
+    [
+        ((1, 1), 2**16, "profile"),
+        ((1, ROWS), 2**16, "off"),
+        ((1, ROWS), 2**16, "profile"),
+        ((3, 7), 2**13, "profile"),
+        ((1, ROWS), 1, "off"),
+    ],
+)
+def test_block_by_block_a_scan_becomes_what_it_becomes_at_once(prepare, exposed, together, window, align_rows):
+    counts, flats, _ = exposed
+    counts[:, 3, 64] = 60_000.0
+    counts[5, 7, 30] = 0.0
+    flats[:, 9, 20] = 0.0
+    said = {"rings": "sorting", "align_rows": align_rows, "rows_missing": align_rows != "off"}
+    if align_rows != "off":
+        counts[1::2, :3] = 0.0
+        counts[::2, -2:] = 0.0
+    whole = prepare(exposed, **said)
+    apart = prepare(exposed, window, together=together, **said)
+    np.testing.assert_array_equal(apart.stack, whole.stack)
+    np.testing.assert_array_equal(apart.air_level, whole.air_level)
+    np.testing.assert_array_equal(apart.row_shifts, whole.row_shifts)
+    assert apart.remarks == whole.remarks
+    assert len(whole.remarks) >= 5
+    as_given = prepare([whole.stack, None, None], window, together=together)
+    np.testing.assert_array_equal(as_given.stack, whole.stack)
+
+
+@pytest.mark.parametrize("together", [(1, 1), (1, ROWS)])
+def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp_path, together):
+    exposed[0][30, 40, 5] = np.inf
+    with pytest.raises(UnreadableScan, match="view 30, row 40, cell 5 is inf"):
+        prepare(exposed, 2**16, together=together)
+    assert list(tmp_path.glob("*h5*")) == []
+
+
+def test_a_log_without_features_along_it_is_refused_by_the_job(upload, attempt, prepare, exposed):
+    even = np.repeat(prepare(exposed).stack[:, :1], ROWS, axis=1)
+    upload(even + 0.01 * np.random.default_rng(64).standard_normal(even.shape), align_rows="profile")
+    with pytest.raises(JobFailure, match=r"[Tt]he log varies too little") as failure:
+        run(attempt(JobKind.INGEST))
+    assert failure.value.code == "rows-not-aligned"
+
+
+def test_memory_holds_the_window_and_not_the_scan(tmp_path):
+    # In a process of its own: 307 MB of counts of which no row can be read alone, in a window of 32 MiB.
+    program = f"""
+        import re, numpy
+        from pathlib import Path
+        from sawmill_worker.contracts.preparing import PrepareOptions
+        from sawmill_worker.formats.canonical import CanonicalScan
+        from sawmill_worker.formats.contents import Projections
+        from sawmill_worker.use_cases.prepare import prepare_scan
+
+        def largest():
+            return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]) / 1024
+
+        shape, flats = (100, 1000, 768), numpy.full((1, 1000, 768), 2.0, "f4")
+        def views(at, rows):
+            return numpy.ones((at.stop - at.start, rows.stop - rows.start, 768), "f4")
+        angles = numpy.arange(100.0) / 16.0
+        read = CanonicalScan(Projections(shape, views, (1, 1000)), angles, True, flats, None, 1.0, None, "hdf5", ())
+        told, before = [], largest()
+        prepare_scan(read, PrepareOptions(air="off", faulty_cells="keep"), Path({str(tmp_path / "scan.h5")!r}),
+                     detector_pitch_mm=1.0, report=told.append, window_bytes=32 * 2**20)
+        print(len(told), largest() - before)
+        """
+    done = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True, timeout=120
+    )
+    blocks, grown_mib = done.stdout.split()
+    assert int(blocks) > 15
+    # 89: the window, its masks, the flat field in double precision, and what the libraries set up. The scan is 293.
+    assert float(grown_mib) < 146
+    with h5py.File(tmp_path / "scan.h5") as file:
+        # Blocks are of ten views: no chunk is written twice.
+        assert file["entry/instrument/detector/data"].chunks == (10, 1, 768)
+    stored = read_stored_scan(tmp_path / "scan.h5", slice(998, 1000)).line_integrals
+    np.testing.assert_allclose(stored, np.log(2.0), rtol=1e-6)

@@ -1,0 +1,105 @@
+"""A small scanner and a calibration of it, which the tests of jobs and of use cases share."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
+from sawmill_worker.use_cases.conversion import from_frame, from_theta
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
+CONSTANTS = ScannerConstants(**vars(SCANNER))
+THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
+
+
+@pytest.fixture
+def scanner() -> Scanner:
+    return SCANNER
+
+
+@pytest.fixture
+def constants() -> ScannerConstants:
+    return CONSTANTS
+
+
+@pytest.fixture
+def theta() -> Theta:
+    return THETA
+
+
+@pytest.fixture
+def sinogram() -> Callable[[FloatArray], FloatArray]:
+    """Of the L at the fixture's theta, at any angles."""
+
+    def of(angles: FloatArray) -> FloatArray:
+        fan = FanBeamGeometry(SCANNER, THETA, angles)
+        return project(L_SHAPE, DetectorCells.of(SCANNER), fan.frame, angles, rays_per_cell=8)
+
+    return of
+
+
+@pytest.fixture
+def calibration() -> Callable[..., CalibrationSucceeded]:
+    """A calibration that found a theta."""
+
+    def found(theta: Theta = THETA, **changes: Any) -> CalibrationSucceeded:
+        zeros = {"rms": 0.0, "relative": 0.0}
+        known: dict[str, Any] = {
+            "id": "found",
+            "created_at": "2030-01-01T00:00:00Z",
+            "scanner_id": "line-2",
+            "scan_id": "scan",
+            "phantom_id": "l-shape",
+            "job_id": "job",
+            "options": CalibrationOptions(),
+            "theta": from_theta(theta),
+            "theta_twin": None,
+            "source_frame": from_frame(theta.source_frame(SCANNER.source_to_cor_mm)),
+            "standard_deviation": None,
+            "covariance": None,
+            "unconstrained_source_distance_mm": 900.0,
+            "scale_uncertainty_mm": 0.9,
+            "scale_ray_error_mm": 0.05,
+            "predicted_ray_error_mm": None,
+            "handedness": "as-drawn",
+            "rotation": "as-given",
+            "hypotheses": [],
+            "phantom_position_mm": (0.0, 0.0),
+            "gain": 1.0,
+            "offset": 0.0,
+            "residual": zeros,
+            "status": "calibrated",
+            "verdict": "pass",
+            "reasons": [],
+            "scanner": CONSTANTS,
+            "phantom": "L-shape",
+            "views": 60,
+            "rows": (0, 1),
+            "search": {
+                "method": "by hand",
+                "seed": 1,
+                "evaluations": 0,
+                "generations": 0,
+                "best_value": 0.0,
+                "converged": True,
+                "message": "",
+            },
+            "timing_s": {"total": 0.0, "search": 0.0, "refine": 0.0, "uncertainty": 0.0},
+            "software_version": "0",
+            "input_sha256": "0" * 64,
+        }
+        return CalibrationSucceeded.model_validate(known | changes)
+
+    return found
+
+
+@pytest.fixture
+def turn() -> Callable[[int], FloatArray]:
+    """View k of n at (k + 1/2) / n of a turn."""
+    return lambda views: (np.arange(views) + 0.5) * 2.0 * np.pi / views

@@ -1,0 +1,103 @@
+"""Calibrate a scanner with one of its scans."""
+
+from typing import Any
+
+import numpy as np
+
+from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
+from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scans import Scan, ScanState
+from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.storage.store import Store
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
+from sawmill_worker.use_cases.compare import compared
+from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_beside
+from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.vocabulary import Adjustment, DataKind
+
+
+def calibrate(attempt: Attempt) -> dict[str, Any]:
+    """Write result.h5, which the pictures are drawn from, and answer with everything known."""
+    store = attempt.store
+    asked = store.calibrations.get(attempt.job.subject_id)
+    scanner = store.scanners.get(asked.scanner_id)
+    options = asked.options.model_copy(
+        update={
+            "handedness": asked.options.handedness or scanner.handedness,
+            "rotation": asked.options.rotation or scanner.rotation,
+        }
+    )
+    scan = usable_scan(store, asked.scan_id)
+    given = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
+    calibration, result = run_calibration(given, options, attempt.report)
+    active = _active(store, scanner)
+    if active is not None:
+        result = compared(active, result, scanner)
+    attempt.say(0.97, "result")
+    log = _log_row(store, scan, options, given)
+    images = None if log is None else log_images(log, given, result, active)
+    write_result(attempt.output, result, calibration_arrays(calibration, given, images))
+    return result.model_dump(mode="json")
+
+
+def usable_scan(store: Store, scan_id: str) -> Scan:
+    """A scan that is ready; the job that reads it may have refused it since it was asked for."""
+    scan = store.scans.get(scan_id)
+    if scan.state is not ScanState.READY or scan.shape is None:
+        raise refused("scan-refused", f"scan {scan_id!r} cannot be used: {scan.reason or scan.state.value}")
+    return scan
+
+
+def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
+    """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
+    phantom = store.phantoms.get(phantom_id)
+    if phantom.drawing is None:
+        raise refused("phantom-refused", f"phantom {phantom_id!r} has no drawing: {phantom.reason}")
+    return phantom.drawing
+
+
+def _load(
+    store: Store, scan: Scan, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
+) -> CalibrationInput:
+    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    rows = chosen_rows(options.rows or scan.phantom_rows, scan.shape.rows)
+    views = chosen_views(options.views, scan.shape.views)
+    stored = read_stored_scan(store.files.scan(scan.id), rows, views)
+    given = CalibrationInput(
+        sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
+        angles_rad=stored.angles_rad,
+        rows=(rows.start, rows.stop),
+        scanner=scanner.constants,
+        bounds=scanner.bounds,
+        drawing=drawing,
+        input_sha256=scan.sha256,
+        log_radius_mm=scanner.log_radius_mm,
+        tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
+        from_counts=scan.data is DataKind.COUNTS,
+    )
+    named = options.rows is not None or scan.phantom_rows is not None or Adjustment.PHANTOM_ROWS in options.without
+    return given if named else with_phantom_rows(given, stored.line_integrals, options)
+
+
+def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:
+    if scanner.active_calibration_id is None:
+        return None
+    active = store.calibrations.get(scanner.active_calibration_id)
+    return active if isinstance(active, CalibrationSucceeded) else None
+
+
+def _log_row(store: Store, scan: Scan, options: CalibrationOptions, given: CalibrationInput) -> LogRow | None:
+    """A row of the scan beside the phantom's that shows a log, if there is one."""
+    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    views = chosen_views(options.views, scan.shape.views)
+
+    def read(row: int) -> FloatArray:
+        stored = read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views)
+        return stored.line_integrals[:, 0].astype(np.float64)
+
+    return log_row_beside(given, (0, scan.shape.rows), read)

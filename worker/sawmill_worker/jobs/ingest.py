@@ -1,0 +1,58 @@
+"""Read an upload into the one form that every later job uses."""
+
+import math
+from typing import Any
+
+from sawmill_worker.contracts.scans import ScanReading, ScanShape
+from sawmill_worker.formats.angles import parse_angles
+from sawmill_worker.formats.canonical import CanonicalScan
+from sawmill_worker.formats.reading import reading_scan
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.prepare import prepare_scan
+from sawmill_worker.use_cases.room import memory_available
+from sawmill_worker.vocabulary import DataKind, RowAlignment
+
+
+def ingest(attempt: Attempt) -> dict[str, Any]:
+    """Write scan.h5 and answer with what the file turned out to be."""
+    store = attempt.store
+    scan = store.scans.get(attempt.job.subject_id)
+    constants = store.scanners.get(scan.scanner_id).constants
+    attempt.say(0.0, "read")
+    reading = reading_scan(
+        store.files.upload(attempt.job.kind, scan.id),
+        counts=scan.data is DataKind.COUNTS,
+        dataset=scan.dataset,
+        angles_deg=None if scan.angles_deg is None else parse_angles(scan.angles_deg),
+        detector_pitch_mm=constants.detector_pitch_mm,
+        row_pitch_mm=constants.row_pitch_mm,
+        rows_missing=scan.align_rows is not RowAlignment.OFF,
+        free_bytes=memory_available(),
+    )
+    with reading as read:
+        _check_detector(read, constants.num_detector_pixels)
+        prepared = prepare_scan(
+            read,
+            scan,
+            attempt.output / "scan.h5",
+            detector_pitch_mm=constants.detector_pitch_mm,
+            report=attempt.report,
+            provenance={"format": read.format, "input_sha256": scan.sha256},
+        )
+    views, rows, detector = prepared.shape
+    return ScanReading(
+        format=read.format,
+        shape=ScanShape(views=views, rows=rows, detector=detector),
+        angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
+        remarks=list(prepared.remarks),
+    ).model_dump(mode="json")
+
+
+def _check_detector(read: CanonicalScan, cells: int) -> None:
+    if read.shape[2] != cells:
+        raise refused(
+            "wrong-shape",
+            f"the file has {read.shape[2]} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
+            f"num_detector_pixels {cells}",
+        )

@@ -1,0 +1,108 @@
+"""Drift from a sinogram in memory: what the job and the command line share."""
+
+import time
+from dataclasses import dataclass
+from importlib.metadata import version
+
+import numpy as np
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult
+from sawmill_worker.tomography.conjugate_rays import conjugate_fit
+from sawmill_worker.tomography.drift import (
+    DISTANCE_NOT_SEEN,
+    NOT_SEEN,
+    ConjugateFit,
+    DriftChange,
+    drift_change,
+    likely_cause,
+)
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.conversion import to_frame, to_scanner
+from sawmill_worker.vocabulary import Rotation
+
+
+@dataclass(frozen=True, eq=False)
+class DriftInput:
+    """A sinogram (views, detector) with each view's angle, and what it is compared with."""
+
+    sinogram: FloatArray
+    angles_rad: FloatArray
+    rows: tuple[int, int]
+    calibration: CalibrationResult
+    input_sha256: str
+    log_radius_mm: float = 150.0
+    tolerance_mm: float = 0.5
+
+
+def run_drift(given: DriftInput) -> DriftResult:
+    """Pair opposite rays and compare; errors of `sawmill_worker.tomography` pass through."""
+    started = time.perf_counter()
+    known = given.calibration
+    scanner, calibrated = to_scanner(known.scanner), to_frame(known.source_frame)
+    fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
+    covariance = None if known.covariance is None else np.array(known.covariance)
+    changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=given.log_radius_mm)
+    rotation = Rotation(fit.rotation)
+    within = _within(changed, given.tolerance_mm, turned_over=rotation is not known.rotation)
+    return DriftResult(
+        measured=_detector([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]),
+        standard_deviation=_deviation(fit, fit.deviation),
+        covariance=fit.covariance.tolist(),
+        calibrated=DetectorGeometry.model_validate(
+            known.source_frame.model_dump(include=set(DetectorGeometry.model_fields))
+        ),
+        change=_detector(changed.change),
+        change_standard_deviation=_deviation(fit, changed.deviation),
+        significance=_deviation(fit, changed.significance),
+        moved=changed.moved,
+        ray_change_mm=changed.ray_change_mm,
+        ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
+        radius_mm=given.log_radius_mm,
+        tolerance_mm=given.tolerance_mm,
+        within_tolerance=within,
+        reason=_reason(given, fit, changed, within=within),
+        not_seen=[*NOT_SEEN, *([DISTANCE_NOT_SEEN] if fit.distance_held else [])],
+        rotation=rotation,
+        rotation_ratio=fit.rotation_ratio,
+        rotation_decided=fit.rotation_decided,
+        relative_residual=fit.relative_residual,
+        adjustments=list(fit.adjustments),
+        scanner=known.scanner,
+        views=int(given.angles_rad.size),
+        rows=given.rows,
+        time_s=time.perf_counter() - started,
+        software_version=version("sawmill-calibration"),
+        input_sha256=given.input_sha256,
+    )
+
+
+def _within(changed: DriftChange, tolerance_mm: float, *, turned_over: bool) -> bool | None:
+    if turned_over:
+        return False
+    if changed.ray_change_uncertainty_mm > tolerance_mm:
+        return None
+    return changed.ray_change_mm <= tolerance_mm
+
+
+def _reason(given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, within: bool | None) -> str:
+    if Rotation(fit.rotation) is not given.calibration.rotation:
+        return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
+    if within is None:
+        return (
+            f"this scan places rays to {changed.ray_change_uncertainty_mm:.2g} mm and {given.tolerance_mm:.2g} mm is "
+            "asked for: average more rows, or scan a log that is less round or less centred"
+        )
+    return likely_cause(to_frame(given.calibration.source_frame), changed)
+
+
+def _detector(values: FloatArray | list[float]) -> DetectorGeometry:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
+
+
+def _deviation(fit: ConjugateFit, values: FloatArray) -> DetectorDeviation:
+    column, tilt, distance = (float(value) for value in values)
+    return DetectorDeviation(
+        cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance
+    )

@@ -1,0 +1,68 @@
+"""How a job fails, and whose fault it is: the one place where the science's and the formats' errors are translated."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.tomography.calibration.calibration import CalibrationError
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.geometry import GeometryError
+from sawmill_worker.tomography.phantom import PhantomError
+from sawmill_worker.tomography.preparing.missing_rows import RowsError
+from sawmill_worker.tomography.preparing.preprocess import CountsError
+from sawmill_worker.use_cases.own_memory import limit_bytes, ran_short
+
+
+class JobFailure(Exception):  # noqa: N818 - the contract's word
+    """A job that ends without a result.
+
+    Attributes
+    ----------
+    kind : FailureKind
+        The asker's fault, a passing one, or ours.
+    code : str
+        Stable, for programs.
+    detail : str
+        One sentence: which value, and what would be right.
+    """
+
+    def __init__(self, kind: FailureKind, code: str, detail: str) -> None:
+        super().__init__(detail)
+        self.kind, self.code, self.detail = kind, code, detail
+
+
+def refused(code: str, detail: str) -> JobFailure:
+    """A failure that is the asker's to mend."""
+    return JobFailure(FailureKind.INPUT, code, detail)
+
+
+@contextmanager
+def input_errors_translated() -> Iterator[None]:
+    """Turn what formats and science say of unusable input into the asker's failure, the cause chained."""
+    try:
+        yield
+    except UnreadableScan as error:
+        raise _of_file(error) from error
+    except (CalibrationError, DriftError) as error:
+        raise refused(error.code, str(error)) from error
+    except GeometryError as error:
+        raise refused("geometry", str(error)) from error
+    except PhantomError as error:
+        raise refused("phantom", str(error)) from error
+    except RowsError as error:
+        raise refused("rows-not-aligned", str(error)) from error
+    except CountsError as error:
+        raise refused("counts", str(error)) from error
+
+
+def _of_file(error: UnreadableScan) -> JobFailure:
+    """As the reader says; but some libraries call a file damaged where they found no memory to unpack it into."""
+    limit = limit_bytes()
+    if error.code != "broken-file" or limit is None or not ran_short():
+        return refused(error.code, str(error))
+    return refused(
+        "out-of-memory",
+        f"reading the file took most of the {limit / 2**30:.3g} GiB of memory that it may take, and failed: it unpacks "
+        "to more than that, or is damaged; store it in smaller pieces, or export it again",
+    )

@@ -1,0 +1,92 @@
+"""A log in the same scan as the phantom, reconstructed with the geometry found and with the one before it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.use_cases.conversion import to_scanner, to_theta
+from sawmill_worker.use_cases.reconstruct import volume_unit
+
+SIZE = 256
+# Beyond the largest log's radius, so that its bark is seen to be round.
+MARGIN = 1.15
+# A row with less than this share of the phantom's shadow shows air.
+LEAST_SHADOW = 0.25
+# A row that correlates better than this with the phantom's shows the phantom.
+SAME_BODY = 0.99
+
+
+@dataclass(frozen=True)
+class LogRow:
+    """A row of the scan beside the phantom's that shows a log: its number and its sinogram (views, detector)."""
+
+    row: int
+    sinogram: FloatArray
+
+
+@dataclass(frozen=True)
+class LogImages:
+    """Reconstructions (x, y) float32 of a log's row, in `unit`; before is None where there is nothing to compare."""
+
+    row: int
+    field_mm: float
+    unit: str
+    after: NDArray[np.float32]
+    before: NDArray[np.float32] | None
+
+
+def log_row_beside(given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], FloatArray]) -> LogRow | None:
+    """The row amid the longer run of rows beside the phantom's, if it shows a log.
+
+    Parameters
+    ----------
+    rows : (first, after the last)
+        Those that can be read.
+    read : callable
+        The sinogram (views, detector) of a row, the views those of the phantom's sinogram.
+    """
+    first, after_last = max((rows[0], given.rows[0]), (given.rows[1], rows[1]), key=lambda run: run[1] - run[0])
+    if after_last <= first:
+        return None
+    row = (first + after_last) // 2
+    sinogram = read(row)
+    return LogRow(row, sinogram) if _shows_another_body(sinogram, given.sinogram) else None
+
+
+def log_images(
+    log: LogRow, given: CalibrationInput, result: CalibrationResult, active: CalibrationResult | None
+) -> LogImages | None:
+    """The log with the geometry found, and with the active calibration's; None where the views do not go all round."""
+    field = 2.0 * MARGIN * given.log_radius_mm
+    after = _image(log, given, result, field)
+    if after is None:
+        return None
+    comparable = active is not None and active.scanner.num_detector_pixels == given.scanner.num_detector_pixels
+    before = _image(log, given, active, field) if active is not None and comparable else None
+    return LogImages(log.row, field, volume_unit(counts=given.from_counts), after, before)
+
+
+def _image(
+    log: LogRow, given: CalibrationInput, calibration: CalibrationResult, field_mm: float
+) -> NDArray[np.float32] | None:
+    angles = calibration.rotation.apply(given.angles_rad)
+    try:
+        fan = FanBeamGeometry(to_scanner(calibration.scanner), to_theta(calibration.theta), angles)
+        return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram)
+    except GeometryError:
+        return None
+
+
+def _shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
+    spread = float(sinogram.std())
+    if spread < LEAST_SHADOW * float(phantom.std()):
+        return False
+    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY

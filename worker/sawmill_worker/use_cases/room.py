@@ -1,0 +1,71 @@
+"""What the machine has left, and refusing what cannot fit before any time is spent on it."""
+
+import math
+import shutil
+from pathlib import Path
+
+from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.use_cases.failures import JobFailure, refused
+from sawmill_worker.use_cases.own_memory import left_bytes
+
+MEMINFO = Path("/proc/meminfo")
+CGROUP = Path("/sys/fs/cgroup")
+GIGABYTE = 1e9
+
+
+def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
+    """Bytes that can be had without swapping: of the machine, the container, or this process's limit, the least."""
+    machine = _of_machine(meminfo, cgroup)
+    left = left_bytes()
+    return machine if left is None else min(machine, left)
+
+
+def _of_machine(meminfo: Path, cgroup: Path) -> int:
+    lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
+    machine = int(lines["MemAvailable"].split()[0]) * 1024
+    limit, used = cgroup / "memory.max", cgroup / "memory.current"
+    if not limit.is_file() or limit.read_text(encoding="ascii").strip() == "max":
+        return machine
+    held = int(used.read_text(encoding="ascii")) - _given_back_on_demand(cgroup)
+    return min(machine, max(int(limit.read_text(encoding="ascii")) - held, 0))
+
+
+def _given_back_on_demand(cgroup: Path) -> int:
+    """Bytes of files in the cache, which `memory.current` counts and the kernel gives up when memory is asked for."""
+    lines = dict(line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines())
+    return int(lines["inactive_file"])
+
+
+def check_memory(needed_bytes: int, available_bytes: int) -> None:
+    """Refuse what does not fit into the memory: `out-of-memory`."""
+    if needed_bytes > available_bytes:
+        raise refused(
+            "out-of-memory",
+            f"one slice needs {needed_bytes / GIGABYTE:.3g} GB of memory where {available_bytes / GIGABYTE:.3g} GB may "
+            "be used: ask for a smaller size, for a field that holds all that was scanned, or for fewer views",
+        )
+
+
+def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
+    """Refuse a volume (slice, x, y) that does not fit on the disk of its folder: `disk-full`."""
+    slices, size_x, size_y = shape
+    instead = "ask for fewer rows or a smaller size"
+    _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, instead)
+
+
+def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
+    """Refuse a scan (views, rows, detector) that does not fit on the disk of its folder: `disk-full`."""
+    views, rows, cells = shape
+    _check_free(folder, f"a scan of {views} x {rows} x {cells}", 4 * math.prod(shape), "give fewer rows")
+
+
+def _check_free(folder: Path, what: str, needed_bytes: int, instead: str) -> None:
+    disk = shutil.disk_usage(folder)
+    if needed_bytes > disk.free:
+        # What fits once there is room waits for it; what never fits is the asker's to mend.
+        raise JobFailure(
+            FailureKind.PASSING if needed_bytes <= disk.total else FailureKind.INPUT,
+            "disk-full",
+            f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {disk.free / GIGABYTE:.3g} GB are free in "
+            f"{folder}: make room, or {instead}",
+        )
