@@ -5,20 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from small_scanner import CONSTANTS, calibration, constants, scanner, sinogram, theta, turn  # noqa: F401 - fixtures
+from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Job, JobKind, Progress
-from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-
-
-@pytest.fixture
-def spec() -> Callable[..., ScannerSpec]:
-    """The scanner with tolerances of the test's own."""
-    return lambda **tolerances: ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=Tolerances(**tolerances))
 
 
 @pytest.fixture

@@ -8,6 +8,7 @@ import pytest
 
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
@@ -103,3 +104,9 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
 def turn() -> Callable[[int], FloatArray]:
     """View k of n at (k + 1/2) / n of a turn."""
     return lambda views: (np.arange(views) + 0.5) * 2.0 * np.pi / views
+
+
+@pytest.fixture
+def spec() -> Callable[..., ScannerSpec]:
+    """The scanner with tolerances of the test's own."""
+    return lambda **tolerances: ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=Tolerances(**tolerances))
