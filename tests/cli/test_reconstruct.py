@@ -11,10 +11,9 @@ from PIL import Image
 from sawmill_worker.commands import scan_rows
 from sawmill_worker.commands.options import ScanSaid
 from sawmill_worker.commands.scan_rows import open_rows
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary import DataKind, Progress
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749)

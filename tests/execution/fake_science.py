@@ -17,8 +17,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind, Progress
+from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import Progress
 
 
 class JobFailure(Exception):  # noqa: N818 - the name of the real one

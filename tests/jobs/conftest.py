@@ -8,10 +8,11 @@ import pytest
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Job, JobKind, Progress
+from sawmill_worker.contracts.jobs import Job, JobKind
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import Progress
 
 
 @pytest.fixture

@@ -4,7 +4,8 @@ import time
 
 import pytest
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.vocabulary import Progress
 
 
 @pytest.fixture

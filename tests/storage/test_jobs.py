@@ -8,14 +8,14 @@ import pytest
 from pydantic import ValidationError
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.storage.errors import Conflict, LeaseLost, NotFound
 from sawmill_worker.storage.jobs import Retries
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary import DataKind, Progress
 
 PASSING = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")

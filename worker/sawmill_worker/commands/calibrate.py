@@ -7,12 +7,11 @@ import numpy as np
 from sawmill_worker.commands.options import PhantomSaid, ScanSaid
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.commands.scan_rows import open_rows
-from sawmill_worker.commands.terminal import Report
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
 from sawmill_worker.use_cases.prepare import Stack
-from sawmill_worker.vocabulary import Adjustment
+from sawmill_worker.vocabulary import Adjustment, ProgressCallback
 
 
 def calibrate_scan(
@@ -22,7 +21,7 @@ def calibrate_scan(
     *,
     source_to_cor_mm: float,
     picture: Path | None,
-    report: Report,
+    report: ProgressCallback,
 ) -> CalibrationResult:
     """Read, calibrate, and draw the report where one is asked for."""
     drawing = drawing_of(phantom)

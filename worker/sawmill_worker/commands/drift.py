@@ -6,13 +6,14 @@ import numpy as np
 
 from sawmill_worker.commands.options import CalibrationSaid, ScanSaid
 from sawmill_worker.commands.reconstruct import open_with_calibration
-from sawmill_worker.commands.terminal import Report
 from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
-def look_for_drift(said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: Report) -> DriftResult:
+def look_for_drift(
+    said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: ProgressCallback
+) -> DriftResult:
     """Read, pair opposite rays, compare."""
     with open_with_calibration(said, calibration, report=report) as (known, used):
         sinogram = used.stack().mean(axis=1, dtype=np.float64)

@@ -9,7 +9,6 @@ from pathlib import Path
 from sawmill_worker.commands.options import CalibrationSaid, PicturesSaid, ScanSaid, ThetaSaid
 from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.commands.scan_rows import ScanRows, open_rows
-from sawmill_worker.commands.terminal import Report
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
@@ -19,7 +18,7 @@ from sawmill_worker.storage.arrays import alpha_curve, side_view, volume_slice, 
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation
 
 MOSAIC_SLICES = 16
 
@@ -31,7 +30,7 @@ def reconstruct_scan(
     *,
     output: Path,
     pictures: PicturesSaid,
-    report: Report,
+    report: ProgressCallback,
 ) -> ReconstructionResult:
     """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
     with _open(said, geometry, output, report) as (used, given):
@@ -78,7 +77,7 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
 
 @contextmanager
 def _open(
-    said: ScanSaid, geometry: ThetaSaid | CalibrationSaid, output: Path, report: Report
+    said: ScanSaid, geometry: ThetaSaid | CalibrationSaid, output: Path, report: ProgressCallback
 ) -> Iterator[tuple[ScanRows, ReconstructionInput]]:
     if isinstance(geometry, ThetaSaid):
         with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm, report=report, beside=output) as used:
@@ -90,7 +89,7 @@ def _open(
 
 @contextmanager
 def open_with_calibration(
-    said: ScanSaid, geometry: CalibrationSaid, *, report: Report, beside: Path | None = None
+    said: ScanSaid, geometry: CalibrationSaid, *, report: ProgressCallback, beside: Path | None = None
 ) -> Iterator[tuple[CalibrationResult, ScanRows]]:
     """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
     known, said = _calibrated(said, geometry)

@@ -11,9 +11,8 @@ import numpy as np
 from pydantic import ValidationError
 
 from sawmill_worker.commands.options import ScanSaid, complaint
-from sawmill_worker.commands.terminal import Report, part_of
+from sawmill_worker.commands.terminal import part_of
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.reading import reading_scan
 from sawmill_worker.formats.scan_file import OpenScan, is_own_scan, open_scan
@@ -22,7 +21,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan
 from sawmill_worker.use_cases.room import memory_available
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind, RowAlignment
+from sawmill_worker.vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 
 # Of the free memory, for all rows that are asked for; the rest is for what is made of them.
 MEMORY_SHARE = 0.9
@@ -52,7 +51,7 @@ class ScanRows:
     counts: bool
     sha256: str
     remarks: tuple[str, ...]
-    report: Report
+    report: ProgressCallback
 
     def stack(self) -> Stack:
         """All of them (views, rows, detector); refused where they do not fit into the free memory."""
@@ -67,7 +66,7 @@ class ScanRows:
 
 @contextmanager
 def open_rows(
-    said: ScanSaid, *, source_to_cor_mm: float, report: Report, beside: Path | None = None
+    said: ScanSaid, *, source_to_cor_mm: float, report: ProgressCallback, beside: Path | None = None
 ) -> Iterator[ScanRows]:
     """Open a scan and take the rows and views asked for.
 
@@ -106,14 +105,16 @@ def _speaks_for_itself(said: ScanSaid) -> bool:
 
 
 @contextmanager
-def _own_rows(said: ScanSaid, source_to_cor_mm: float, report: Report) -> Iterator[ScanRows]:
+def _own_rows(said: ScanSaid, source_to_cor_mm: float, report: ProgressCallback) -> Iterator[ScanRows]:
     with open_scan(said.path) as scan:
         counts = scan.air_level is not None
         yield _rows_of(scan, said, source_to_cor_mm, scan.angles_rad, report, counts=counts)
 
 
 @contextmanager
-def _prepared_rows(said: ScanSaid, source_to_cor_mm: float, report: Report, beside: Path | None) -> Iterator[ScanRows]:
+def _prepared_rows(
+    said: ScanSaid, source_to_cor_mm: float, report: ProgressCallback, beside: Path | None
+) -> Iterator[ScanRows]:
     folder = None if beside is None else beside.absolute().parent
     with TemporaryDirectory(prefix=".sawmill-", dir=folder) as temporary:
         path = Path(temporary) / "scan.h5"
@@ -151,7 +152,7 @@ def _rows_of(
     said: ScanSaid,
     source_to_cor_mm: float,
     angles_rad: FloatArray,
-    report: Report,
+    report: ProgressCallback,
     *,
     counts: bool,
     remarks: tuple[str, ...] = (),

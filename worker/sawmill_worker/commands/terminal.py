@@ -3,28 +3,29 @@
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import timedelta
 from types import FrameType
 
 import typer
+from rich import progress as bars
 from rich.console import Console
-from rich.progress import BarColumn, Progress, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Task, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.text import Text
 
-from sawmill_worker.contracts import jobs
+from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_worker.vocabulary import Progress, ProgressCallback
 
-Report = Callable[[jobs.Progress], None]
 
-
-def part_of(report: Report, start: float, stop: float) -> Report:
+def part_of(report: ProgressCallback, start: float, stop: float) -> ProgressCallback:
     """Tells the progress of a part of the work as that of all of it, from one fraction of it to another."""
 
-    def told(progress: jobs.Progress) -> None:
+    def told(progress: Progress) -> None:
         fraction = start + (stop - start) * progress.fraction
-        report(progress.model_copy(update={"fraction": fraction}))
+        report(replace(progress, fraction=fraction))
 
     return told
 
@@ -51,18 +52,18 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
         with _ending_when_terminated(), input_errors_translated():
             yield
     except JobFailure as failure:
-        _tell(jobs.Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
+        _tell(Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
         raise typer.Exit(1) from failure
     except OSError as error:
-        _tell(jobs.Failure(kind=jobs.FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
+        _tell(Failure(kind=FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
         raise typer.Exit(1) from error
     except MemoryError as error:
         detail = "this needs more memory than there is: ask for fewer rows, fewer views or a smaller size"
-        _tell(jobs.Failure(kind=jobs.FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
+        _tell(Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
         raise typer.Exit(1) from error
     except Exception as error:
         detail = f"an unexpected {type(error).__name__}, which is a defect of this program"
-        _tell(jobs.Failure(kind=jobs.FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
+        _tell(Failure(kind=FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
         raise
 
 
@@ -90,7 +91,7 @@ def _end_if_told() -> None:
         raise SystemExit(128 + _ended_by[0])
 
 
-def _tell(failure: jobs.Failure, *, as_json: bool) -> None:
+def _tell(failure: Failure, *, as_json: bool) -> None:
     if as_json:
         print_json({"state": "failed", "failure": failure.model_dump(mode="json")})
     say(failure.detail, trouble=failure.code)
@@ -107,7 +108,7 @@ class _TimeLeft(TimeRemainingColumn):
 
 
 @contextmanager
-def showing_progress(what: str) -> Iterator[Report]:
+def showing_progress(what: str) -> Iterator[ProgressCallback]:
     """A progress bar on standard error, where a person looks at it."""
     columns = (
         TextColumn("{task.description}"),
@@ -117,10 +118,10 @@ def showing_progress(what: str) -> Iterator[Report]:
         _TimeLeft(),
     )
     console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(what, total=1.0, seconds_left=None)
 
-        def report(progress: jobs.Progress) -> None:
+        def report(progress: Progress) -> None:
             _end_if_told()
             best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
             generation = "" if progress.generation is None else f" generation {progress.generation}{best}"

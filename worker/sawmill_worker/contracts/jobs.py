@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped, Time
+from sawmill_worker.vocabulary import Progress
 
 
 class JobKind(StrEnum):
@@ -49,16 +50,6 @@ class Failure(Contract):
     kind: FailureKind
     code: str = Field(description="Stable, for programs.", examples=["phantom-not-found"])
     detail: str
-
-
-class Progress(Contract):
-    """How far a running job is."""
-
-    fraction: float = Field(ge=0, le=1)
-    stage: str = Field(examples=["search"])
-    generation: int | None = Field(None, description="Of the search.")
-    best_value: float | None = Field(None, description="Best objective of the search so far.")
-    seconds_left: float | None = Field(None, ge=0, description="Of a reconstruction, by its pace so far.")
 
 
 class Job(Stamped):

@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 import structlog
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.limits import keep_to, limits_of
 from sawmill_worker.execution.logs import configure_logs
@@ -22,6 +22,7 @@ from sawmill_worker.storage.files import flush_tree
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.vocabulary import Progress
 
 
 def main() -> None:

@@ -11,7 +11,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.jobs import Failure, Job, Progress
+from sawmill_worker.contracts.jobs import Failure, Job
+from sawmill_worker.vocabulary import Progress
 
 CHANNEL = "SAWMILL_ATTEMPT_CHANNEL"
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import structlog
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.process import AttemptProcess
@@ -20,6 +20,7 @@ from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import Progress
 
 # What a library may have failed to write at once, and so what a full disk may have left free.
 BUFFER_BYTES = 16 * 2**20

@@ -1,11 +1,11 @@
 """What a task is given."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_worker.contracts.jobs import Job, Progress
+from sawmill_worker.contracts.jobs import Job
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Attempt:
     job: Job
     store: Store
     output: Path
-    report: Callable[[Progress], None]
+    report: ProgressCallback
 
     def say(self, fraction: float, stage: str) -> None:
         """Report progress."""

@@ -6,7 +6,7 @@ the row is still running that attempt. Losses are counted apart from it, for a w
 
 import random
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -15,13 +15,14 @@ from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, u
 from sqlalchemy.orm import Session, aliased
 
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Progress
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState
 from sawmill_worker.storage.database import Database, database_now_s
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, read_page
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow
+from sawmill_worker.vocabulary import Progress
 
 LONGEST_WAIT_S = 60.0
 _JITTER = 0.25  # what failed together is not tried again together
@@ -176,7 +177,7 @@ class Jobs:
         """
         values: dict[str, Any] = {"lease_expires_s": database_now_s() + lease_s}
         if progress is not None:
-            values["progress"] = progress.model_dump(mode="json")
+            values["progress"] = asdict(progress)
         with self._database.write() as session:
             cancel = session.scalar(
                 update(JobRow)

@@ -1,7 +1,6 @@
 """A calibration from a sinogram in memory: what the job and the command line share."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
@@ -10,7 +9,6 @@ from numpy.typing import NDArray
 
 from sawmill_worker.contracts import calibrations as contracts
 from sawmill_worker.contracts.geometry import ScannerConstants, ThetaBounds
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
 from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
@@ -25,9 +23,8 @@ from sawmill_worker.use_cases.conversion import (
     to_phantom,
     to_scanner,
 )
-from sawmill_worker.vocabulary import CalibrationMethod, Handedness, Rotation
+from sawmill_worker.vocabulary import CalibrationMethod, Handedness, Progress, ProgressCallback, Rotation
 
-Report = Callable[[Progress], None]
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
 
@@ -91,7 +88,7 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
 
 
 def run_calibration(
-    given: CalibrationInput, options: contracts.CalibrationOptions, report: Report
+    given: CalibrationInput, options: contracts.CalibrationOptions, report: ProgressCallback
 ) -> tuple[Calibration, contracts.CalibrationResult]:
     """Calibrate by the method asked for; errors of `sawmill_worker.tomography` pass through."""
     task = _task(given, options)

@@ -1,7 +1,7 @@
 """A scan as it is read to the file that every job uses: line integrals, prepared as asked, in a bounded window."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +9,6 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.formats.canonical import CanonicalScan
 from sawmill_worker.formats.scan_file import NewScan, new_scan
@@ -19,10 +18,9 @@ from sawmill_worker.tomography.preparing.preparation import Measures, Preparatio
 from sawmill_worker.tomography.preparing.preprocess import Exposure
 from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
 from sawmill_worker.use_cases.room import check_disk_for_scan
-from sawmill_worker.vocabulary import AirCorrection, FaultyCells, RingRemoval, RowAlignment
+from sawmill_worker.vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 
 Stack = NDArray[np.float32]
-Report = Callable[[Progress], None]
 
 # Of samples in memory at a time, as float32; what is made of them, a row or a view at a time, comes on top.
 WINDOW_BYTES = 128 * 2**20
@@ -51,7 +49,7 @@ def prepare_scan(
     output: Path,
     *,
     detector_pitch_mm: float,
-    report: Report,
+    report: ProgressCallback,
     provenance: Mapping[str, str] | None = None,
     window_bytes: int = WINDOW_BYTES,
 ) -> PreparedScan:
@@ -168,7 +166,7 @@ def _measures(options: PrepareOptions, *, counts: bool) -> Measures:
 class _Telling:
     """Turns samples done, in so many passes over a scan, into progress."""
 
-    def __init__(self, report: Report, shape: tuple[int, ...], *, passes: int) -> None:
+    def __init__(self, report: ProgressCallback, shape: tuple[int, ...], *, passes: int) -> None:
         self._report, self._all, self._done = report, passes * math.prod(shape), 0
 
     def add(self, samples: int, stage: str) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
-from sawmill_worker.contracts.jobs import Progress
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.choosing import recommend
@@ -24,9 +23,8 @@ from sawmill_worker.use_cases.room import check_disk, memory_available
 from sawmill_worker.use_cases.solving import Work, solver_of
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
-from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
+from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation
 
-Report = Callable[[Progress], None]
 # Line integrals (views, stop - start, detector) of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
 
@@ -73,7 +71,7 @@ def volume_unit(*, counts: bool) -> str:
 
 
 def run_reconstruction(
-    given: ReconstructionInput, options: ReconstructionOptions, output: Path, report: Report
+    given: ReconstructionInput, options: ReconstructionOptions, output: Path, report: ProgressCallback
 ) -> ReconstructionResult:
     """Reconstruct each row into the volume's file, which is there when all of it is; and the answer beside it.
 
@@ -185,7 +183,7 @@ def _predicted(projector: Projector, slices: int, method: ReconstructionMethod) 
 class _Reporting:
     """Turns slices done into progress with the time left."""
 
-    def __init__(self, slices: int, report: Report) -> None:
+    def __init__(self, slices: int, report: ProgressCallback) -> None:
         self._started, self._slices, self._report = time.perf_counter(), slices, report
         self._done = 0
 
