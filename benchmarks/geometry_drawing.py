@@ -1,0 +1,142 @@
+"""Draw docs/geometry.svg, the picture in docs/conventions.md, from the product's own geometry.
+
+    python benchmarks/geometry_drawing.py [docs/geometry.svg]
+
+Every point comes from `FanBeamGeometry.vectors` and `SourceFrame`: a change of a sign there changes the drawing.
+"""
+
+import math
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+mpl.use("agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame, Theta, rotate
+
+DRAWING = Path(__file__).parents[1] / "docs/geometry.svg"
+# Not to any scanner's scale: shifts and tilt are large, so that they can be seen.
+SCANNER = Scanner(source_to_cor_mm=500.0, num_detector_pixels=14, detector_pitch_mm=40.0)
+THETA = Theta(
+    initial_angle_rad=math.radians(12.0),
+    detector_to_cor_mm=380.0,
+    source_shift_mm=130.0,
+    detector_shift_mm=210.0,
+    detector_tilt=0.65,
+)
+PHI_RAD = math.radians(10.0)
+LOG_RADIUS_MM = 150.0
+GREY, BLUE, RED = "#777777", "#1f5fa8", "#b03a2e"
+ORIGIN = np.zeros(2)
+
+
+def line(axes: Axes, start: FloatArray, end: FloatArray, **style: object) -> None:
+    """A line between two points, mm."""
+    axes.plot(*np.stack([start, end], -1), **{"lw": 0.8, "color": GREY, **style})
+
+
+def dimension(axes: Axes, start: FloatArray, end: FloatArray, name: str, *, aside: float = 16.0) -> None:
+    """A double arrow with its symbol beside the middle, `aside` mm to its left."""
+    arrow = {"arrowstyle": "<->", "color": BLUE, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", end, start, arrowprops=arrow)
+    along = (end - start) / np.linalg.norm(end - start)
+    place = 0.5 * (start + end) + aside * np.array([-along[1], along[0]])
+    axes.text(*place, name, color=BLUE, ha="center", va="center", fontsize=10)
+
+
+def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, centre: FloatArray = ORIGIN) -> None:
+    """An angle about a point with its symbol; the arrow's head is at the second angle."""
+    angles = np.linspace(low_rad, high_rad, 40)
+    points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], -1)
+    axes.plot(*points.T, color=RED, lw=0.9)
+    axes.annotate("", points[-1], points[-3], arrowprops={"arrowstyle": "->", "color": RED, "lw": 0.9})
+    middle = 0.5 * (low_rad + high_rad)
+    place = centre + (radius + 24.0) * np.array([math.cos(middle), math.sin(middle)])
+    axes.text(*place, name, color=RED, ha="center", va="center", fontsize=10)
+
+
+def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Axes, log, source, rays and detector of the one view; its source, detector's middle and detector's axis."""
+    source, centre, axis = (vectors[0] for vectors in geometry.vectors())
+    cells = centre + SCANNER.cell_borders_mm[:, None] * axis
+    for end in (cells[0], cells[-1]):
+        line(axes, source, end, color="#dddddd")
+    axes.add_patch(plt.Circle((0.0, 0.0), LOG_RADIUS_MM, facecolor="#f3e6d0", edgecolor="#c8a26b", lw=0.8, zorder=0))
+    for end, name in ((np.array([470.0, 0.0]), "x"), (np.array([0.0, 470.0]), "y")):
+        axes.annotate("", end, ORIGIN, arrowprops={"arrowstyle": "->", "color": GREY, "lw": 0.7})
+        axes.text(*(end * 1.06), name, color=GREY, ha="center", va="center")
+    axes.plot(*cells.T, color="black", lw=1.6, marker="|", markersize=5)
+    axes.text(*(cells[0] - 42.0 * axis), "cell 0", ha="center", va="center", fontsize=8)
+    last = f"cell {SCANNER.num_detector_pixels - 1}"
+    axes.text(*(cells[-1] + 42.0 * axis), last, ha="center", va="center", fontsize=8)
+    for point, name in ((source, "S"), (centre, "C"), (ORIGIN, "COR")):
+        axes.plot(*point, "o", color="black", markersize=3.5)
+        axes.annotate(name, point, xytext=(6, -9), textcoords="offset points", fontsize=9)
+    axes.set_title(title, fontsize=10)
+    axes.set_aspect("equal")
+    axes.set_xlim(-560.0, 520.0)
+    axes.set_ylim(-520.0, 620.0)
+    axes.axis("off")
+    return source, centre, axis
+
+
+def draw_theta(axes: Axes, geometry: FanBeamGeometry) -> None:
+    """The five numbers of theta, in the axes that are turned by phi + alpha0."""
+    source, centre, axis = ground(axes, geometry, r"theta = ($\alpha_0$, $r_D$, $h_S$, $h_D$, $\alpha_D$)")
+    turned = PHI_RAD + THETA.initial_angle_rad
+    across, along = (np.array(rotate(turned, *unit)) for unit in ((1.0, 0.0), (0.0, 1.0)))
+    foot_s, foot_d = -SCANNER.source_to_cor_mm * along, THETA.detector_to_cor_mm * along
+    line(axes, 1.05 * foot_s, 1.25 * foot_d, ls="--")
+    line(axes, ORIGIN, 400.0 * across, ls="--")
+    dimension(axes, foot_s, ORIGIN, "$r_S$")
+    dimension(axes, ORIGIN, foot_d, "$r_D$")
+    dimension(axes, foot_s, source, "$h_S$", aside=-22.0)
+    dimension(axes, centre, foot_d, "$h_D$", aside=24.0)
+    line(axes, centre, centre - 260.0 * across, ls=":")
+    slope = math.atan(THETA.detector_tilt)
+    arc(axes, 210.0, turned + math.pi, turned + math.pi + slope, r"atan $\alpha_D$", centre)
+    arc(axes, 300.0, 0.0, turned, r"$\varphi + \alpha_0$")
+    axes.annotate("", centre + 110.0 * axis, centre, arrowprops={"arrowstyle": "->", "color": BLUE, "lw": 1.4})
+    axes.text(*(centre + 105.0 * axis + 24.0 * along), "a", color=BLUE)
+
+
+def draw_source_frame(axes: Axes, geometry: FanBeamGeometry) -> None:
+    """The same view's five numbers of the source frame."""
+    source, centre, axis = ground(axes, geometry, r"source frame = ($\psi$, $R$, $SDD$, $u_c$, $\tau$)")
+    frame: SourceFrame = geometry.frame
+    turned = PHI_RAD + frame.psi_rad
+    across, along = (np.array(rotate(turned, *unit)) for unit in ((1.0, 0.0), (0.0, 1.0)))
+    shadow = centre + frame.cor_column_mm * axis
+    line(axes, source, shadow + 60.0 * along, ls="--")
+    line(axes, ORIGIN, 400.0 * across, ls="--")
+    line(axes, shadow, shadow - 300.0 * across, ls=":")
+    dimension(axes, source, ORIGIN, "$R$", aside=-20.0)
+    beside = -70.0 * across
+    line(axes, source, source + beside, lw=0.5)
+    line(axes, shadow, shadow + beside, lw=0.5)
+    dimension(axes, source + 0.9 * beside, shadow + 0.9 * beside, "$SDD$", aside=30.0)
+    over = 40.0 * np.array([-axis[1], axis[0]])
+    dimension(axes, centre + over, shadow + over, "$|u_c|$", aside=26.0)
+    arc(axes, 270.0, turned + math.pi, turned + math.pi + frame.tilt_rad, r"$\tau$", shadow)
+    arc(axes, 300.0, 0.0, turned, r"$\varphi + \psi$")
+
+
+def main() -> None:
+    """Write the drawing."""
+    path = Path(sys.argv[1]) if len(sys.argv) > 1 else DRAWING
+    geometry = FanBeamGeometry(SCANNER, THETA, np.array([PHI_RAD]))
+    # The same text in every run: no date, and ids of a fixed seed.
+    with mpl.rc_context({"svg.hashsalt": "geometry", "svg.fonttype": "path", "font.size": 9.0}):
+        figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 5.6), layout="constrained")
+        draw_theta(left, geometry)
+        draw_source_frame(right, geometry)
+        figure.savefig(path, metadata={"Date": None, "Creator": None})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,103 @@
+"""The pages hold together: links and anchors resolve, tables name what is there, lines are short."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+SOURCES = ("service", "worker", "tests", "benchmarks", "examples")
+
+
+def named(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+def prose(text: str) -> str:
+    """A page without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link into a page may name: its headings as GitHub writes them."""
+    headings = re.findall(r"^#+ (.+)$", prose(page.read_text()), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def leads_somewhere(page: Path, anchor: str) -> bool:
+    return page.exists() and (not anchor or anchor in anchors(page))
+
+
+def source_files() -> list[Path]:
+    found = [path for folder in SOURCES for path in (ROOT / folder).rglob("*") if path.suffix in {".py", ".md", ".sh"}]
+    return [*found, ROOT / "Makefile", ROOT / "pyproject.toml", ROOT / "docker-compose.yml"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_links_lead_to_files_and_headings(page):
+    links = re.findall(r"\]\((?!https?:)([^)#\s]*)(?:#([^)\s]+))?\)", prose(page.read_text()))
+    broken = [
+        f"{file}#{anchor}"
+        for file, anchor in links
+        if not leads_somewhere((page.parent / file) if file else page, anchor)
+    ]
+    assert not broken
+
+
+def test_references_from_code_lead_to_files_and_headings():
+    broken = []
+    for path in source_files():
+        for file, anchor in re.findall(r"\b(docs/[\w/-]+\.md)(?:#([\w-]+))?", path.read_text()):
+            if not leads_somewhere(ROOT / file, anchor):
+                broken.append(f"{named(path)}: {file}#{anchor}")
+    assert not broken
+
+
+def test_the_table_of_rooms_is_the_tree():
+    page = (ROOT / "docs/architecture.md").read_text()
+    rooms = re.findall(r"^\| `([\w/.]+)` \|", page, re.MULTILINE)
+    worker = ROOT / "worker/sawmill_worker"
+    parts = [path for path in worker.iterdir() if (path / "__init__.py").exists()]
+    expected = {named(path) for path in parts} | {named(path.parent) for path in ROOT.glob("*/sawmill_*/__init__.py")}
+    expected -= {named(worker)}
+    assert expected <= set(rooms)
+    assert all((ROOT / room).exists() for room in rooms)
+
+
+def test_the_directions_of_imports_are_the_linter_s():
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    _, section = (ROOT / "docs/architecture.md").read_text().split("## Direction of imports")
+    assert re.findall(r"^- (.+)$", section, re.MULTILINE) == [contract["name"] for contract in contracts]
+
+
+def test_the_drawing_of_the_geometry_is_that_of_the_code(tmp_path):
+    drawn = tmp_path / "geometry.svg"
+    subprocess.run([sys.executable, ROOT / "benchmarks/geometry_drawing.py", drawn], check=True)
+    assert drawn.read_text() == (ROOT / "docs/geometry.svg").read_text()
+
+
+GLOSSARY = ROOT / "docs/glossary.md"
+# What a reader of the code or of an answer meets: each has a row.
+TERMS = (
+    *("COR", "view", "cell", "sinogram", "scan", "phantom", "reference", "theta", "initial angle", "source shift"),
+    *("detector shift", "detector tilt", "source frame", "source distance", "magnification", "twin", "handedness"),
+    *("rotation", "hypothesis", "ambiguous pose", "ray error", "predicted ray error", "upper_95", "scale", "tolerance"),
+    *("verdict", "status", "adjustment", "residual", "gain", "background", "FBP", "Tikhonov alpha", "Cauchy beta"),
+    *("sigma", "weight", "total variation", "MAP", "continuation", "support region", "full grid", "cross-validation"),
+    *("validation views", "tuning on a synthetic scan", "basin", "initial guess", "drift", "drift check", "margin"),
+    *("conjugate rays", "psi identifiable", "job", "attempt", "lease", "heartbeat", "loss", "outage", "fencing"),
+    *("ingest", "concurrent", "inconsistent", "sensitivity", "outlier", "minimum", "claim", "contract"),
+)
+
+
+def test_the_glossary_has_every_term_once_in_order():
+    rows = [row.split("|")[1:-1] for row in GLOSSARY.read_text().splitlines() if row.startswith("| ")]
+    terms = [term.strip() for term, *_ in rows[1:]]
+    assert set(TERMS) <= set(terms)
+    assert terms == sorted(set(terms), key=str.lower)
+    meanings = [meaning for *_, meaning in rows[1:]]
+    assert all(meaning.endswith(". ") and not re.search(r"\. [A-Z]", meaning) for meaning in meanings)
