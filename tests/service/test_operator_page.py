@@ -42,7 +42,7 @@ def badge(card: str) -> str:
     return re.search(r'class="badge">([^<]+)<', card)[1]
 
 
-def test_a_fresh_service_says_what_to_do(client):
+def test_a_fresh_service_shows_what_to_do(client):
     assert "There is no scanner yet" in client.get("/").text
 
 
@@ -56,7 +56,7 @@ def test_a_fresh_service_says_what_to_do(client):
         ({"verdict": "fail", "reasons": ["The residual is too large."]}, "Calibration failed its check"),
     ],
 )
-def test_each_scanner_says_whether_it_is_in_tolerance(seeded, newest, changes, word):
+def test_each_scanner_shows_whether_it_is_in_tolerance(seeded, newest, changes, word):
     newest(**changes)
     spare, example = cards(seeded)
     assert badge(spare) == "Not calibrated"
@@ -73,14 +73,14 @@ def test_a_passing_calibration_that_nobody_accepted_is_not_in_tolerance(seeded, 
     assert badge(cards(seeded)[0]) == "No active calibration"
 
 
-def test_the_page_says_what_moved_in_millimetres(seeded, newest):
+def test_the_page_shows_what_moved_in_millimetres(seeded, newest):
     newest(comparison=comparison(within=False))
     example = cards(seeded)[1]
     for moved in ("0.750 mm RMS", "-1.250 mm", "+2.500 mm", "+0.050°"):
         assert moved in example
 
 
-def test_a_calibration_that_failed_since_is_told(seeded, store, worker):
+def test_a_calibration_that_failed_since_is_shown(seeded, store, worker):
     seeded.post("/v1/calibrations", json={"scan_id": "example"})
     failure = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows 0:4")
     store.jobs.fail(worker.claim(), failure)
@@ -91,8 +91,8 @@ def test_a_calibration_that_failed_since_is_told(seeded, store, worker):
 
 
 @pytest.fixture
-def looked(seeded, worker):
-    """Adds a newer look at drift with this outcome, or none, and returns its id."""
+def checked(seeded, worker):
+    """Adds a newer drift check with this outcome, or none, and returns its id."""
 
     def add(**changes):
         identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
@@ -110,33 +110,33 @@ OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved
 
 
 @pytest.mark.parametrize(
-    ("changes", "tone", "told", "word"),
+    ("changes", "tone", "shown", "word"),
     [
         ({}, "good", "In tolerance: rays moved 0.010 mm RMS of 0.5 mm allowed, COR +0.100 mm", "In tolerance"),
         (OUT, "bad", "Out of tolerance: rays moved 0.800 mm RMS of 0.5 mm allowed", "Out of tolerance"),
         ({"within_tolerance": None, "reason": "too round"}, "watch", "Could not be seen: too round", "In tolerance"),
     ],
 )
-def test_one_line_says_what_the_newest_log_showed(seeded, looked, changes, tone, told, word):
-    identifier = looked(**changes)
+def test_one_line_shows_the_newest_drift_check(seeded, checked, changes, tone, shown, word):
+    identifier = checked(**changes)
     spare, example = cards(seeded)
     assert 'class="drift' not in spare
     line = drift_line(example)
     assert f'class="drift {tone}"' in line
     assert f'href="/v1/drifts/{identifier}"' in line
     assert re.search(r"<time>20\d\d-\d\d-\d\d \d\d:\d\d UTC</time>", line)
-    assert told in line
+    assert shown in line
     assert badge(example) == word
 
 
-def test_a_log_that_shows_a_scanner_out_of_tolerance_gives_the_reason(seeded, looked, newest):
-    looked(**OUT)
+def test_a_log_that_shows_a_scanner_out_of_tolerance_gives_the_reason(seeded, checked, newest):
+    checked(**OUT)
     assert "A log shows: the COR moved &lt;0.81 mm&gt;: look at the turntable." in cards(seeded)[1]
     newest(comparison=comparison(within=True))
     assert badge(cards(seeded)[1]) == "In tolerance"
 
 
-def test_a_look_at_drift_that_failed_says_why(seeded, store, worker):
+def test_a_drift_check_that_failed_gives_the_reason(seeded, store, worker):
     seeded.post("/v1/drifts", json={"scan_id": "example"})
     detail = "the 60 views stand 6 degrees apart"
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="sparse-views", detail=detail))

@@ -27,19 +27,24 @@ def history(page: Page) -> Locator:
     return page.locator("li")
 
 
+def entry(calibration_id: str, end: str) -> re.Pattern[str]:
+    """A row of the history, with its last words."""
+    return re.compile(rf"{calibration_id}.*{end}\s*$", re.DOTALL)
+
+
 def test_accept_and_roll_back_make_a_calibration_the_active_one(site, store, newer):
     page = site.open()
     page.get_by_role("button", name="Accept this calibration").click()
     expect(page.locator("body")).to_contain_text("History")
     expect(page.get_by_role("button", name="Accept this calibration")).to_have_count(0)
     entries = history(page)
-    expect(entries).to_have_text([re.compile(f"{newer}.*active$"), re.compile("example.*Roll back$")])
+    expect(entries).to_have_text([entry(newer, "active"), entry("example", "Roll back")])
     assert store.scanners.get("example").active_calibration_id == newer
 
     entries.nth(1).get_by_role("button", name="Roll back").click()
     expect(page.get_by_role("button", name="Accept this calibration")).to_be_visible()
     # The newest activation alone is the active one, though `example` stands in the history twice.
-    expected = [re.compile("example.*active$"), re.compile(f"{newer}.*Roll back$"), re.compile("example.*on pass$")]
+    expected = [entry("example", "active"), entry(newer, "Roll back"), entry("example", "on pass")]
     expect(history(page)).to_have_text(expected)
     assert store.scanners.get("example").active_calibration_id == "example"
 
