@@ -28,8 +28,9 @@ from scipy.optimize import nnls
 
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.formats.result_files import new_reconstruction
-from sawmill_worker.formats.scan_file import open_scan, write_scan
+from sawmill_worker.files.scan_reader import open_scan
+from sawmill_worker.files.scan_writer import write_scan
+from sawmill_worker.files.volume_writer import new_reconstruction
 from sawmill_worker.tomography import analytic, cost
 from sawmill_worker.tomography._fbp_numba import back_project_block
 from sawmill_worker.tomography.analytic import DetectorCells

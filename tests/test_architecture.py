@@ -46,17 +46,18 @@ def test_the_science_stands_alone():
     assert not of(("pydantic", "sqlalchemy", "fastapi", "h5py"), modules)
 
 
-@pytest.mark.parametrize("package", ["formats", "pictures"])
-def test_leaves_import_nothing_of_ours(package):
-    modules = imported_by(f"import {modules_of(package)}")
-    allowed = (f"sawmill_worker.{package}", "sawmill_worker.vocabulary")
+@pytest.mark.parametrize("rooms", [["files"], ["readers", "files"], ["pictures"]])
+def test_leaves_import_nothing_of_ours(rooms):
+    """Readers know the layout of our own files, and that is all that a leaf knows of another."""
+    modules = imported_by(f"import {modules_of(rooms[0])}")
+    allowed = ("sawmill_worker.vocabulary", *(f"sawmill_worker.{room}" for room in rooms))
     assert of(OURS, modules) <= {"sawmill_worker", *of(allowed, modules)}
 
 
 def test_the_service_wakes_no_science():
     modules = imported_by("import sawmill_service.app, sawmill_service.serving")
     assert not of(
-        ("numba", "scipy", "skimage", "matplotlib", "sawmill_worker.tomography", "sawmill_worker.formats"), modules
+        ("numba", "scipy", "skimage", "matplotlib", "sawmill_worker.tomography", "sawmill_worker.readers"), modules
     )
 
 

@@ -27,8 +27,8 @@ from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.formats.reading import reading_scan
-from sawmill_worker.formats.result_files import new_reconstruction
+from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta
 from sawmill_worker.tomography.ray_error import ray_error

@@ -9,7 +9,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage import arrays
+from sawmill_worker.files import calibration_file
 from sawmill_worker.storage.store import Store
 
 # One picture at a time: what many ask for at once is drawn once, and matplotlib shares its caches of text and fonts.
@@ -40,7 +40,7 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
         # Imported here because no other request needs matplotlib.
         from sawmill_worker.pictures.calibration_report import overlay_png, report_png  # noqa: PLC0415
 
-        record = arrays.calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
+        record = calibration_file.read_calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
         drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
         return drawn(record.answer, record.arrays)
 

@@ -13,6 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.routing import compile_path
 
+from sawmill_worker.files.errors import NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
     Conflict,
     Invalid,
@@ -32,6 +33,7 @@ STORAGE_STATUS: Mapping[type[Exception], int] = {
     StorageUnavailable: 503,
     StorageFull: 507,
 }
+FILE_STATUS: Mapping[type[Exception], int] = {NotStored: 409, OutOfRange: 422}
 
 
 class FieldProblem(BaseModel):
@@ -147,8 +149,16 @@ def _on_storage(request: Request, error: Exception) -> JSONResponse:
     return problem_response(request.url.path, status, cast("StorageError", error).code, str(error))
 
 
+def _on_file(request: Request, error: Exception) -> JSONResponse:
+    return problem_response(
+        request.url.path, FILE_STATUS[type(error)], cast("OutOfRange | NotStored", error).code, str(error)
+    )
+
+
 def install(app: FastAPI) -> None:
     """Give every kind of error its problem; what is left over is the observer's."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(StorageError, _on_storage)
+    for file_error in FILE_STATUS:
+        app.add_exception_handler(file_error, _on_file)

@@ -11,7 +11,7 @@ from typer.testing import CliRunner, Result
 
 from sawmill_service.cli import main
 from sawmill_worker.contracts.calibrations import CalibrationFile
-from sawmill_worker.formats.result_files import NamedArray
+from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.use_cases.calibration_files import write_result
 
 THETA = "2.55,714.7,319.9,43.7,0.281"

@@ -17,7 +17,7 @@ import httpx
 import numpy as np
 import pytest
 
-from sawmill_worker.formats.scan_file import write_raw_scan
+from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel

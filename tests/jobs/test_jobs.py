@@ -14,9 +14,9 @@ from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.files import calibration_file
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
-from sawmill_worker.storage import arrays
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -114,7 +114,7 @@ def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
     assert error.rms_mm < 0.05
-    record = arrays.calibration(calibrating.output / "result.h5")
+    record = calibration_file.read_calibration(calibrating.output / "result.h5")
     assert not record.arrays["phantom_image"].any()
     assert "log_after" not in record.arrays
     with Image.open(io.BytesIO(overlay_png(record.answer, record.arrays))) as picture:
@@ -129,7 +129,7 @@ def test_what_a_picture_is_drawn_from_is_in_the_file(store, ingested, attempt, a
     with h5py.File(calibrating.output / "result.h5") as file:
         units = {name: data.attrs["units"] for name, data in file["entry/arrays"].items()}
     assert units["phantom_outlines_mm"] == units["phantom_field_mm"] == "mm"
-    record = arrays.calibration(calibrating.output / "result.h5")
+    record = calibration_file.read_calibration(calibrating.output / "result.h5")
     assert record.answer == json.loads(json.dumps(result))
     made = record.arrays
     assert np.allclose(made["sinogram"] - made["model"], made["residual"], atol=1e-4)  # float32 of values up to 300
@@ -157,7 +157,7 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
         store.calibrations.accept(ask(scan_id=scan.id, activate=True, rows="0:2"))
         calibrating = attempt(JobKind.CALIBRATE)
         result = run(calibrating)
-        kept.append(arrays.calibration(calibrating.output / "result.h5").arrays)
+        kept.append(calibration_file.read_calibration(calibrating.output / "result.h5").arrays)
         finish(calibrating, result)
     first, second = kept
     assert "log_before" not in first

@@ -16,11 +16,11 @@ import pytest
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.formats.canonical import CanonicalScan
-from sawmill_worker.formats.contents import Projections, held
-from sawmill_worker.formats.errors import UnreadableScan
-from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.running import run
+from sawmill_worker.readers.canonical import CanonicalScan
+from sawmill_worker.readers.contents import Projections, held
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
@@ -242,8 +242,8 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
         import re, numpy
         from pathlib import Path
         from sawmill_worker.contracts.preparing import PrepareOptions
-        from sawmill_worker.formats.canonical import CanonicalScan
-        from sawmill_worker.formats.contents import Projections
+        from sawmill_worker.readers.canonical import CanonicalScan
+        from sawmill_worker.readers.contents import Projections
         from sawmill_worker.use_cases.prepare import prepare_scan
 
         def largest():

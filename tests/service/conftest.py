@@ -26,8 +26,9 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.formats.result_files import NamedArray, NewVolume, new_reconstruction
-from sawmill_worker.formats.result_files import write_calibration as write_calibration_file
+from sawmill_worker.files.calibration_file import NamedArray
+from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
+from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store

@@ -5,7 +5,7 @@ import sys
 
 FORBIDDEN = (
     "sawmill_worker.tomography",
-    "sawmill_worker.formats",
+    "sawmill_worker.readers",
     "sawmill_worker.jobs",
     "sawmill_worker.use_cases",
     "numba",

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sawmill_worker.contracts.jobs import FailureKind
-from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.tomography.calibration.calibration import CalibrationError
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.phantom import PhantomError

@@ -1,1 +1,1 @@
-"""The worker: science, formats, contracts, storage, tasks and the execution of jobs."""
+"""The worker: science, readers of uploads, our own files, contracts, storage, and the execution of jobs."""

@@ -35,8 +35,8 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionOptions
-from sawmill_worker.formats.angles import AngleSteps
 from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.vocabulary import (
     Adjustment,
     AirCorrection,

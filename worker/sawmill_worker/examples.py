@@ -15,7 +15,7 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.formats.scan_file import write_raw_scan
+from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta

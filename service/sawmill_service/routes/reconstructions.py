@@ -20,11 +20,11 @@ from sawmill_worker.contracts.reconstructions import (
     ReconstructionLinks,
     ReconstructionResult,
 )
+from sawmill_worker.files import volume_reader
 from sawmill_worker.pictures.color_maps import ColorMap
 from sawmill_worker.pictures.images import image_png, image_png16
 from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
 from sawmill_worker.pictures.windows import Window, window_of
-from sawmill_worker.storage import arrays
 from sawmill_worker.storage.store import Store
 
 MOST_TILES = 64
@@ -113,7 +113,7 @@ class MosaicQuery(WindowQuery):
 class SideQuery(WindowQuery):
     """From where to look at the log."""
 
-    along: arrays.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
+    along: volume_reader.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
 
 
 @router.post("", status_code=202, summary="Ask for a reconstruction", openapi_extra=trying(body={"scan_id": "example"}))
@@ -166,10 +166,10 @@ def get_slice(
 
     def draw() -> bytes:
         if query.show is Shown.DEVIATION:
-            image = arrays.deviation_slice(path, index)
+            image = volume_reader.deviation_slice(path, index)
             window = _window(query, window_of(image.data))
         else:
-            image = arrays.volume_slice(path, index)
+            image = volume_reader.volume_slice(path, index)
             window = _window(query, result.value_range)
         if query.bits is Bits.SIXTEEN:
             return image_png16(image.data, window)
@@ -198,7 +198,7 @@ def get_mosaic(
     window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
-        slices = arrays.volume_slices(store.files.volume(reconstruction_id), indices)
+        slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), indices)
         return mosaic_png(
             ((image.data, image.label) for image in slices),
             pixel_mm=result.pixel_mm if query.scale_bar else None,
@@ -223,7 +223,7 @@ def get_side_view(
     _result(store, reconstruction_id)
 
     def draw() -> bytes:
-        view = arrays.side_view(store.files.volume(reconstruction_id), query.along)
+        view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
         return side_view_png(
             view.data,
             across_mm=view.across_mm,
@@ -246,7 +246,7 @@ def get_side_view(
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
     _result(store, reconstruction_id)
-    columns = arrays.alpha_curve(store.files.volume(reconstruction_id))
+    columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
     return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
 
 

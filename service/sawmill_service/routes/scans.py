@@ -13,8 +13,8 @@ from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
+from sawmill_worker.files import scan_reader
 from sawmill_worker.pictures.images import sinogram_png
-from sawmill_worker.storage import arrays
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
@@ -114,7 +114,7 @@ def _ready(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
 
 def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:
     def draw() -> bytes:
-        sinogram = arrays.sinogram(store.files.scan(scan.id), row)
+        sinogram = scan_reader.sinogram(store.files.scan(scan.id), row)
         return sinogram_png(
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )

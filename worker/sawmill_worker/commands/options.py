@@ -14,8 +14,8 @@ from sawmill_worker.contracts.base import Rows
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.geometry import GivenTheta, Theta
 from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.formats.angles import AnglesGiven, parse_angles, read_angles_file
-from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AnglesGiven, parse_angles, read_angles_file
 from sawmill_worker.vocabulary import AirCorrection, DataKind, FaultyCells, RingRemoval, Rotation, RowAlignment
 
 LARGEST_MM = 1e5

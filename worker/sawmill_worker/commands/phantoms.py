@@ -5,7 +5,7 @@ from pydantic import ValidationError
 from sawmill_worker.commands.options import PhantomSaid, complaint
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
-from sawmill_worker.formats.picture import read_picture
+from sawmill_worker.readers.picture import read_picture
 from sawmill_worker.tomography.tracing import trace
 from sawmill_worker.use_cases.conversion import from_phantom
 from sawmill_worker.use_cases.failures import refused

@@ -12,10 +12,10 @@ from sawmill_worker.commands.scan_rows import ScanRows, open_rows
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_worker.files.errors import NotStored
+from sawmill_worker.files.volume_reader import alpha_curve, side_view, volume_slice, volume_slices
 from sawmill_worker.pictures.images import image_png
 from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
-from sawmill_worker.storage.arrays import alpha_curve, side_view, volume_slice, volume_slices
-from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation
@@ -70,8 +70,8 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
 
     try:
         columns = alpha_curve(volume)
-    except Conflict as conflict:
-        raise refused(conflict.code, f"the volume was written, but {conflict}") from conflict
+    except NotStored as missing:
+        raise refused(missing.code, f"the volume was written, but {missing}") from missing
     return alpha_curve_png(columns)
 
 

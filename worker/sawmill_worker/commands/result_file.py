@@ -8,8 +8,8 @@ from pydantic import ValidationError
 
 from sawmill_worker.commands.options import complaint
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
-from sawmill_worker.formats.errors import UnreadableScan
-from sawmill_worker.formats.result_files import LONGEST_ANSWER, read_calibration_json
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.calibration_answer import LONGEST_ANSWER, read_calibration_json
 from sawmill_worker.use_cases.failures import JobFailure, refused
 
 

@@ -14,8 +14,9 @@ from sawmill_worker.commands.options import ScanSaid, complaint
 from sawmill_worker.commands.terminal import part_of
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.formats.reading import reading_scan
-from sawmill_worker.formats.scan_file import OpenScan, is_own_scan, open_scan
+from sawmill_worker.files.scan_reader import OpenScan, open_scan
+from sawmill_worker.readers.own_scan import is_own_scan
+from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan

@@ -7,8 +7,8 @@ import numpy as np
 from sawmill_worker.commands.options import PhantomSaid
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
-from sawmill_worker.formats.angles import AnglesGiven
-from sawmill_worker.formats.scan_file import write_raw_scan, write_scan
+from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
+from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom

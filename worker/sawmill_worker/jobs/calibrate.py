@@ -8,7 +8,7 @@ from sawmill_worker.contracts.calibrations import CalibrationOptions, Calibratio
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import Scanner
 from sawmill_worker.contracts.scans import Scan, ScanState
-from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.geometry import FloatArray

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.formats.scan_file import read_stored_scan
+from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import usable_scan
 from sawmill_worker.use_cases.drift import DriftInput, run_drift

@@ -4,10 +4,10 @@ import math
 from typing import Any
 
 from sawmill_worker.contracts.scans import ScanReading, ScanShape
-from sawmill_worker.formats.angles import parse_angles
-from sawmill_worker.formats.canonical import CanonicalScan
-from sawmill_worker.formats.reading import reading_scan
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.readers.angles import parse_angles
+from sawmill_worker.readers.canonical import CanonicalScan
+from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import prepare_scan
 from sawmill_worker.use_cases.room import memory_available

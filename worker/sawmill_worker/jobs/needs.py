@@ -14,11 +14,11 @@ from numba import get_num_threads
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
 from sawmill_worker.contracts.scans import ScanShape
-from sawmill_worker.formats.arrays import MAX_BYTES
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import usable_scan
 from sawmill_worker.jobs.plan import planned_with
 from sawmill_worker.jobs.reconstruct import geometry_of
+from sawmill_worker.readers.arrays import MAX_BYTES
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid

@@ -5,7 +5,7 @@ from typing import Any
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.geometry import Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
-from sawmill_worker.formats.scan_file import open_scan
+from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import usable_scan
 from sawmill_worker.storage.store import Store

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from typing import Any
 
-from sawmill_worker.formats.picture import read_picture
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.readers.picture import read_picture
 from sawmill_worker.tomography.tracing import trace
 from sawmill_worker.use_cases.conversion import from_phantom
 

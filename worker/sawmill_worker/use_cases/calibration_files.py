@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.formats.result_files import NamedArray, write_calibration
+from sawmill_worker.files.calibration_file import NamedArray, write_calibration
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError

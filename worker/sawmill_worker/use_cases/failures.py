@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from sawmill_worker.contracts.jobs import FailureKind
-from sawmill_worker.formats.errors import UnreadableScan
+from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.tomography.calibration.calibration import CalibrationError
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import GeometryError

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.formats.canonical import CanonicalScan
-from sawmill_worker.formats.scan_file import NewScan, new_scan
+from sawmill_worker.files.scan_writer import NewScan, new_scan
+from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.preparing.missing_rows import CommonRows, RowShifts, present_rows
 from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
@@ -63,7 +63,7 @@ def prepare_scan(
     read : CanonicalScan
         An open scan.
     output : Path
-        The file that is written; `sawmill_worker.formats.scan_file` reads it.
+        The file that is written; `sawmill_worker.files.scan_reader` reads it.
     provenance : mapping of str to str, optional
         What the file is to say of where the data come from, beside the remarks.
     window_bytes : int

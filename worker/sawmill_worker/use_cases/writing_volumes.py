@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.formats.result_files import NewVolume, new_reconstruction
+from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
 from sawmill_worker.vocabulary import Handedness, Rotation
 
 

@@ -1,0 +1,98 @@
+import h5py
+import numpy as np
+import pytest
+
+from sawmill_worker.files.errors import OutOfRange
+from sawmill_worker.files.scan_reader import sinogram
+from sawmill_worker.files.volume_reader import side_view, volume_slice, volume_slices
+from sawmill_worker.files.volume_writer import new_reconstruction
+
+
+@pytest.fixture
+def stack() -> np.ndarray:
+    """(views, rows, detector)"""
+    return np.random.default_rng(3).random((5, 3, 8), dtype=np.float32)
+
+
+@pytest.fixture
+def scan(tmp_path, stack):
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["/entry/instrument/detector/data"] = stack
+        file["/entry/instrument/detector/x_pixel_size"] = 1.5
+        file["/entry/sample/rotation_angle"] = np.arange(5) * 72.0
+    return path
+
+
+def test_a_sinogram_is_one_row_of_the_stack(scan, stack):
+    read = sinogram(scan, 2)
+    np.testing.assert_array_equal(read.data, stack[:, 2, :])
+    np.testing.assert_array_equal(read.angles_deg, [0, 72, 144, 216, 288])
+    assert read.pitch_mm == 1.5
+
+
+def test_a_slice_is_one_of_the_volume_s(tmp_path, stack):
+    path = tmp_path / "volume.h5"
+    with h5py.File(path, "w") as file:
+        file["/entry/reconstruction/data"] = stack
+        file["/entry/reconstruction/data"].attrs["units"] = "1/mm"
+        file["/entry/reconstruction/x"] = (np.arange(3) - 1) * 2.5
+    read = volume_slice(path, 1)
+    np.testing.assert_array_equal(read.data, stack[1])
+    assert (read.pixel_mm, read.unit) == (2.5, "1/mm")
+    assert (read.height_mm, read.label) == (None, "slice 1")
+
+
+@pytest.fixture
+def volume(tmp_path):
+    """Write a volume of 3 x 4 x 4 random numbers as jobs do: the file, and what is in it."""
+
+    def write(row_pitch_mm):
+        slices = np.random.default_rng(4).random((3, 4, 4), dtype=np.float32)
+        path = tmp_path / "volume.h5"
+        with new_reconstruction(
+            path,
+            slices.shape,
+            pixel_mm=2.5,
+            row_pitch_mm=row_pitch_mm,
+            unit="1/mm",
+            geometry={},
+            parameters={},
+            software_version="0",
+            input_sha256="0" * 64,
+            centre_mm=(10.0, -20.0),
+            first_slice_mm=60.0,
+        ) as volume_file:
+            volume_file.write(0, slices[:2])
+            volume_file.write(2, slices[2:])
+        return path, slices
+
+    return write
+
+
+def test_slices_say_where_they_lie_along_the_log(volume):
+    path, slices = volume(20.0)
+    read = list(volume_slices(path, [2, 0]))
+    np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
+    assert [one.label for one in read] == ["slice 2, 100 mm", "slice 0, 60 mm"]
+    with pytest.raises(OutOfRange, match="slice must be between 0 and 2, not 3"):
+        list(volume_slices(path, [0, 3]))
+
+
+def test_side_views_are_the_densest_along_their_axis(volume):
+    path, slices = volume(20.0)
+    along_x, along_y = side_view(path, "x"), side_view(path, "y")
+    np.testing.assert_array_equal(along_x.data, slices.max(axis=1))
+    np.testing.assert_array_equal(along_y.data, slices.max(axis=2))
+    assert (along_x.across, along_x.across_mm, along_x.along_mm) == ("y", (-25.0, -15.0), (50.0, 110.0))
+    assert (along_y.across, along_y.across_mm, along_y.unit) == ("x", (5.0, 15.0), "1/mm")
+
+
+def test_a_side_view_of_slices_without_spacing_has_no_length(volume):
+    assert side_view(volume(None)[0], "x").along_mm is None
+
+
+@pytest.mark.parametrize("row", [-1, 3])
+def test_a_row_that_is_not_there_is_told_with_the_range(scan, row):
+    with pytest.raises(OutOfRange, match=f"row must be between 0 and 2, not {row}"):
+        sinogram(scan, row)

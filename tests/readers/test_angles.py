@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AngleList, AngleSteps, parse_angles, read_angles_file
+
+
+def test_start_and_step():
+    given = parse_angles("0.5:1")
+    assert given == AngleSteps(0.5, 1.0)
+    np.testing.assert_array_equal(given.expand(3), [0.5, 1.5, 2.5])
+
+
+def test_steps_may_run_backwards():
+    np.testing.assert_array_equal(parse_angles("10 : -2.5").expand(3), [10, 7.5, 5])
+
+
+def test_list():
+    assert parse_angles("0, 1.5,-2e1") == AngleList((0.0, 1.5, -20.0))
+
+
+@pytest.mark.parametrize("text", ["", "a:1", "0:1:2", "1,,2", "nan", "inf:1", "0:", "zero"])
+def test_anything_else_is_refused(text):
+    with pytest.raises(UnreadableScan, match=r"START:STEP, as in 0\.5:1") as refusal:
+        parse_angles(text)
+    assert refusal.value.code == "angles-malformed"
+
+
+def test_step_of_nothing():
+    with pytest.raises(UnreadableScan, match="must not be 0 degrees"):
+        parse_angles("5:0")
+
+
+def test_file_with_comments(tmp_path):
+    path = tmp_path / "angles.txt"
+    path.write_text("# degrees\n0.5\n\n1.25 # the second\n  300\n", encoding="utf-8-sig")
+    assert read_angles_file(path) == AngleList((0.5, 1.25, 300.0))
+
+
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [(b"# none\n", "holds no angle"), (b"\xff\xfe\x00", "is not a text"), (b"0\nx\n", "not 'x'")],
+)
+def test_file_that_is_no_list(tmp_path, content, sentence):
+    path = tmp_path / "angles.txt"
+    path.write_bytes(content)
+    with pytest.raises(UnreadableScan, match=sentence):
+        read_angles_file(path)

@@ -1,0 +1,123 @@
+import numpy as np
+import pytest
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.canonical import CanonicalScan
+from sawmill_worker.readers.contents import Projections, held
+
+
+@pytest.fixture
+def parts(stack, angles_deg):
+    return {
+        "projections": held(stack),
+        "angles_rad": np.deg2rad(angles_deg),
+        "counts": True,
+        "flats": np.ones((2, *stack.shape[1:]), np.float32),
+        "darks": None,
+        "detector_pitch_mm": 1.5,
+        "row_pitch_mm": None,
+        "format": "npz",
+        "remarks": (),
+    }
+
+
+def read(parts, **said):
+    """All samples, in one block."""
+    (block,) = CanonicalScan(**parts, **said).blocks(2**20)
+    return block.samples
+
+
+def test_whole_scan_is_accepted_and_kept_as_it_is(parts, stack):
+    np.testing.assert_array_equal(read(parts), stack)
+
+
+# (6 views, 3 rows, 8 cells): a row of all views is 192 bytes, a view 96.
+@pytest.mark.parametrize(
+    ("together", "window", "shape"),
+    [
+        ((1, 1), 2**20, (6, 3)),
+        ((1, 1), 400, (6, 2)),
+        ((6, 1), 0, (6, 1)),
+        ((1, 3), 300, (3, 3)),
+        ((2, 3), 300, (2, 3)),
+        ((1, 3), 0, (1, 3)),
+        ((2, 2), 150, (2, 2)),
+        ((9, 9), 0, (6, 3)),
+    ],
+)
+def test_blocks_are_whole_pieces_within_the_window_and_hold_every_sample(parts, stack, together, window, shape):
+    of_file = parts["projections"]
+    scan = CanonicalScan(**(parts | {"projections": Projections(of_file.shape, of_file.read, together)}))
+    assert scan.block_shape(window) == shape
+    out = np.full_like(stack, np.nan)
+    for block in scan.blocks(window):
+        assert np.isnan(out[block.views, block.rows]).all()
+        out[block.views, block.rows] = block.samples
+    np.testing.assert_array_equal(out, stack)
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "code", "sentence"),
+    [
+        ("projections", lambda _: held(np.ones((6, 0, 8), np.float32)), "wrong-shape", r"must be \(views, rows, det"),
+        ("angles_rad", lambda a: a[:-1], "angles-mismatch", "5 angles for 6 views"),
+        ("angles_rad", lambda a: a * np.nan, "not-finite", "the angle of view 0 is nan"),
+        ("angles_rad", lambda a: a * 0, "angles-repeated", "views 0 and 1"),
+        ("flats", lambda _: None, "flats-missing", "at least one flat field"),
+        ("flats", lambda a: a[:0], "wrong-shape", "flat fields have the shape"),
+        ("flats", lambda a: a * np.inf, "not-finite", "flat 0, row 0, cell 0 is inf"),
+        ("counts", lambda _: False, "contradiction", "declared line integrals"),
+    ],
+)
+def test_each_disagreement_has_its_sentence(parts, name, change, code, sentence):
+    with pytest.raises(UnreadableScan, match=sentence) as refusal:
+        CanonicalScan(**(parts | {name: change(parts[name])}))
+    assert refusal.value.code == code
+
+
+class TestMissingRows:
+    def test_rows_lost_at_the_ends_are_kept_as_missing_where_allowed(self, parts, stack):
+        stack[1, 0] = stack[2, -1] = np.nan
+        assert np.isnan(read(parts, rows_missing=True)[1, 0]).all()
+
+    def test_elsewhere_they_are_refused_with_the_cure(self, parts, stack):
+        stack[1, 0] = np.nan
+        with pytest.raises(UnreadableScan, match=r"view 1, row 0 is NaN in every .* ask for align_rows") as refusal:
+            read(parts)
+        assert refusal.value.code == "not-finite"
+
+    def test_a_gap_is_no_loss_at_an_end(self, parts, stack):
+        stack[1, 1] = np.nan
+        with pytest.raises(UnreadableScan, match="view 1 lacks row 1 between others") as refusal:
+            read(parts, rows_missing=True)
+        assert refusal.value.code == "rows-missing"
+
+    def test_a_single_value_is_still_named_by_its_place(self, parts, stack):
+        stack[1, 0] = np.nan
+        stack[1, 2, 4] = np.inf
+        with pytest.raises(UnreadableScan, match="view 1, row 2, cell 4 is inf"):
+            read(parts, rows_missing=True)
+
+    def test_a_view_of_nothing_is_refused(self, parts, stack):
+        stack[1] = np.nan
+        with pytest.raises(UnreadableScan, match="view 1 has no signal"):
+            read(parts, rows_missing=True)
+
+    @pytest.mark.parametrize("window", [0, 96, 192])
+    def test_in_blocks_the_same_places_are_named(self, parts, stack, window):
+        of_file = parts["projections"]
+        parts["projections"] = Projections(of_file.shape, of_file.read, (1, 3) if window == 96 else (6, 1))
+        stack[1, 2, 4] = np.inf
+        with pytest.raises(UnreadableScan, match="view 1, row 2, cell 4 is inf"):
+            list(CanonicalScan(**parts, rows_missing=True).blocks(window))
+        stack[1, 2] = np.nan
+        with pytest.raises(UnreadableScan, match="view 1, row 2 is NaN in every cell"):
+            list(CanonicalScan(**parts).blocks(window))
+        stack[1, 0] = np.nan
+        list(CanonicalScan(**parts, rows_missing=True).blocks(window))
+        stack[1, 1] = np.nan
+        with pytest.raises(UnreadableScan, match="view 1 has no signal"):
+            list(CanonicalScan(**parts, rows_missing=True).blocks(window))
+        stack[1, ::2] = 1.0
+        with pytest.raises(UnreadableScan, match="view 1 lacks row 1 between others"):
+            list(CanonicalScan(**parts, rows_missing=True).blocks(window))

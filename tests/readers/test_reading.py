@@ -1,0 +1,321 @@
+"""Every format that can be read gives back what was put into it."""
+
+import shutil
+from dataclasses import replace
+from io import BytesIO
+from zipfile import ZIP_DEFLATED, ZipFile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AngleList, AngleSteps
+from sawmill_worker.readers.reading import reading_scan
+
+STEPS = AngleSteps(0.0, 60.0)
+
+
+def read_scan(path, **said):
+    """A scan with all of its projections in memory."""
+    with reading_scan(path, **said) as scan:
+        (block,) = scan.blocks(2**30)
+        return replace(scan, projections=block.samples)
+
+
+def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_deg):
+    scan = read_scan(nxtomo(), counts=True)
+    assert scan.format == "hdf5-nxtomo"
+    np.testing.assert_array_equal(scan.projections, stack)
+    assert scan.projections.dtype == np.float32
+    np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
+    assert np.all(scan.flats == 60_000)
+    assert scan.flats.shape[0] == 2
+    assert np.all(scan.darks == 7)
+    assert scan.detector_pitch_mm == pytest.approx(1.5)
+    assert scan.row_pitch_mm is None
+    assert scan.remarks == ("1 frames marked invalid (image_key 3) were left out.",)
+
+
+@pytest.mark.parametrize("unit", ["rad", "radian"])
+def test_nxtomo_angles_in_radians(nxtomo, angles_deg, unit):
+    scan = read_scan(nxtomo(angle_units=unit), counts=True)
+    np.testing.assert_allclose(scan.angles_rad, angles_deg, rtol=1e-14)
+
+
+@pytest.mark.parametrize(("unit", "value"), [("m", 0.0015), ("mm", 1.5), ("um", 1500.0), (b"micron", 1500.0)])
+def test_pixel_size_in_any_unit_of_length(nxtomo, unit, value):
+    def set_size(entry):
+        entry["instrument/detector/x_pixel_size"][()] = value
+        entry["instrument/detector/x_pixel_size"].attrs["units"] = unit
+
+    assert read_scan(nxtomo(set_size), counts=True).detector_pitch_mm == pytest.approx(1.5)
+
+
+def test_pixel_size_without_unit_is_ignored_with_a_remark(nxtomo):
+    scan = read_scan(nxtomo(lambda e: e["instrument/detector/x_pixel_size"].attrs.__delitem__("units")), counts=True)
+    assert scan.detector_pitch_mm is None
+    assert "instrument/detector/x_pixel_size was ignored: it has no units attribute." in scan.remarks
+
+
+def test_format_is_told_by_content_not_by_name(nxtomo, tmp_path, stack):
+    disguised = shutil.copy(nxtomo(), tmp_path / "scan.tif")
+    np.testing.assert_array_equal(read_scan(disguised, counts=True).projections, stack)
+
+
+def test_given_angles_win_over_angles_without_units_with_a_remark(nxtomo):
+    scan = read_scan(nxtomo(angle_units=None), counts=True, angles_deg=STEPS)
+    np.testing.assert_allclose(np.rad2deg(scan.angles_rad), np.arange(6) * 60.0)
+    assert any("no units attribute" in remark for remark in scan.remarks)
+
+
+def test_given_angles_that_agree_are_accepted(nxtomo, angles_deg):
+    scan = read_scan(nxtomo(), counts=True, angles_deg=AngleList(tuple(angles_deg + 5e-7)), detector_pitch_mm=1.5)
+    np.testing.assert_allclose(np.rad2deg(scan.angles_rad), angles_deg, atol=1e-6)
+
+
+def test_single_precision_angles_agree_with_their_double_precision_source(nxtomo):
+    exact = np.array([0.1, 60.1, 120.1, 180.1, 240.1, 359.1])
+
+    def store_single(entry):
+        units = entry["sample/rotation_angle"].attrs["units"]
+        del entry["sample/rotation_angle"]
+        entry["sample/rotation_angle"] = np.concatenate([np.zeros(4), exact]).astype(np.float32)
+        entry["sample/rotation_angle"].attrs["units"] = units
+
+    assert len(read_scan(nxtomo(store_single), counts=True, angles_deg=AngleList(tuple(exact))).angles_rad) == 6
+
+
+def test_soft_links_inside_the_file_are_followed(nxtomo, stack):
+    def relink(entry):
+        entry.move("instrument/detector/data", "real_data")
+        entry["instrument/detector/data"] = h5py.SoftLink("/scan_1/real_data")
+
+    np.testing.assert_array_equal(read_scan(nxtomo(relink), counts=True).projections, stack)
+
+
+def test_one_of_several_entries_is_chosen_by_dataset(nxtomo, stack):
+    path = nxtomo(lambda entry: entry.file.copy(entry, "scan_2"))
+    with pytest.raises(UnreadableScan, match=r"several NXtomo entries \(/scan_1, /scan_2\)") as refusal:
+        read_scan(path, counts=True)
+    assert refusal.value.code == "dataset-ambiguous"
+    np.testing.assert_array_equal(read_scan(path, counts=True, dataset="scan_2").projections, stack)
+
+
+@pytest.mark.parametrize("unit", [None, "degrees", "rad"])
+def test_data_exchange(tmp_path, stack, angles_deg, unit):
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["implements"] = "exchange"
+        file["exchange/data"] = stack.astype(np.uint16)
+        file["exchange/data_white"] = np.full((2, *stack.shape[1:]), 50_000, np.uint16)
+        file["exchange/data_dark"] = np.full(stack.shape[1:], 9, np.uint16)
+        file["exchange/theta"] = np.deg2rad(angles_deg) if unit == "rad" else angles_deg
+        if unit is not None:
+            file["exchange/theta"].attrs["units"] = unit
+    scan = read_scan(path, counts=True)
+    assert scan.format == "hdf5-data-exchange"
+    np.testing.assert_array_equal(scan.projections, stack)
+    np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-14)
+    assert scan.flats.shape == (2, 3, 8)
+    assert scan.darks.shape == (1, 3, 8)
+
+
+def test_plain_hdf5_takes_the_only_candidate_or_the_named_one(tmp_path, stack):
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["a/first"] = stack
+        file["note"] = "hello"
+    assert read_scan(path, counts=False, angles_deg=STEPS).format == "hdf5"
+    with h5py.File(path, "a") as file:
+        file["b/second"] = stack + 1
+    with pytest.raises(UnreadableScan, match=r"a/first \(6, 3, 8\), b/second \(6, 3, 8\)"):
+        read_scan(path, counts=False, angles_deg=STEPS)
+    chosen = read_scan(path, counts=False, dataset="/b/second", angles_deg=STEPS)
+    np.testing.assert_array_equal(chosen.projections, stack + 1)
+
+
+def test_plain_hdf5_takes_a_link_by_its_name(tmp_path, stack):
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["a/sino"], file["b"] = stack, stack
+        file["z"] = h5py.SoftLink("/a/sino")
+    np.testing.assert_array_equal(read_scan(path, counts=False, dataset="z", angles_deg=STEPS).projections, stack)
+
+
+def test_groups_that_contain_themselves_end(tmp_path, stack):
+    path = tmp_path / "scan.h5"
+    with h5py.File(path, "w") as file:
+        file["group/sino"] = stack
+        file["group/again"] = file["group"]
+    np.testing.assert_array_equal(read_scan(path, counts=False, angles_deg=STEPS).projections, stack)
+
+
+@pytest.mark.parametrize("options", [{}, {"compression": "zlib"}, {"bigtiff": True}, {"byteorder": ">"}])
+def test_multi_page_tiff(tmp_path, stack, options):
+    path = tmp_path / "scan.tif"
+    tifffile.imwrite(path, stack.astype(np.uint16), photometric="minisblack", **options)
+    scan = read_scan(path, counts=False, angles_deg=STEPS)
+    assert scan.format == "tiff"
+    np.testing.assert_array_equal(scan.projections, stack)
+
+
+def test_tiff_with_one_page_is_a_sinogram(tmp_path, stack):
+    path = tmp_path / "sinogram.tif"
+    tifffile.imwrite(path, stack[:, 0])
+    scan = read_scan(path, counts=False, angles_deg=STEPS)
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    assert "sinogram of one row" in scan.remarks[0]
+
+
+def _tiff_bytes(frame):
+    stream = BytesIO()
+    tifffile.imwrite(stream, frame.astype(np.uint16))
+    return stream.getvalue()
+
+
+def test_zip_of_tiffs_sorts_naturally_and_knows_flats_and_darks(tmp_path, rng):
+    frames = rng.integers(0, 60_000, (12, 3, 8))
+    path = tmp_path / "scan.zip"
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for view in (11, 2, 0, 1, 10, 9, 8, 3, 4, 5, 6, 7):
+            archive.writestr(f"scan/view-{view}.tif", _tiff_bytes(frames[view]))
+        archive.writestr("scan/Flats/0.tif", _tiff_bytes(np.full((3, 8), 50_000)))
+        archive.writestr("scan/dark_1.tif", _tiff_bytes(np.full((3, 8), 5)))
+        archive.writestr("__MACOSX/scan/view-0.tif", b"not a tiff")
+        archive.writestr("scan/readme.txt", b"hello")
+    scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 30))
+    assert scan.format == "zip-of-tiffs"
+    np.testing.assert_array_equal(scan.projections, frames)
+    assert np.all(scan.flats == 50_000)
+    assert np.all(scan.darks == 5)
+    assert scan.remarks == ("2 files that are no TIFFs were ignored.",)
+
+
+@pytest.mark.parametrize("dtype", ["<f8", ">f4", "<u2", "|i1", "<f2"])
+@pytest.mark.parametrize("order", ["C", "F"])
+def test_npy_of_any_real_type_and_order(tmp_path, rng, dtype, order):
+    values = np.asarray(rng.integers(0, 100, (6, 3, 8)), dtype=dtype, order=order)
+    np.save(tmp_path / "scan.npy", values)
+    scan = read_scan(tmp_path / "scan.npy", counts=False, angles_deg=STEPS)
+    np.testing.assert_array_equal(scan.projections, values)
+    assert scan.projections.dtype == np.float32
+
+
+def test_two_dimensional_data_become_one_row(tmp_path, stack):
+    np.save(tmp_path / "sinogram.npy", stack[:, 0])
+    scan = read_scan(tmp_path / "sinogram.npy", counts=False, angles_deg=STEPS)
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_npz_with_everything(tmp_path, stack, angles_deg, save):
+    save(
+        tmp_path / "scan.npz",
+        projections=stack,
+        angles_rad=np.deg2rad(angles_deg),
+        flats=np.full((2, 3, 8), 9e4),
+        darks=np.ones((3, 8)),
+        other=stack,
+    )
+    scan = read_scan(tmp_path / "scan.npz", counts=True)
+    assert scan.format == "npz"
+    np.testing.assert_array_equal(scan.projections, stack)
+    np.testing.assert_allclose(scan.angles_rad, np.deg2rad(angles_deg), rtol=1e-15)
+    assert scan.flats.shape == (2, 3, 8)
+    assert scan.darks.shape == (1, 3, 8)
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_mat_v5(tmp_path, stack, angles_deg, compressed):
+    contents = {"arr": stack[:, 0], "angles_deg": angles_deg, "comment": "text"}
+    scipy.io.savemat(tmp_path / "scan.mat", contents, do_compression=compressed)
+    scan = read_scan(tmp_path / "scan.mat", counts=False)
+    assert scan.format == "mat-v5"
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    np.testing.assert_allclose(np.rad2deg(scan.angles_rad), angles_deg)
+
+
+def test_mat_v73_is_transposed_with_a_remark(tmp_path, stack):
+    path = tmp_path / "scan.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        file["sinogram"] = stack[:, 0].T
+        file["sinogram"].attrs["MATLAB_class"] = np.bytes_(b"single")
+        file["label"] = np.zeros((8, 8), np.uint16)
+        file["label"].attrs["MATLAB_class"] = np.bytes_(b"char")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
+    scan = read_scan(path, counts=False, angles_deg=STEPS)
+    assert scan.format == "mat-v7.3"
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    assert "transposed" in scan.remarks[0]
+
+
+def test_counts_without_darks_say_so(tmp_path, stack):
+    np.savez(tmp_path / "scan.npz", data=stack, flats=np.ones((1, 3, 8)))
+    scan = read_scan(tmp_path / "scan.npz", counts=True, angles_deg=STEPS)
+    assert scan.darks is None
+    assert scan.remarks == ("There are no dark fields: the detector's offset was taken as zero.",)
+
+
+def test_closing_view_and_second_turn_are_allowed(tmp_path, stack):
+    np.save(tmp_path / "scan.npy", stack)
+    closing = read_scan(tmp_path / "scan.npy", counts=False, angles_deg=AngleSteps(0, 72))
+    assert np.rad2deg(closing.angles_rad[-1]) == pytest.approx(360)
+    assert len(read_scan(tmp_path / "scan.npy", counts=False, angles_deg=AngleSteps(0, 120)).angles_rad) == 6
+
+
+@pytest.mark.parametrize(
+    ("file", "shape", "kind"),
+    [
+        ("l-phantom/sinogram.mat", (360, 1, 768), "mat-v5"),
+        ("log-phantom/sinogram.npy", (360, 1, 768), "npy"),
+        ("log-phantom/truth.mat", (256, 1, 256), "mat-v7.3"),
+    ],
+)
+def test_published_files(published_data, file, shape, kind):
+    scan = read_scan(published_data / file, counts=False, angles_deg=AngleSteps(0.5, 1))
+    assert scan.projections.shape == shape
+    assert scan.format == kind
+
+
+def test_published_phantom_has_its_background(published_data):
+    scan = read_scan(published_data / "l-phantom/sinogram.mat", counts=False, angles_deg=AngleSteps(0.5, 1))
+    assert np.median(scan.projections) == pytest.approx(3.3477, abs=1e-3)
+
+
+def test_rows_of_zero_counts_are_missing_where_rows_may_be(tmp_path, stack, angles_deg):
+    stack[2, 0] = 0.0
+    flats = np.full((1, *stack.shape[1:]), 60_000.0, np.float32)
+    np.savez(tmp_path / "scan.npz", projections=stack, flats=flats, angles_deg=angles_deg)
+    kept = read_scan(tmp_path / "scan.npz", counts=True)
+    np.testing.assert_array_equal(kept.projections, stack)
+    missing = read_scan(tmp_path / "scan.npz", counts=True, rows_missing=True).projections
+    assert np.isnan(missing[2, 0]).all()
+    assert np.isnan(missing).sum() == stack.shape[2]
+
+
+def test_tiffs_that_lost_rows_are_read_as_lacking_them_at_the_bottom(tmp_path, rng):
+    frames = rng.integers(1, 60_000, (4, 6, 8))
+    path = tmp_path / "scan.zip"
+    with ZipFile(path, "w", ZIP_DEFLATED) as archive:
+        for view, rows in enumerate((6, 5, 4, 6)):
+            archive.writestr(f"view-{view}.tif", _tiff_bytes(frames[view, :rows]))
+        archive.writestr("flat.tif", _tiff_bytes(np.full((6, 8), 50_000)))
+    scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 90), rows_missing=True)
+    assert np.isnan(scan.projections).any(axis=2).sum(axis=1).tolist() == [0, 1, 2, 0]
+    assert np.isnan(scan.projections[2, 4:]).all()
+    np.testing.assert_array_equal(scan.projections[2, :4], frames[2, :4])
+    assert "Views of fewer than 6 rows were read as lacking rows at the bottom." in scan.remarks
+    with pytest.raises(UnreadableScan, match=r"view 1, row 5 is NaN in every cell; .* ask for align_rows"):
+        read_scan(path, counts=True, angles_deg=AngleSteps(0, 90))
+
+
+def test_tiffs_of_half_the_height_are_no_views_of_one_log(tmp_path):
+    with ZipFile(tmp_path / "scan.zip", "w") as archive:
+        for view, rows in enumerate((6, 2, 6)):
+            archive.writestr(f"view-{view}.tif", _tiff_bytes(np.ones((rows, 8))))
+    with pytest.raises(UnreadableScan, match="all must be of one size"):
+        read_scan(tmp_path / "scan.zip", counts=True, angles_deg=AngleSteps(0, 120), rows_missing=True)

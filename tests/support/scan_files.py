@@ -1,0 +1,60 @@
+"""Scans in files, which the tests of readers and of our own files share."""
+
+import os
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+VIEWS, ROWS, CELLS = 6, 3, 8
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20261120)
+
+
+@pytest.fixture
+def stack(rng):
+    """(views, rows, detector), exactly representable as float32 and uint16."""
+    return rng.integers(100, 60_000, (VIEWS, ROWS, CELLS)).astype(np.float32)
+
+
+@pytest.fixture
+def angles_deg():
+    return np.array([0.5, 60.5, 121.0, 180.5, 240.5, 300.25])
+
+
+@pytest.fixture
+def nxtomo(tmp_path, stack, angles_deg):
+    """Write an NXtomo file: one dark, two flats, one invalid frame, the views; change it through the returned group."""
+
+    def make(change=lambda _entry: None, angle_units="degree", data_options=None):
+        path = tmp_path / "scan.nxs"
+        darks, flats = np.full((1, ROWS, CELLS), 7), np.full((2, ROWS, CELLS), 60_000)
+        invalid = np.zeros((1, ROWS, CELLS))
+        frames = np.concatenate([darks, flats, invalid, stack]).astype(np.uint16)
+        with h5py.File(path, "w") as file:
+            entry = file.create_group("scan_1")
+            entry["definition"] = "NXtomo"
+            detector = entry.create_group("instrument/detector")
+            detector.create_dataset("data", data=frames, **(data_options or {}))
+            detector["image_key"] = [2, 1, 1, 3] + [0] * VIEWS
+            detector["x_pixel_size"] = 0.0015
+            detector["x_pixel_size"].attrs["units"] = "m"
+            entry["sample/rotation_angle"] = np.concatenate([np.zeros(4), angles_deg])
+            if angle_units is not None:
+                entry["sample/rotation_angle"].attrs["units"] = angle_units
+            change(entry)
+        return path
+
+    return make
+
+
+@pytest.fixture
+def published_data():
+    folder = Path(os.environ.get("SAWMILL_PUBLISHED_DATA", Path(__file__).parents[3] / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"the published data are not at {folder}; name their folder in SAWMILL_PUBLISHED_DATA")
+    return folder

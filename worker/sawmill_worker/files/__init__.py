@@ -1,0 +1,1 @@
+"""The layout of our own files: what is written, and how it is read back."""

@@ -1,0 +1,80 @@
+"""The one way in which a file is refused, and the one place where a library's complaint becomes a sentence."""
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+LONGEST_QUOTE = 200
+
+# The machine's troubles, not the file's: another attempt may do better.
+MACHINE_ERRORS = frozenset({errno.EIO, errno.ESTALE, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT})
+
+
+class UnreadableScan(Exception):  # noqa: N818 - it names the thing that cannot be read, as its users say it
+    """A file, or what was said of it, that cannot be used as a scan.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: `empty-file`, `unknown-format`, `broken-file`, `truncated-file`, `too-large`,
+        `external-storage`, `unsupported-storage`, `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`,
+        `angles-missing`, `angles-mismatch`, `angles-malformed`, `angles-repeated`, `not-finite`, `flats-missing`,
+        `contradiction`, `unsafe-archive`.
+    """
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class OutOfRange(Exception):  # noqa: N818 - an outcome's name, as in `storage.errors`
+    """An index that a file of ours does not have; `code` is stable, for programs."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class NotStored(Exception):  # noqa: N818
+    """Something that a file of ours may hold and this one does not; `code` is stable, for programs."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+def check_index(name: str, index: int, length: int) -> None:
+    """Refuse an index outside 0 .. length - 1.
+
+    Raises
+    ------
+    OutOfRange
+        `row-out-of-range` or `slice-out-of-range`, as `name` is.
+    """
+    if not 0 <= index < length:
+        raise OutOfRange(f"{name}-out-of-range", f"{name} must be between 0 and {length - 1}, not {index}")
+
+
+@contextmanager
+def library_errors_translated(what: str) -> Iterator[None]:
+    """Turn whatever a parsing library raises on a damaged file into `UnreadableScan`, the cause chained.
+
+    The libraries document no closed list of exceptions for hostile input, so all of them are taken, apart from those
+    that tell of the machine (memory, disk) and nothing about the file.
+    """
+    try:
+        yield
+    except (UnreadableScan, MemoryError):
+        raise
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
+            raise
+        reason = quoted(str(error) or type(error).__name__)
+        code = "truncated-file" if "truncated file" in reason else "broken-file"
+        raise UnreadableScan(code, f"this {what} file is incomplete or damaged ({reason}); export it again") from error
+
+
+def quoted(text: str) -> str:
+    """Shorten foreign text to one printable line, fit to stand inside a sentence."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
+    return line if len(line) <= LONGEST_QUOTE else line[: LONGEST_QUOTE - 3] + "..."

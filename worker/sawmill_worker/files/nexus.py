@@ -1,0 +1,91 @@
+"""The pieces of NeXus that all written files share."""
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from types import MappingProxyType
+from typing import Any
+
+import h5py
+import numpy as np
+from numpy.typing import ArrayLike
+
+CHUNK_BYTES = 16 * 2**20
+PROGRAM = "sawmill-calibration"
+# Lossless, and of the filters that every HDF5 library has.
+PACKED = MappingProxyType({"compression": "gzip", "compression_opts": 1, "shuffle": True})
+
+UNIT_SUFFIXES = frozenset({"mm", "rad", "deg", "s"})
+
+
+def new_entry(file: h5py.File, definition: str | None = None) -> h5py.Group:
+    """The NXentry of a new file, with its definition and the time of writing."""
+    file.attrs["default"] = "entry"
+    entry = new_group(file, "entry", "NXentry")
+    if definition is not None:
+        entry["definition"] = definition
+    entry["start_time"] = datetime.now(UTC).isoformat(timespec="seconds")
+    return entry
+
+
+def new_group(parent: h5py.Group, name: str, nx_class: str) -> h5py.Group:
+    """A group of a NeXus class."""
+    group = parent.create_group(name)
+    group.attrs["NX_class"] = nx_class
+    return group
+
+
+def write_process(entry: h5py.Group, name: str, software_version: str, input_sha256: str) -> h5py.Group:
+    """Which program wrote a file, when, and from which scan."""
+    process = new_group(entry, name, "NXprocess")
+    process["program"], process["version"] = PROGRAM, software_version
+    process["date"] = datetime.now(UTC).isoformat(timespec="seconds")
+    process["input_sha256"] = input_sha256
+    return process
+
+
+def write_scalar(group: h5py.Group, name: str, value: ArrayLike, units: str) -> None:
+    """A number or a short list of numbers with its unit."""
+    group[name] = value
+    group[name].attrs["units"] = units
+
+
+def unit_of(name: str) -> str | None:
+    """The unit that a name ends in, as `detector_pitch_mm` does; None where it ends in none."""
+    if name.endswith("_per_mm"):
+        return "1/mm"
+    _, separator, suffix = name.rpartition("_")
+    return suffix if separator and suffix in UNIT_SUFFIXES else None
+
+
+def write_mapping(parent: h5py.Group, name: str, values: Mapping[str, Any], units: str | None = None) -> None:
+    """Nested JSON-able values as groups of datasets, each with the unit that its name, or its group's name, ends in.
+
+    Null becomes an empty dataset, a list of texts an array of them; any other list that is no array of one type
+    becomes its JSON text.
+    """
+    group = new_group(parent, name, "NXcollection")
+    for key, value in values.items():
+        unit = unit_of(key) or units
+        if isinstance(value, Mapping):
+            write_mapping(group, key, value, unit)
+            continue
+        group[key] = _as_dataset(value)
+        if unit is not None and not isinstance(value, str):
+            group[key].attrs["units"] = unit
+
+
+def _as_dataset(value: Any) -> Any:  # noqa: ANN401 - walks any JSON value
+    if value is None:
+        return h5py.Empty("f8")
+    if not isinstance(value, list | tuple):
+        return value
+    if all(isinstance(text, str) for text in value):
+        return np.array(value, h5py.string_dtype())
+    try:
+        array = np.array(value)
+    except ValueError:
+        return json.dumps(value)
+    if array.dtype.kind in "biuf":
+        return array
+    return json.dumps(value)

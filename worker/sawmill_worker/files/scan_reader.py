@@ -1,0 +1,144 @@
+"""Reading back the scans of `scan_writer`: whole, some rows and views, or one sinogram."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import check_index, library_errors_translated
+from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.files.scan_layout import AIR_LEVEL, ANGLES, CELL_PITCH, DATA, ROW_PITCH
+
+
+@dataclass(frozen=True, eq=False)
+class StoredScan:
+    """A scan, or the rows and views of it that were asked for.
+
+    Attributes
+    ----------
+    line_integrals : (views, rows, detector) float32, dimensionless
+    angles_rad : (views,) float64
+    air_level : (rows, detector) float32, counts, or None
+        Mean flat less mean dark field; None where the scan was given as line integrals.
+    detector_pitch_mm : float
+    row_pitch_mm : float or None
+    """
+
+    line_integrals: NDArray[np.float32]
+    angles_rad: NDArray[np.float64]
+    air_level: NDArray[np.float32] | None
+    detector_pitch_mm: float
+    row_pitch_mm: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class OpenScan:
+    """A file of `new_scan` held open: what it says, and its rows as they are needed.
+
+    Attributes
+    ----------
+    shape : (views, rows, detector)
+        Of the whole scan.
+    angles_rad : (views,) float64
+    detector_pitch_mm : float
+    row_pitch_mm : float or None
+    data, air_level : dataset
+        The line integrals, and the air level of counts.
+    """
+
+    shape: tuple[int, int, int]
+    angles_rad: NDArray[np.float64]
+    detector_pitch_mm: float
+    row_pitch_mm: float | None
+    data: h5py.Dataset
+    air_level: h5py.Dataset | None
+
+    def rows(self, wanted: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
+        """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
+
+        Raises
+        ------
+        UnreadableScan
+            Where they are damaged.
+        """
+        # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
+        with library_errors_translated("HDF5"):
+            stack: NDArray[np.float32] = self.data[:, slice(wanted.start, wanted.stop, wanted.step), :]
+        return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
+
+
+@contextmanager
+def open_scan(path: Path) -> Iterator[OpenScan]:
+    """Open a file that this product wrote; uploads go through `reading_scan`."""
+    with open_hdf5(path) as file:
+        yield OpenScan(
+            shape=file[DATA].shape,
+            angles_rad=np.deg2rad(file[ANGLES][()]),
+            detector_pitch_mm=float(file[CELL_PITCH][()]),
+            row_pitch_mm=float(file[ROW_PITCH][()]) if ROW_PITCH in file else None,
+            data=file[DATA],
+            air_level=file.get(AIR_LEVEL),
+        )
+
+
+def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
+    """Read a file of `new_scan`, or part of it.
+
+    Parameters
+    ----------
+    path : Path
+        A file that this product wrote; uploads go through `reading_scan`.
+    rows : slice, optional
+        Detector rows, with step 1; all by default.
+    views : (n,) integers, optional
+        Views in the order wanted; all by default.
+    """
+    wanted = rows or slice(None)
+    with open_scan(path) as scan:
+        return StoredScan(
+            line_integrals=scan.rows(wanted, views),
+            angles_rad=scan.angles_rad if views is None else scan.angles_rad[views],
+            air_level=None if scan.air_level is None else scan.air_level[wanted, :],
+            detector_pitch_mm=scan.detector_pitch_mm,
+            row_pitch_mm=scan.row_pitch_mm,
+        )
+
+
+@dataclass(frozen=True)
+class Sinogram:
+    """One detector row of a scan.
+
+    Attributes
+    ----------
+    data : (views, detector) float32
+        Line integrals, dimensionless.
+    angles_deg : (views,) float64
+        Each view's angle.
+    pitch_mm
+        Distance between detector cells.
+    """
+
+    data: NDArray[np.float32]
+    angles_deg: NDArray[np.float64]
+    pitch_mm: float
+
+
+def sinogram(path: Path, row: int) -> Sinogram:
+    """Read one detector row of scan.h5.
+
+    Raises
+    ------
+    OutOfRange
+        The scan has no such row.
+    """
+    with open_hdf5(path) as file:
+        check_index("row", row, file[DATA].shape[1])
+        return Sinogram(
+            data=file[DATA][:, row, :],
+            angles_deg=file[ANGLES][:].astype(np.float64),
+            pitch_mm=float(file[CELL_PITCH][()]),
+        )

@@ -1,0 +1,104 @@
+"""Checks that hold for an array of any format, most of them made before its data are read."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import UnreadableScan
+
+MAX_BYTES = 8 * 2**30
+
+# Deflate packs at most 1032 to 1; below a few MiB even an empty promise does no harm.
+LARGEST_RATIO = 1000
+HARMLESS_BYTES = 16 * 2**20
+# Data that cannot be packed grow by less than this in every packing that is read.
+MOST_GROWTH = 1.01
+PACKING_BYTES = 64 * 2**10
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """How many bytes may be read, as float32 or as stored, whichever is more.
+
+    Attributes
+    ----------
+    array : int
+        Of an array that is read a block at a time.
+    piece : int
+        In memory at once: of an array that is read as a whole, or of what a file stores in one piece.
+    """
+
+    array: int
+    piece: int
+
+    @property
+    def whole(self) -> "Bounds":
+        """Those of arrays that are read as a whole."""
+        return Bounds(self.piece, self.piece)
+
+
+def check_number_type(what: str, dtype: np.dtype[Any]) -> None:
+    """Refuse everything but real numbers: `wrong-type`."""
+    if dtype.kind not in "iuf":
+        raise UnreadableScan(
+            "wrong-type", f"{what} is of type {dtype.name}; a scan holds integers or floating-point numbers"
+        )
+
+
+def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: int, max_bytes: int) -> None:
+    """Refuse an array that is larger than allowed, or far larger than what is stored of it: `too-large`."""
+    elements = math.prod(shape)
+    needed, declared = elements * max(itemsize, 4), elements * itemsize
+    if needed > max_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} needs {needed} bytes as {'float32' if itemsize <= 4 else 'stored'} and at most {max_bytes} are "
+            "allowed or free; upload fewer rows",
+        )
+    if declared > HARMLESS_BYTES and stored_bytes * LARGEST_RATIO < declared:
+        raise UnreadableScan(
+            "too-large", f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them"
+        )
+
+
+def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
+    """Refuse what is stored in more bytes than packing makes of those declared, and so unpacks to more: `too-large`."""
+    if stored_bytes > MOST_GROWTH * declared_bytes + PACKING_BYTES:
+        raise UnreadableScan(
+            "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
+        )
+
+
+def check_scan_dimensions(what: str, shape: Sequence[int]) -> None:
+    """Refuse projections that are neither (views, detector) nor (views, rows, detector): `wrong-shape`."""
+    if len(shape) not in {2, 3} or 0 in shape:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{what} has the shape {tuple(shape)}; projections are (views, rows, detector) or (views, detector)",
+        )
+
+
+def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
+    """Convert to contiguous float32; what float32 cannot hold becomes infinite and is refused later, with its place."""
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(array, dtype=np.float32)
+
+
+def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
+    """Flat or dark fields as (n, rows, detector), beside projections of so many dimensions (2 or 3).
+
+    Fields with one dimension less than the projections are a single one.
+    """
+    if fields.ndim == dimensions - 1:
+        fields = fields[np.newaxis]
+    if fields.ndim != dimensions:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"the flat or dark fields have the shape {fields.shape} beside projections of {dimensions} dimensions; "
+            "give (n, rows, detector) or (rows, detector)",
+        )
+    return fields[:, np.newaxis, :] if dimensions == 2 else fields

@@ -1,0 +1,96 @@
+"""Any HDF5 file: which layout it has, and plain datasets where it has none (MATLAB 7.3 files among them)."""
+
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import h5py
+from numpy.typing import NDArray
+
+from sawmill_worker.files import nxtomo
+from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.readers.arrays import Bounds
+from sawmill_worker.readers.contents import FileContents, Projections
+from sawmill_worker.readers.hdf5_exchange import DATA as EXCHANGE_DATA
+from sawmill_worker.readers.hdf5_exchange import is_exchange, read_exchange
+from sawmill_worker.readers.hdf5_guard import attribute_text, check_dataset, datasets, find, read_float32
+from sawmill_worker.readers.hdf5_nxtomo import find_entries, read_nxtomo
+from sawmill_worker.readers.hdf5_projections import all_views, transposed
+from sawmill_worker.readers.mat import MATLAB_NUMBERS
+from sawmill_worker.readers.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+
+
+def read_hdf5(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
+    """Read an HDF5 file of any layout, which stays open for its projections.
+
+    Raises
+    ------
+    UnreadableScan
+        When the file has no scan, several without a choice, or one that must not be read.
+    """
+    file = files.enter_context(open_hdf5(path))
+    entry = _choose_entry(file, dataset)
+    if entry is not None:
+        return read_nxtomo(entry, bounds)
+    if is_exchange(file) and (dataset is None or dataset.strip("/") == EXCHANGE_DATA):
+        return read_exchange(file, bounds)
+    return _read_plain(file, dataset, bounds)
+
+
+def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
+    entries = find_entries(file)
+    if dataset is not None:
+        wanted = find(file, f"/{dataset}")
+        if wanted is None:
+            return None
+        return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA))), None)
+    if len(entries) > 1:
+        names = ", ".join(quoted(entry.name) for entry in entries)
+        raise UnreadableScan(
+            "dataset-ambiguous", f"the file holds several NXtomo entries ({names}); name the right one with dataset"
+        )
+    return entries[0] if entries else None
+
+
+def _read_plain(file: h5py.File, dataset: str | None, bounds: Bounds) -> FileContents:
+    found = dict(datasets(file))
+    named = None if dataset is None else find(file, f"/{dataset}")
+    if dataset is not None and isinstance(named, h5py.Dataset):
+        found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
+    matlab = any("MATLAB_class" in node.attrs for node in found.values())
+    arrays = NamedArrays(
+        format="mat-v7.3" if matlab else "hdf5",
+        infos={name: _info(node) for name, node in found.items()},
+        load=partial(_load, found, bounds.whole),
+        projections=partial(_projections, found, bounds),
+    )
+    remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
+    return read_named_arrays(arrays, dataset, remarks)
+
+
+def _info(node: h5py.Dataset) -> ArrayInfo:
+    shape = node.shape or ()
+    matlab_class = attribute_text(node, "MATLAB_class")
+    numeric = node.dtype.kind in "iuf" and (matlab_class is None or matlab_class in MATLAB_NUMBERS)
+    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric)
+
+
+def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
+    node, where = found[name], repr(quoted(name))
+    check_dataset(where, node, bounds)
+    if node.attrs.get("MATLAB_empty"):
+        raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
+    return node
+
+
+def _projections(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> Projections:
+    node = _checked(found, bounds, name)
+    return transposed(node) if "MATLAB_class" in node.attrs else all_views(node)
+
+
+def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[Any]:
+    node = _checked(found, bounds, name)
+    values = node.astype("f8")[()] if name in {"angles_deg", "angles_rad"} else read_float32(node)
+    return values.T if "MATLAB_class" in node.attrs else values

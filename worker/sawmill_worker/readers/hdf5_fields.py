@@ -1,0 +1,49 @@
+"""Angles and pixel sizes, which both HDF5 layouts keep as datasets with a units attribute."""
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.readers.arrays import Bounds
+from sawmill_worker.readers.hdf5_guard import Node, attribute_text, numbers
+from sawmill_worker.readers.units import length_of, to_degrees
+
+
+def read_angles(
+    start: Node, path: str, bounds: Bounds, *, default_unit: str | None
+) -> tuple[NDArray[np.float64] | None, str | None]:
+    """Angles in degrees, or None and the reason why they cannot be used.
+
+    Returns
+    -------
+    (n,) float64 in degrees or None, and a sentence or None
+        Both None where the file has no angles at all.
+    """
+    dataset = numbers(start, path, bounds)
+    if dataset is None:
+        return None, None
+    values = _read_vector(dataset, path)
+    unit = attribute_text(dataset, "units") or default_unit
+    if unit is None:
+        return None, f"the angles in {path} have no units attribute"
+    angles_deg = to_degrees(values, unit)
+    if angles_deg is None:
+        return None, f"the unit {quoted(unit)!r} of the angles in {path} is not a known unit of angle"
+    return angles_deg, None
+
+
+def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
+    """A pixel size in mm or None, and the remark that says why it was ignored."""
+    dataset = numbers(start, path, bounds)
+    if dataset is None:
+        return None, ()
+    unit = attribute_text(dataset, "units")
+    length_mm, problem = length_of(_read_vector(dataset, path), None if unit is None else quoted(unit))
+    return length_mm, () if problem is None else (f"{path} was ignored: {problem}.",)
+
+
+def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:
+    if dataset.size != max(dataset.shape, default=1):
+        raise UnreadableScan("wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers")
+    return np.asarray(dataset[()], dtype=np.float64).reshape(-1)

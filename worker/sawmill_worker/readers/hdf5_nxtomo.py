@@ -1,0 +1,110 @@
+"""HDF5 in the NXtomo layout: one stack of frames, an image key and an angle for each."""
+
+from dataclasses import dataclass
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.files.nxtomo import (
+    ANGLES,
+    CELL_PITCH,
+    DARK,
+    DATA,
+    DEFINITION,
+    FLAT,
+    IMAGE_KEY,
+    INVALID,
+    PROJECTION,
+    ROW_PITCH,
+)
+from sawmill_worker.readers.arrays import Bounds, check_scan_dimensions, check_size
+from sawmill_worker.readers.contents import FileContents
+from sawmill_worker.readers.hdf5_fields import read_angles, read_pitch
+from sawmill_worker.readers.hdf5_guard import Node, children, numbers, read_frames, read_text
+from sawmill_worker.readers.hdf5_projections import chosen_views
+
+
+def find_entries(file: h5py.File) -> list[h5py.Group]:
+    """Every group, at the top or one level below it, whose `definition` is NXtomo."""
+    top = [node for _, node in children(file["/"]) if isinstance(node, h5py.Group)]
+    below = [node for group in top if not _is_nxtomo(group) for _, node in children(group)]
+    return [group for group in (*top, *below) if _is_nxtomo(group)]
+
+
+def _is_nxtomo(node: Node) -> bool:
+    return isinstance(node, h5py.Group) and read_text(node, "definition") == DEFINITION
+
+
+def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
+    """Read one NXtomo entry.
+
+    Raises
+    ------
+    UnreadableScan
+        When a part is missing, or the parts do not agree.
+    """
+    dataset = numbers(entry, DATA, bounds)
+    if dataset is None:
+        raise UnreadableScan("dataset-missing", f"the NXtomo entry {entry.name!r} has no {DATA}")
+    check_scan_dimensions(DATA, dataset.shape)
+    keys = _read_image_key(entry, len(dataset), bounds.whole)
+    angles_deg, problem = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
+    if angles_deg is not None and len(angles_deg) != len(dataset):
+        raise UnreadableScan(
+            "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} frames; each frame needs one"
+        )
+    detector_pitch_mm, remarks_x = read_pitch(entry, CELL_PITCH, bounds.whole)
+    row_pitch_mm, remarks_y = read_pitch(entry, ROW_PITCH, bounds.whole)
+    return FileContents(
+        format="hdf5-nxtomo",
+        projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
+        flats=_fields(dataset, keys.values, FLAT, bounds),
+        darks=_fields(dataset, keys.values, DARK, bounds),
+        angles_deg=None if angles_deg is None else angles_deg[keys.values == PROJECTION],
+        angles_unusable=problem,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+        remarks=(*keys.remarks, *remarks_x, *remarks_y),
+    )
+
+
+@dataclass(frozen=True)
+class _ImageKeys:
+    values: NDArray[np.int64]
+    remarks: tuple[str, ...]
+
+
+def _read_image_key(entry: h5py.Group, frames: int, bounds: Bounds) -> _ImageKeys:
+    dataset = numbers(entry, IMAGE_KEY, bounds)
+    if dataset is None:
+        return _ImageKeys(np.zeros(frames, dtype=np.int64), (f"{IMAGE_KEY} is missing: every frame is a projection.",))
+    if dataset.shape != (frames,):
+        raise UnreadableScan(
+            "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {frames} frames; each frame needs one key"
+        )
+    raw = np.asarray(dataset[()], dtype=np.float64)
+    unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID))
+    if unknown.any():
+        frame = int(np.argmax(unknown))
+        raise UnreadableScan(
+            "wrong-type",
+            f"{IMAGE_KEY} of frame {frame} is {raw[frame]:g}; "
+            "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
+        )
+    invalid = int(np.count_nonzero(raw == INVALID))
+    remarks = (f"{invalid} frames marked invalid (image_key 3) were left out.",) if invalid else ()
+    return _ImageKeys(raw.astype(np.int64), remarks)
+
+
+def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
+    frames = np.flatnonzero(keys == key)
+    check_size(
+        f"{DATA} of image_key {key}",
+        (len(frames), *dataset.shape[1:]),
+        dataset.dtype.itemsize,
+        stored_bytes=dataset.id.get_storage_size(),
+        max_bytes=bounds.piece,
+    )
+    return read_frames(dataset, frames) if len(frames) else None

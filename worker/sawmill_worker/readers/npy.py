@@ -1,0 +1,137 @@
+"""NumPy's own files, never with pickled objects, their headers held against what is really there."""
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+from zipfile import ZipFile
+
+import numpy as np
+from numpy.lib import format as npy_format
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.readers.archives import members
+from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type, check_scan_dimensions, check_size
+from sawmill_worker.readers.contents import FileContents, Projections, held
+from sawmill_worker.readers.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+
+# Of a file, mapped at a time.
+PIECE_BYTES = 16 * 2**20
+
+
+@dataclass(frozen=True)
+class NpyHeader:
+    """What a NPY header declares."""
+
+    shape: tuple[int, ...]
+    fortran_order: bool
+    dtype: np.dtype[Any]
+
+    @property
+    def data_bytes(self) -> int:
+        """How many bytes of data must follow."""
+        return math.prod(self.shape) * self.dtype.itemsize
+
+
+def read_npy(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> FileContents:
+    """Read a NPY file.
+
+    Raises
+    ------
+    UnreadableScan
+        When it holds objects, fewer data than it declares, or no projections.
+    """
+    if dataset is not None:
+        raise UnreadableScan(
+            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(dataset)!r}"
+        )
+    with path.open("rb") as stream:
+        header = read_header(stream)
+        offset = stream.tell()
+    present = path.stat().st_size - offset
+    _check_header("the array", header, present, bounds.array)
+    check_scan_dimensions("the array", header.shape)
+    return FileContents(format="npy", projections=_projections(path, header, offset))
+
+
+def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
+    order: Literal["F", "C"] = "F" if header.fortran_order else "C"
+    views, *rows, cells = header.shape
+    shape, slowest = (views, rows[0] if rows else 1, cells), 2 if header.fortran_order else 0
+
+    def read(views: slice, rows: slice) -> NDArray[np.float32]:
+        wanted = [views, rows, slice(0, cells)]
+        block = np.empty([part.stop - part.start for part in wanted], dtype=np.float32)
+        first, length = wanted[slowest].start, block.shape[slowest]
+        step = max(1, PIECE_BYTES * length // max(1, block.size * header.dtype.itemsize))
+        for start in range(0, length, step):
+            at = slice(start, min(start + step, length))
+            wanted[slowest] = slice(first + at.start, first + at.stop)
+            # Mapped anew for each piece: what was read stays in the process's memory as long as the mapping does.
+            stored = np.memmap(path, header.dtype, "r", offset, shape, order)
+            with np.errstate(over="ignore"):
+                block[(slice(None),) * slowest + (at,)] = stored[tuple(wanted)]
+        return block
+
+    return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
+
+
+def read_npz(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
+    """Read an archive of NPY files; only the arrays that are needed are unpacked.
+
+    Raises
+    ------
+    UnreadableScan
+        When it is unsafe to unpack, or holds no projections.
+    """
+    with ZipFile(path) as archive:
+        headers: dict[str, NpyHeader] = {}
+        for info in members(archive, max_bytes):
+            with archive.open(info) as stream:
+                headers[info.filename.removesuffix(".npy")] = read_header(stream)
+        load = partial(_load, archive, headers, max_bytes)
+        arrays = NamedArrays(
+            format="npz",
+            infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
+            load=load,
+            projections=lambda name: held(as_float32(load(name))),
+        )
+        return read_named_arrays(arrays, dataset)
+
+
+def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO
+    """Read magic and header, leaving the stream at the first byte of data."""
+    version = npy_format.read_magic(stream)
+    if version == (1, 0):
+        shape, fortran_order, dtype = npy_format.read_array_header_1_0(stream)
+    elif version == (2, 0):
+        shape, fortran_order, dtype = npy_format.read_array_header_2_0(stream)
+    else:
+        raise UnreadableScan("wrong-type", f"NPY version {version} is for records; store a plain array of numbers")
+    if any(n < 0 for n in shape):
+        raise UnreadableScan("wrong-shape", f"the array declares the shape {shape}; no length can be negative")
+    return NpyHeader(tuple(int(n) for n in shape), bool(fortran_order), dtype)
+
+
+def _load(archive: ZipFile, headers: dict[str, NpyHeader], max_bytes: int, name: str) -> NDArray[Any]:
+    info = archive.getinfo(f"{name}.npy")
+    with archive.open(info) as stream:
+        header = read_header(stream)
+        _check_header(repr(quoted(name)), header, info.file_size - stream.tell(), max_bytes)
+        data = stream.read(header.data_bytes)
+    values = np.frombuffer(data, dtype=header.dtype)
+    return values.reshape(headers[name].shape, order="F" if header.fortran_order else "C")
+
+
+def _check_header(where: str, header: NpyHeader, present_bytes: int, max_bytes: int) -> None:
+    check_number_type(where, header.dtype)
+    if header.data_bytes > present_bytes:
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} declares {header.data_bytes} bytes of data and the file holds {max(present_bytes, 0)}; "
+            "export it again",
+        )
+    check_size(where, header.shape, header.dtype.itemsize, stored_bytes=present_bytes, max_bytes=max_bytes)

@@ -1,0 +1,55 @@
+"""Whether a file that somebody names is a scan of our own, to be read as it is."""
+
+from contextlib import suppress
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from sawmill_worker.files import nxtomo
+from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
+from sawmill_worker.files.hdf5 import open_hdf5
+from sawmill_worker.files.nexus import CHUNK_BYTES
+from sawmill_worker.files.scan_layout import (
+    AIR_LEVEL,
+    ANGLES,
+    CELL_PITCH,
+    DATA,
+    ENTRY,
+    LINE_INTEGRALS,
+    PROVENANCE,
+    ROW_PITCH,
+)
+from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
+from sawmill_worker.readers.hdf5_guard import attribute_text, find, numbers, read_text
+
+
+def is_own_scan(path: Path) -> bool:
+    """Whether a file of any kind is one of `files.scan_writer.new_scan`, whole and with all of its data in it.
+
+    One that only looks so is none: `reading_scan` says what is wrong with it.
+    """
+    if not h5py.is_hdf5(path):
+        return False
+    with suppress(UnreadableScan), library_errors_translated("HDF5"), open_hdf5(path) as file:
+        return _is_marked(file) and _is_whole(file)
+    return False
+
+
+def _is_marked(file: h5py.File) -> bool:
+    data = find(file, DATA)
+    own = read_text(file, f"{ENTRY}/definition") == nxtomo.DEFINITION and find(file, PROVENANCE) is not None
+    return own and data is not None and attribute_text(data, "long_name") == LINE_INTEGRALS
+
+
+def _is_whole(file: h5py.File) -> bool:
+    bounds = Bounds(MAX_BYTES, CHUNK_BYTES)
+    data = numbers(file, DATA, bounds)
+    angles = numbers(file, ANGLES, bounds.whole)
+    x_pitch, y_pitch, air_level = (numbers(file, path, bounds) for path in (CELL_PITCH, ROW_PITCH, AIR_LEVEL))
+    if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
+        return False
+    if not data.size or angles.shape != data.shape[:1] or not np.isfinite(angles[()]).all():
+        return False
+    pitches_are_numbers = x_pitch.shape == () and (y_pitch is None or y_pitch.shape == ())
+    return pitches_are_numbers and (air_level is None or air_level.shape == data.shape[1:])

@@ -1,0 +1,37 @@
+"""Drawings of phantoms: PNG pictures as grey values."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+LARGEST_PICTURE_PIXELS = 64 * 2**20
+
+
+def read_picture(path: Path) -> NDArray[np.float32]:
+    """Read a PNG as grey values (rows, columns) float32; transparency is ignored.
+
+    Raises
+    ------
+    UnreadableScan
+        The file is no PNG, is damaged, or has more than 64 million pixels.
+    """
+    with path.open("rb") as stream:
+        if stream.read(len(PNG_SIGNATURE)) != PNG_SIGNATURE:
+            raise UnreadableScan("unknown-format", "the phantom's picture is not a PNG file; export it as one")
+    with library_errors_translated("PNG"), warnings.catch_warnings():
+        warnings.simplefilter("error")  # Pillow only warns of pictures that are bombs
+        with Image.open(path, formats=["PNG"]) as picture:
+            width, height = picture.size
+            if width * height > LARGEST_PICTURE_PIXELS:
+                raise UnreadableScan(
+                    "too-large", f"the picture has {width} x {height} pixels; give one of at most 64 million"
+                )
+            # A 16-bit picture has no transparency; every other kind goes by way of RGB, which drops it.
+            grey = picture if picture.mode.startswith("I") else picture.convert("RGB").convert("L")
+            return np.asarray(grey, np.float32)

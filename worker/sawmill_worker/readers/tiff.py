@@ -1,0 +1,134 @@
+"""Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
+
+import math
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type, check_packed, check_size
+from sawmill_worker.readers.contents import FileContents, Projections, held
+
+MOST_PAGES = 100_000
+UNCOMPRESSED = 1
+READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, 8, 32946, 32773})  # none, both deflates, PackBits
+
+
+@dataclass(frozen=True, eq=False)
+class TiffPages:
+    """The pages of an open file, all checked and of one size; they are read when they are asked for.
+
+    Attributes
+    ----------
+    shape : (pages, rows, detector)
+    """
+
+    shape: tuple[int, int, int]
+    tiff: tifffile.TiffFile
+
+    def read(self, wanted: slice, rows: slice) -> NDArray[np.float32]:
+        """(pages, rows, detector) float32 of some pages and some of their rows."""
+        block = np.empty((wanted.stop - wanted.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
+        for index, frame in enumerate(block, wanted.start):
+            frame[:] = as_float32(self.tiff.pages[index].asarray(maxworkers=1)[rows])
+        return block
+
+
+def read_tiff(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
+    """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
+
+    Raises
+    ------
+    UnreadableScan
+        When a page cannot be a frame of numbers.
+    """
+    if dataset is not None:
+        raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")
+    pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
+    count, rows, _ = pages.shape
+    if count == 1:
+        sinogram = held(pages.read(slice(0, 1), slice(0, rows))[0])
+        return FileContents("tiff", sinogram, remarks=("The single page was read as the sinogram of one row.",))
+    return FileContents("tiff", Projections(pages.shape, pages.read, (1, rows)))
+
+
+@contextmanager
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
+    """Open one TIFF and check all of its pages.
+
+    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    """
+    with tifffile.TiffFile(source) as tiff:
+        count = len(tiff.pages)
+        if not 0 < count <= MOST_PAGES:
+            raise UnreadableScan("wrong-shape", f"{name} has {count} pages; a scan has one for each view")
+        _check_last_page(tiff, name)
+        first = tiff.pages[0]
+        itemsize = _number_type(first, name).itemsize
+        for what, shape, most in (
+            (name, (count, *first.shape), bounds.array),
+            (f"a page of {name}", first.shape, bounds.piece),
+        ):
+            check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
+        for index, page in enumerate(tiff.pages):
+            _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
+        rows, cells = first.shape
+        yield TiffPages((count, rows, cells), tiff)
+
+
+def _check_last_page(tiff: tifffile.TiffFile, name: str) -> None:
+    # The library stops without an error where the chain of pages leads beyond the end of a truncated file.
+    layout, stream = tiff.tiff, tiff.filehandle
+    start = tiff.pages[-1].offset
+    stream.seek(start)
+    (tags,) = struct.unpack(layout.tagnoformat, stream.read(layout.tagnosize))
+    stream.seek(start + layout.tagnosize + tags * layout.tagsize)
+    (following,) = struct.unpack(layout.offsetformat, stream.read(layout.offsetsize))
+    if following:
+        raise UnreadableScan("truncated-file", f"{name} ends before its last page; export it again")
+
+
+def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np.dtype[Any]:
+    if page.dtype is None:
+        raise UnreadableScan(
+            "wrong-type", f"{where} is of no known type; a scan holds integers or floating-point numbers"
+        )
+    dtype: np.dtype[Any] = page.dtype
+    check_number_type(where, dtype)
+    return dtype
+
+
+def _check_page(
+    page: tifffile.TiffPage | tifffile.TiffFrame, where: str, shape: tuple[int, ...], size_bytes: int, most_bytes: int
+) -> None:
+    itemsize = _number_type(page, where).itemsize
+    if len(page.shape) != 2 or page.shape != shape:
+        raise UnreadableScan(
+            "wrong-shape", f"{where} has the shape {page.shape}; every page must be (rows, detector), grey, of one size"
+        )
+    if int(page.compression) not in READABLE_COMPRESSIONS:
+        method = getattr(page.compression, "name", page.compression)
+        raise UnreadableScan("unsupported-storage", f"{where} is compressed by {method}; use deflate or no compression")
+    stored = sum(page.databytecounts)
+    needed = math.prod(page.shape) * itemsize
+    ends = [offset + count for offset, count in zip(page.dataoffsets, page.databytecounts, strict=True)]
+    if max(ends, default=0) > size_bytes or (page.compression == UNCOMPRESSED and stored < needed):
+        raise UnreadableScan(
+            "truncated-file", f"{where} declares more data than the file of {size_bytes} bytes holds; export it again"
+        )
+    if page.compression != UNCOMPRESSED:
+        _check_strips(page, f"a strip or tile of {where}", itemsize, size_bytes, most_bytes)
+
+
+def _check_strips(
+    page: tifffile.TiffPage | tifffile.TiffFrame, what: str, itemsize: int, size_bytes: int, most_bytes: int
+) -> None:
+    check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
+    check_packed(what, max(page.databytecounts, default=0), math.prod(page.chunks) * itemsize)
