@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom

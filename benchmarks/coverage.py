@@ -14,7 +14,8 @@ from scanners import SCANNER, random_scan
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Handedness

@@ -8,10 +8,12 @@ import time
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution
 
-from sawmill_worker.tomography.calibration.calibration import Calibration, SearchReport
-from sawmill_worker.tomography.calibration.default import CalibrationTask, conclude
-from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
-from sawmill_worker.tomography.calibration.refine import Fit, SinogramData, refine
+from sawmill_worker.tomography.calibration.calibrate import conclude
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.fit import Fit, SinogramData, refine
+from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_worker.tomography.calibration.search import SearchReport, SearchResult
+from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.geometry import FloatArray
 
 
@@ -46,11 +48,12 @@ def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:
         rng=np.random.default_rng(seed),
     )
     fits: dict[Hypothesis, list[Fit]] = {}
-    for (handedness, rotation), candidate in best.items():
+    for hypothesis, candidate in best.items():
+        handedness, rotation = hypothesis
         data = SinogramData(sinogram, rotation.apply(angles), cells)
         fit = refine(task.phantoms[handedness], data, candidate.frame)
         if fit is not None:
-            fits[handedness, rotation] = [fit]
+            fits[hypothesis] = [fit]
     report = SearchReport(
         "differential-evolution",
         seed,
@@ -60,4 +63,4 @@ def calibrate_by_evolution(task: CalibrationTask, *, seed: int) -> Calibration:
         bool(outcome.success),
         str(outcome.message),
     )
-    return conclude(task, fits, report, started=started, found=time.perf_counter())
+    return conclude(task, SearchResult(fits, report), started=started, searched=time.perf_counter())

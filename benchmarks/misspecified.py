@@ -23,8 +23,10 @@ from scipy.ndimage import gaussian_filter1d
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, FloatArray
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon

@@ -7,7 +7,7 @@ import numpy as np
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.default import CalibrationTask
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, GeometryError, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.vocabulary import Handedness, Rotation

@@ -22,8 +22,9 @@ from scanners import SCANNER
 from scans import ANGLES, TRUE_FRAME, TRUE_THETA, log_quality, published_l_phantom, simulated, sources
 
 from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
 

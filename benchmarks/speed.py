@@ -22,7 +22,8 @@ from scipy.io import loadmat
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid

@@ -17,8 +17,8 @@ from counted import FAULTS, VIEWS, CountedScan, Fault, Slip, counted_scan
 from rich.progress import track
 from scanners import SCANNER
 
+from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.default import calibrate
 from sawmill_worker.tomography.ray_error import ray_error
 
 TOLERANCE_MM = 0.1

@@ -13,8 +13,8 @@ from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.pairs import FRAME_LABELS, TO_DEGREES
 from paper.searches import MadeOf, binned, default_source, every_so_many, phantom_scan, scores
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 from sawmill_worker.vocabulary import Rotation
 

@@ -12,8 +12,8 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, default_unit, every_so_many, phantom_scan
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, Theta, ThetaBounds
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Rotation

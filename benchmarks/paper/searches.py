@@ -10,9 +10,10 @@ from scans import ANGLES, TRUE_FRAME, Source, log_quality, published_l_phantom, 
 
 from paper.experiment import Plan, Result, Unit
 from sawmill_worker.tomography.built_in import BUILT_IN
+from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
 from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Handedness, Rotation

@@ -10,7 +10,8 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import MadeOf, default_source, every_so_many, phantom_scan
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, FloatArray, angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
 

@@ -8,7 +8,7 @@ import pytest
 from counted import Slip, counted_scan
 from unsteady import Outcomes, slipped, slipped_with_a_fault, steady
 
-from sawmill_worker.tomography.calibration.default import calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
 
 VIEWS = (20, 45, 90)
 SCANS = 31

@@ -5,7 +5,8 @@ import pytest
 
 from sawmill_worker.tomography.analytic import DetectorCells, project_with_derivative
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, angle_difference
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
 from sawmill_worker.tomography.planning import plan

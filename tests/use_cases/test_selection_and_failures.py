@@ -5,7 +5,7 @@ import pytest
 
 from sawmill_worker.contracts.jobs import FailureKind
 from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
+from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.phantom import PhantomError
 from sawmill_worker.tomography.preparing.preprocess import CountsError

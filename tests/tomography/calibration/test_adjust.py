@@ -7,9 +7,10 @@ from scipy.ndimage import gaussian_filter1d
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.screening import Screening, screen
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Adjustment

@@ -5,8 +5,9 @@ import pytest
 
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.vocabulary import Handedness, Rotation

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask
 from sawmill_worker.tomography.calibration.paper import (
     PaperObjective,
     PaperOptions,
     calibrate_as_published,
     remove_background,
 )
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta, ThetaBounds
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram

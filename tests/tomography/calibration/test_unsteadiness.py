@@ -8,7 +8,8 @@ import pytest
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc
 from sawmill_worker.tomography.ray_error import ray_error

@@ -10,9 +10,11 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts import calibrations as contracts
 from sawmill_worker.contracts.geometry import ScannerConstants, ThetaBounds
 from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.tomography.calibration.calibration import Calibration, CalibrationError
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.phantom_rows import segments
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.conversion import (
     from_deviation,

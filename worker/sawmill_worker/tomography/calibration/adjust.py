@@ -18,7 +18,8 @@ from scipy.optimize import minimize_scalar
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import PARAMETERS, DetectorCells
-from sawmill_worker.tomography.calibration.refine import (
+from sawmill_worker.tomography.calibration.error_bars import Spread, parameter_spread
+from sawmill_worker.tomography.calibration.fit import (
     DATA,
     MOMENTS,
     SQUARE,
@@ -28,7 +29,6 @@ from sawmill_worker.tomography.calibration.refine import (
     reduce,
     refine,
 )
-from sawmill_worker.tomography.calibration.uncertainty import Spread, parameter_spread
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Adjustment

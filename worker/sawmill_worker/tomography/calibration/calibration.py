@@ -1,55 +1,15 @@
-"""What a calibration answers, whichever search found the valley."""
+"""What a calibration answers, whichever search found the basin."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
+from sawmill_worker.tomography.calibration.search import SearchReport
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.ray_error import PredictedRayError
 from sawmill_worker.vocabulary import CalibrationStatus, Handedness, Rotation
-
-
-class CalibrationError(Exception):
-    """No calibration could be made of this scan.
-
-    Attributes
-    ----------
-    code : str
-        Stable, for programs: wrong-shape, angles-mismatch, too-few-views, not-finite, flat-scan, no-geometry,
-        phantom-outside-field, phantom-not-found.
-    """
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-@dataclass(frozen=True)
-class SearchReport:
-    """How the valley was found.
-
-    Attributes
-    ----------
-    history : tuple of (int, float)
-        The evaluations made and the best value so far, each time that it became better.
-    """
-
-    method: str
-    seed: int
-    evaluations: int
-    generations: int
-    best_value: float
-    converged: bool
-    message: str
-    history: tuple[tuple[int, float], ...] = ()
-
-    @staticmethod
-    def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
-        """Add a value to a history in the making, if it is better than all before it."""
-        if not history or value < history[-1][1]:
-            history.append((evaluations, value))
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
-"""A coarse, normalised sinogram misfit for starts in the source frame.
+"""A coarse, normalised sinogram misfit of initial guesses in the source frame.
 
-The first angle is not searched: for each start (R, ln M, u_c, tau) the phantom is projected once at a table of
+The first angle is not searched: for each guess (R, ln M, u_c, tau) the phantom is projected once at a table of
 turns, and the turn that correlates best with all views is looked up, for each sense of rotation. Gain and background
 drop out of the correlation.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,7 +14,8 @@ import numpy as np
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration._search_numba import best_turn
-from sawmill_worker.tomography.calibration.starts import WIDEST_TILT
+from sawmill_worker.tomography.calibration.initial_guesses import WIDEST_TILT
+from sawmill_worker.tomography.calibration.task import Hypothesis
 from sawmill_worker.tomography.geometry import (
     TAU,
     FloatArray,
@@ -23,7 +24,6 @@ from sawmill_worker.tomography.geometry import (
     SourceFrame,
     Theta,
     ThetaBounds,
-    wrap_angle,
 )
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -31,16 +31,9 @@ from sawmill_worker.vocabulary import Handedness, Rotation
 TURNS = 120
 COARSE_VIEWS = 40
 COARSE_CELLS = 64
-# So many peaks of the correlation over the first angle are looked at; within 10 degrees it is the same one.
-PEAKS = 4
-OWN_PEAK = math.radians(10.0)
 # Without bounds: source shifts up to 0.6 r_S, and whatever magnification and tilt a scanner may have.
 WIDEST_SHIFT = math.hypot(1.0, 0.6)
 MAGNIFICATIONS = (1.02, 6.0)
-
-
-Hypothesis = tuple[Handedness, Rotation]
-Start = tuple[Handedness, SourceFrame, tuple[float, float]]
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,7 @@ class CoarseMisfit:
 
     def __post_init__(self) -> None:
         """Prepare what no candidate changes."""
-        self._table_rad = np.arange(TURNS) * TAU / TURNS
+        self.table_rad = np.arange(TURNS) * TAU / TURNS
         self._first = np.round(self.angles_rad * TURNS / TAU).astype(np.int64) % TURNS
         self._sum = float(self.sinogram.sum())
         self._square = float((self.sinogram**2).sum())
@@ -87,39 +80,15 @@ class CoarseMisfit:
             frame = SourceFrame(0.0, r, sdd, u_c, tau)
             if not analytic.clears(phantom.radius_mm, frame):
                 continue
-            model = analytic.project(phantom, self.cells, frame, self._table_rad)
+            model = analytic.project(phantom, self.cells, frame, self.table_rad)
             best_turn(
                 model, self.sinogram, self._first, self._signs, self._sum, self._square, self._correlation, self._turn
             )
             for index, rotation in enumerate(self.rotations):
                 misfit = 1.0 - float(self._correlation[index])
                 psi = float(self._turn[index]) * TAU / TURNS
-                candidates[handedness, rotation] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
+                candidates[Hypothesis(handedness, rotation)] = Candidate(misfit, SourceFrame(psi, r, sdd, u_c, tau))
         return candidates
-
-    def look_alikes(self, found: Hypothesis, at: SourceFrame, position_mm: tuple[float, float]) -> list[Start]:
-        """Where a body that is nearly itself turned, or seen from behind, would show the same: (frame, position).
-
-        Whatever the turn, the centroid stays where it is seen.
-        """
-        handedness, rotation = found
-        angles, turns = rotation.apply(self.angles_rad), self._table_rad[::2]
-        seen = complex(*self.phantoms[handedness].centroid_mm) + complex(*position_mm)
-        starts: list[Start] = []
-        for other, phantom in self.phantoms.items():
-            places = np.exp(1j * turns) * seen - complex(*phantom.centroid_mm)
-            frames = [replace(at, psi_rad=wrap_angle(at.psi_rad + turn)) for turn in turns]
-            correlation = np.full(turns.size, -1.0)
-            for index, (place, frame) in enumerate(zip(places, frames, strict=True)):
-                if analytic.clears(phantom.radius_mm + abs(place), frame):
-                    model = analytic.project(phantom, self.cells, frame, angles, position_mm=(place.real, place.imag))
-                    correlation[index] = np.corrcoef(model.ravel(), self.sinogram.ravel())[0, 1]
-            peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
-            if other is handedness:
-                peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK
-            best = sorted(np.flatnonzero(peak), key=lambda index: -correlation[index])[:PEAKS]
-            starts += [(other, frames[index], (places[index].real, places[index].imag)) for index in best]
-        return starts
 
 
 def coarse_data(

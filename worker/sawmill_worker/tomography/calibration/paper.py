@@ -15,15 +15,11 @@ from scipy.optimize import Bounds, differential_evolution
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.calibration import (
-    Calibration,
-    CalibrationError,
-    HypothesisReport,
-    SearchReport,
-    choose_theta,
-)
-from sawmill_worker.tomography.calibration.default import CalibrationTask, Progress
+from sawmill_worker.tomography.calibration.calibration import Calibration, HypothesisReport, choose_theta
+from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.refusals import NOT_FOUND
+from sawmill_worker.tomography.calibration.search import SearchCallback, SearchReport
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta, ThetaBounds
 from sawmill_worker.tomography.image_grid import ImageGrid
@@ -130,7 +126,7 @@ class PaperObjective:
 
 
 def calibrate_as_published(
-    task: CalibrationTask, *, options: PaperOptions | None = None, seed: int = 7, progress: Progress | None = None
+    task: CalibrationTask, *, options: PaperOptions | None = None, seed: int = 7, progress: SearchCallback | None = None
 ) -> Calibration:
     """The published search, seeded. The rotation is taken as given unless the task says otherwise.
 

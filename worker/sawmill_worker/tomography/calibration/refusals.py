@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
-from sawmill_worker.tomography.calibration.refine import Fit
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
 from sawmill_worker.tomography.phantom import Phantom
 

@@ -14,7 +14,7 @@ from enum import StrEnum
 import numpy as np
 
 from sawmill_worker.tomography.analytic import PARAMETERS
-from sawmill_worker.tomography.calibration.refine import DATA, MODEL, ONE, Fit, SinogramData, project_out, seen_views
+from sawmill_worker.tomography.calibration.fit import DATA, MODEL, ONE, Fit, SinogramData, project_out, seen_views
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
 

@@ -5,7 +5,7 @@ import pytest
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
+from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_worker.tomography.phantom import Disc, Phantom
 
 RADIUS = 120.0
@@ -31,10 +31,10 @@ def test_the_extent_is_the_shadow_of_the_phantom_s_circle(scanner, frame, full_t
     np.testing.assert_allclose(shadow_extent(sinogram, cells), expected, atol=2.0 * cells.width_mm)
 
 
-def test_every_start_casts_the_shadow_that_was_seen():
-    starts = shadow_starts((-450.0, 50.0), RADIUS, (860.0, 1000.0), np.random.default_rng(1502))
-    assert len(starts) >= 10
-    for r, log_magnification, u_c, tau in starts:
+def test_every_guess_casts_the_shadow_that_was_seen():
+    guesses = shadow_guesses((-450.0, 50.0), RADIUS, (860.0, 1000.0), np.random.default_rng(1502))
+    assert len(guesses) >= 10
+    for r, log_magnification, u_c, tau in guesses:
         assert 860.0 <= r <= 1000.0
         assert log_magnification > 0.0
         np.testing.assert_allclose(
@@ -42,9 +42,9 @@ def test_every_start_casts_the_shadow_that_was_seen():
         )
 
 
-def test_starts_are_seeded_and_lie_in_their_box():
+def test_guesses_are_seeded_and_lie_in_their_box():
     box = np.array([(860.0, 1000.0), (0.1, 1.8), (-500.0, 500.0), (-1.2, 1.2)])
-    one, again, other = (random_starts(box, 64, np.random.default_rng(seed)) for seed in (1503, 1503, 1504))
+    one, again, other = (random_guesses(box, 64, np.random.default_rng(seed)) for seed in (1503, 1503, 1504))
     np.testing.assert_array_equal(one, again)
     assert (one != other).any()
     assert ((one >= box[:, 0]) & (one <= box[:, 1])).all()

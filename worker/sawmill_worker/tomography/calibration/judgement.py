@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from sawmill_worker.tomography.calibration.calibration import HypothesisReport
-from sawmill_worker.tomography.calibration.refine import Fit
+from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.structure import Place, Structure
 from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.ray_error import PredictedRayError

@@ -1,8 +1,8 @@
-"""Where to begin: geometries that cast the shadow seen, and random ones where that is not enough.
+"""Initial guesses of the geometry: those that cast the shadow seen, and random ones where that is not enough.
 
 Over a full turn the phantom's farthest point sweeps the disc of its radius, so the shadow of all views together
 reaches from -gamma to +gamma with sin gamma = radius / R. For each (R, tau) that fixes SDD and u_c; what remains to be
-tried is a few values of R, along which the valley runs, and of tau.
+tried is a few values of R, along which the basin is long and flat, and of tau.
 """
 
 import math
@@ -13,7 +13,7 @@ from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.geometry import FloatArray
 
 DISTANCES, TILTS = 2, 9
-# The widest tilt started from; least squares goes on from there.
+# The largest tilt of a guess; least squares may go beyond it.
 WIDEST_TILT = 1.2
 # A cell belongs to the shadow where its strongest twentieth of views reaches this share of the deepest shadow.
 SHADOW_LEVEL, STRONGEST = 0.06, 0.05
@@ -32,13 +32,13 @@ def shadow_extent(sinogram: FloatArray, cells: DetectorCells) -> tuple[float, fl
     return float(ends[0]), float(ends[1])
 
 
-def shadow_starts(
+def shadow_guesses(
     extent: tuple[float, float], phantom_radius_mm: float, distances: tuple[float, float], rng: np.random.Generator
 ) -> FloatArray:
-    """(R, ln M, u_c, tau) of each start, (starts, 4), for R between `distances`; the grid is shifted by the seed."""
+    """(R, ln M, u_c, tau) of each guess, (guesses, 4), for R between `distances`; the grid is shifted by the seed."""
     left, right = extent
     shift_r, shift_tau = rng.uniform(0.0, 1.0, 2)
-    starts = []
+    guesses = []
     for r in distances[0] + (np.arange(DISTANCES) + shift_r) / DISTANCES * (distances[1] - distances[0]):
         gamma = math.asin(min(phantom_radius_mm / r, 0.95))
         for tau in -WIDEST_TILT + (np.arange(TILTS) + shift_tau) / TILTS * 2.0 * WIDEST_TILT:
@@ -48,12 +48,12 @@ def shadow_starts(
             near = -math.sin(gamma) / math.cos(gamma - tau)
             sdd = (right - left) / (far - near)
             if sdd > r:
-                starts.append((r, math.log(sdd / r), right - sdd * far, tau))
-    return np.array(starts, np.float64).reshape(-1, 4)
+                guesses.append((r, math.log(sdd / r), right - sdd * far, tau))
+    return np.array(guesses, np.float64).reshape(-1, 4)
 
 
-def random_starts(box: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
-    """A Latin hypercube of `count` starts (R, ln M, u_c, tau) in the box (4, 2)."""
+def random_guesses(box: FloatArray, count: int, rng: np.random.Generator) -> FloatArray:
+    """A Latin hypercube of `count` guesses (R, ln M, u_c, tau) in the box (4, 2)."""
     strata = rng.permuted(np.tile(np.arange(count), (4, 1)), axis=1).T
-    starts: FloatArray = box[:, 0] + (strata + rng.uniform(size=(count, 4))) / count * (box[:, 1] - box[:, 0])
-    return starts
+    guesses: FloatArray = box[:, 0] + (strata + rng.uniform(size=(count, 4))) / count * (box[:, 1] - box[:, 0])
+    return guesses

@@ -1,35 +1,30 @@
-"""The calibration that users get: a search for the valley, least squares to its bottom, over the four hypotheses."""
+"""The calibration that users get: a search for the basin, least squares to its minimum, over the four hypotheses."""
 
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.adjust import Adjusted, adjust, explained
 from sawmill_worker.tomography.calibration.calibration import (
     Calibration,
-    CalibrationError,
     HypothesisReport,
-    SearchReport,
     choose_theta,
     theta_covariance,
 )
-from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, Hypothesis, coarse_data, search_box
-from sawmill_worker.tomography.calibration.refine import Fit, SinogramData, refine
-from sawmill_worker.tomography.calibration.refusals import refuse_unfound, refuse_unusable
-from sawmill_worker.tomography.calibration.screening import Screening, screen
-from sawmill_worker.tomography.calibration.starts import random_starts, shadow_extent, shadow_starts
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import Fit, SinogramData, refine
+from sawmill_worker.tomography.calibration.judgement import TurnedRival, judge
+from sawmill_worker.tomography.calibration.refusals import refuse_unfound
+from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.structure import find_structure
+from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.calibration.unsteadiness import find_unsteadiness
-from sawmill_worker.tomography.calibration.verdict import TurnedRival, judge
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, ThetaBounds, angle_difference
+from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.ray_error import predicted_ray_error, scale_ray_error
-from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
@@ -37,89 +32,10 @@ LEAST_SIGNAL = 0.02
 CONTENDER = 3.0
 # Fits whose first angles differ by less are the same one.
 SAME_TURN = math.radians(5.0)
-# A coarse fit that leaves less than this unexplained ends the search. Else so many random starts are added, in turn.
-EXPLAINED = 0.05
-RANDOM_STARTS = (64, 256)
-# Starts of each hypothesis that are fitted, and the iterations they are given: the final fit needs no more.
-STARTS_FITTED = 2
-COARSE_ITERATIONS = 20
 FINE_ITERATIONS = 60
 
-# Told the round of the search, the most there can be, and the least relative residual so far.
-Progress = Callable[[int, int, float], None]
 
-
-@dataclass(frozen=True)
-class CalibrationTask:
-    """What is asked.
-
-    Attributes
-    ----------
-    sinogram : (views, detector) float
-        Line integrals in any unit: gain and background are free.
-    angles_rad : (views,) float64
-        Every view's own angle.
-    bounds : ThetaBounds or None
-        Where theta is searched; None searches wherever the phantom can be seen.
-    handedness, rotation
-        None tries both.
-    rays_per_cell : int or None
-        Rays a cell in the model; None averages over the cell, as a real detector does.
-    from_counts : bool
-        Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
-    without : frozenset of Adjustment
-        What is not to be done about a scan that is not as the plain model has it.
-    """
-
-    scanner: Scanner
-    phantom: Phantom
-    sinogram: FloatArray
-    angles_rad: FloatArray
-    bounds: ThetaBounds | None = None
-    handedness: Handedness | None = None
-    rotation: Rotation | None = None
-    rays_per_cell: int | None = None
-    log_radius_mm: float = 150.0
-    tolerance_mm: float = 0.1
-    from_counts: bool = False
-    without: frozenset[Adjustment] = frozenset()
-
-    def __post_init__(self) -> None:
-        """Refuse data that do not belong together."""
-        sinogram = np.ascontiguousarray(self.sinogram, np.float64)
-        angles = np.ascontiguousarray(self.angles_rad, np.float64)
-        refuse_unusable(self.scanner, sinogram, angles)
-        object.__setattr__(self, "sinogram", sinogram)
-        object.__setattr__(self, "angles_rad", angles)
-
-    @property
-    def phantoms(self) -> dict[Handedness, Phantom]:
-        """The phantom as each allowed handedness sees it."""
-        seen = {Handedness.AS_DRAWN: self.phantom, Handedness.FROM_BEHIND: self.phantom.mirrored()}
-        return {h: p for h, p in seen.items() if self.handedness in {None, h}}
-
-    @property
-    def rotations(self) -> tuple[Rotation, ...]:
-        """The allowed senses of rotation."""
-        return tuple(r for r in Rotation if self.rotation in {None, r})
-
-    @cached_property
-    def screening(self) -> Screening:
-        """Which cells and views have a usable signal."""
-        return screen(
-            self.sinogram,
-            cells=Adjustment.FAULTY_CELLS not in self.without,
-            views=Adjustment.CORRUPT_VIEWS not in self.without,
-        )
-
-    def full_data(self, rotation: Rotation) -> SinogramData:
-        """All views and cells, as this sense of rotation reads them; what has no usable signal weighs nothing."""
-        cells = DetectorCells.of(self.scanner)
-        angles = rotation.apply(self.angles_rad)
-        return SinogramData(self.sinogram, angles, cells, self.rays_per_cell, self.screening.weights)
-
-
-def calibrate(task: CalibrationTask, *, seed: int = 7, progress: Progress | None = None) -> Calibration:
+def calibrate(task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None) -> Calibration:
     """Find the geometry from one scan of the phantom.
 
     Raises
@@ -128,93 +44,19 @@ def calibrate(task: CalibrationTask, *, seed: int = 7, progress: Progress | None
         If no geometry explains the scan; its message says what to look at.
     """
     started = time.perf_counter()
-    coarse, report = _find_valleys(task, seed, progress)
-    return conclude(task, coarse, report, started=started, found=time.perf_counter())
-
-
-def _find_valleys(
-    task: CalibrationTask, seed: int, progress: Progress | None
-) -> tuple[dict[Hypothesis, list[Fit]], SearchReport]:
-    """The coarse fits of each hypothesis, best first; more and more starts until one of them explains the scan."""
-    rng = np.random.default_rng(seed)
-    usable = task.screening
-    bridged = usable.bridged(task.sinogram)[usable.views]
-    sinogram, angles, cells = coarse_data(task.scanner, bridged, task.angles_rad[usable.views])
-    misfit = CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
-    try:
-        box = search_box(task.scanner, task.bounds, task.phantom)
-    except GeometryError as error:
-        raise CalibrationError("no-geometry", str(error)) from error
-    extent = shadow_extent(sinogram, cells)
-    distances = (float(box[0, 0]), float(box[0, 1]))
-    fits: dict[Hypothesis, Fit] = {}
-    history: list[tuple[int, float]] = []
-    best, generation, starts = math.inf, 0, np.zeros((0, 4))
-    for generation, count in enumerate((0, *RANDOM_STARTS)):
-        if count:
-            starts = random_starts(box, count, rng)
-        elif extent is not None:
-            starts = shadow_starts(extent, task.phantom.radius_mm, distances, rng)
-        _improve(fits, misfit, starts, history)
-        best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
-        if progress is not None:
-            progress(generation + 1, len(RANDOM_STARTS) + 1, best)
-        if best < EXPLAINED:
-            break
-    explained = best < EXPLAINED
-    message = f"a start explains {1.0 - best:.1%} of the scan" if explained else "no start explains the scan well"
-    report = SearchReport(
-        "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
-    )
-    rivals = {hypothesis: [fit] for hypothesis, fit in fits.items()}
-    _add_look_alikes(rivals, misfit)
-    return rivals, report
-
-
-def _improve(
-    fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, starts: FloatArray, history: list[tuple[int, float]]
-) -> None:
-    """Fit the best starts of each hypothesis coarsely, and keep what is better than what was there."""
-    scored: dict[Hypothesis, list[Candidate]] = {}
-    for start in starts:
-        for hypothesis, candidate in misfit(start).items():
-            scored.setdefault(hypothesis, []).append(candidate)
-            SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
-    for (handedness, rotation), candidates in scored.items():
-        data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
-        for candidate in sorted(candidates, key=lambda c: c.misfit)[:STARTS_FITTED]:
-            fit = refine(misfit.phantoms[handedness], data, candidate.frame, max_iterations=COARSE_ITERATIONS)
-            kept = fits.get((handedness, rotation))
-            if fit is not None and (kept is None or fit.relative_residual < kept.relative_residual):
-                fits[handedness, rotation] = fit
-                SearchReport.note(history, misfit.evaluations, fit.relative_residual)
-
-
-def _add_look_alikes(fits: dict[Hypothesis, list[Fit]], misfit: CoarseMisfit) -> None:
-    """Start rivals where the best fit's body would look the same: else their residuals say nothing."""
-    if not fits:
-        return
-    best = min(fits, key=lambda hypothesis: fits[hypothesis][0].relative_residual)
-    fit, rotation = fits[best][0], best[1]
-    data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
-    for other, frame, position in misfit.look_alikes(best, fit.frame, fit.position_mm):
-        found = refine(misfit.phantoms[other], data, frame, position_mm=position, max_iterations=COARSE_ITERATIONS)
-        if found is not None:
-            rivals = fits.setdefault((other, rotation), [])
-            rivals.append(found)
-            rivals.sort(key=lambda fit: fit.relative_residual)
+    found = search(task, seed, progress)
+    return conclude(task, found, started=started, searched=time.perf_counter())
 
 
 def conclude(
     task: CalibrationTask,
-    coarse: dict[Hypothesis, list[Fit]],
-    search_report: SearchReport,
+    basins: SearchResult,
     *,
     started: float,
-    found: float,
+    searched: float,
 ) -> Calibration:
     """From the coarse fits to the complete answer."""
-    ranked = _full_fits(task, coarse)
+    ranked = _full_fits(task, basins.fits)
     refuse_unfound(
         task.scanner,
         task.phantom,
@@ -298,11 +140,11 @@ def conclude(
         status=judged.status,
         verdict=judged.verdict,
         reasons=judged.reasons,
-        search=search_report,
+        search=basins.report,
         seconds={
             "total": ended - started,
-            "search": found - started,
-            "refine": refined - found,
+            "search": searched - started,
+            "refine": refined - searched,
             "uncertainty": ended - refined,
         },
     )
@@ -334,8 +176,8 @@ def _unexplained(task: CalibrationTask, best: tuple[Hypothesis, Fit]) -> float:
 def _rivals(ranked: list[tuple[Hypothesis, Fit]]) -> tuple[tuple[HypothesisReport, ...], TurnedRival | None]:
     """Each hypothesis once, best first; and, if the winner's rival is itself turned, by how many degrees."""
     reports: dict[Hypothesis, HypothesisReport] = {}
-    for (handedness, rotation), fit in ranked:
-        reports.setdefault((handedness, rotation), HypothesisReport(handedness, rotation, fit.relative_residual))
+    for hypothesis, fit in ranked:
+        reports.setdefault(hypothesis, HypothesisReport(*hypothesis, fit.relative_residual))
     turned = [fit for hypothesis, fit in ranked[1:] if hypothesis == ranked[0][0]]
     if not turned:
         return tuple(reports.values()), None
@@ -343,11 +185,12 @@ def _rivals(ranked: list[tuple[Hypothesis, Fit]]) -> tuple[tuple[HypothesisRepor
     return tuple(reports.values()), rival
 
 
-def _full_fits(task: CalibrationTask, coarse: dict[Hypothesis, list[Fit]]) -> list[tuple[Hypothesis, Fit]]:
+def _full_fits(task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]]) -> list[tuple[Hypothesis, Fit]]:
     """Fit on all the data what may have won, measure there what cannot; best first, one a first angle."""
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
     fitted: list[tuple[Hypothesis, Fit]] = []
-    for (handedness, rotation), starts in coarse.items():
+    for hypothesis, starts in coarse.items():
+        handedness, rotation = hypothesis
         data = task.full_data(rotation)
         for number, start in enumerate(starts):
             contends = start.relative_residual <= CONTENDER * least
@@ -362,7 +205,7 @@ def _full_fits(task: CalibrationTask, coarse: dict[Hypothesis, list[Fit]]) -> li
                 max_iterations=FINE_ITERATIONS if contends else 1,
             )
             if fit is not None:
-                fitted.append(((handedness, rotation), fit))
+                fitted.append((hypothesis, fit))
     ranked: list[tuple[Hypothesis, Fit]] = []
     for hypothesis, fit in sorted(fitted, key=lambda item: item[1].relative_residual):
         if all(hypothesis != other or _apart(fit, better) > SAME_TURN for other, better in ranked):

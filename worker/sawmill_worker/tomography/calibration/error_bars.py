@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
-from sawmill_worker.tomography.calibration.refine import (
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import (
     DATA,
     MODEL,
     MOMENTS,

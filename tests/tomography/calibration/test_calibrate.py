@@ -7,9 +7,10 @@ import pytest
 
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE, RECTANGLE_WITH_HOLE
-from sawmill_worker.tomography.calibration.calibration import CalibrationError
-from sawmill_worker.tomography.calibration.default import CalibrationTask, calibrate
-from sawmill_worker.tomography.calibration.refine import SinogramData, refine
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import SinogramData, refine
+from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import (
     TAU,
     FanBeamGeometry,

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from sawmill_worker.tomography.calibration.calibration import HypothesisReport
-from sawmill_worker.tomography.calibration.refine import Fit
+from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.judgement import TurnedRival, judge
 from sawmill_worker.tomography.calibration.structure import Place, Structure
 from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
-from sawmill_worker.tomography.calibration.verdict import TurnedRival, judge
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import PredictedRayError
 from sawmill_worker.vocabulary import Handedness, Rotation

@@ -4,7 +4,7 @@ import pytest
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.refine import SinogramData, refine
+from sawmill_worker.tomography.calibration.fit import SinogramData, refine
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import ray_error
 

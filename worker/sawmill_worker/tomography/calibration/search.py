@@ -1,0 +1,157 @@
+"""The multi-start search: initial guesses, each fitted to a coarse sinogram, until one explains the scan."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_worker.tomography.calibration.ambiguous_poses import ambiguous_poses
+from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import Fit, SinogramData, refine
+from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
+
+# A coarse fit that leaves less than this unexplained ends the search. Otherwise random guesses are added, in rounds of
+# these sizes.
+EXPLAINED = 0.05
+RANDOM_GUESSES = (64, 256)
+# Guesses of each hypothesis that are fitted, and the iterations of each fit: the fit to all the data does the rest.
+GUESSES_FITTED = 2
+COARSE_ITERATIONS = 20
+
+# Receives the round of the search, the number of rounds at most, and the least relative residual so far.
+SearchCallback = Callable[[int, int, float], None]
+
+
+@dataclass(frozen=True)
+class SearchReport:
+    """How the basin was found.
+
+    Attributes
+    ----------
+    best_value : float
+        The objective's: the relative residual here, minus the correlation in the published search.
+    history : tuple of (int, float)
+        The evaluations made and the best value so far, each time that it became better.
+    """
+
+    method: str
+    seed: int
+    evaluations: int
+    generations: int
+    best_value: float
+    converged: bool
+    message: str
+    history: tuple[tuple[int, float], ...] = ()
+
+    @staticmethod
+    def note(history: list[tuple[int, float]], evaluations: int, value: float) -> None:
+        """Add a value to a history in the making, if it is better than all before it."""
+        if not history or value < history[-1][1]:
+            history.append((evaluations, value))
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """Coarse fits of each hypothesis, best first: where least squares on all the data begins."""
+
+    fits: Mapping[Hypothesis, Sequence[Fit]]
+    report: SearchReport
+
+
+def search(task: CalibrationTask, seed: int, on_round: SearchCallback | None = None) -> SearchResult:
+    """Coarse fits of each hypothesis; guesses are added until one of them explains the scan.
+
+    Raises
+    ------
+    CalibrationError
+        If the bounds allow no geometry.
+    """
+    rng = np.random.default_rng(seed)
+    misfit = _coarse_misfit(task)
+    box = _search_box(task)
+    fits: dict[Hypothesis, Fit] = {}
+    history: list[tuple[int, float]] = []
+    best, generation = math.inf, 0
+    for generation, count in enumerate((0, *RANDOM_GUESSES)):
+        guesses = random_guesses(box, count, rng) if count else _from_the_shadow(misfit, task, box, rng)
+        _improve(fits, misfit, guesses, history)
+        best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
+        if on_round is not None:
+            on_round(generation + 1, len(RANDOM_GUESSES) + 1, best)
+        if best < EXPLAINED:
+            break
+    explained = best < EXPLAINED
+    message = (
+        f"an initial guess explains {1.0 - best:.1%} of the scan"
+        if explained
+        else "no initial guess explains the scan well"
+    )
+    report = SearchReport(
+        "multi-start", seed, misfit.evaluations, generation + 1, best, explained, message, tuple(history)
+    )
+    return SearchResult(_with_ambiguous_poses(fits, misfit), report)
+
+
+def _coarse_misfit(task: CalibrationTask) -> CoarseMisfit:
+    usable = task.screening
+    bridged = usable.bridged(task.sinogram)[usable.views]
+    sinogram, angles, cells = coarse_data(task.scanner, bridged, task.angles_rad[usable.views])
+    return CoarseMisfit(task.phantoms, task.rotations, sinogram, angles, cells)
+
+
+def _search_box(task: CalibrationTask) -> FloatArray:
+    try:
+        return search_box(task.scanner, task.bounds, task.phantom)
+    except GeometryError as error:
+        raise CalibrationError("no-geometry", str(error)) from error
+
+
+def _from_the_shadow(
+    misfit: CoarseMisfit, task: CalibrationTask, box: FloatArray, rng: np.random.Generator
+) -> FloatArray:
+    extent = shadow_extent(misfit.sinogram, misfit.cells)
+    if extent is None:
+        return np.zeros((0, 4))
+    distances = (float(box[0, 0]), float(box[0, 1]))
+    return shadow_guesses(extent, task.phantom.radius_mm, distances, rng)
+
+
+def _improve(
+    fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, guesses: FloatArray, history: list[tuple[int, float]]
+) -> None:
+    """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
+    scored: dict[Hypothesis, list[Candidate]] = {}
+    for guess in guesses:
+        for hypothesis, candidate in misfit(guess).items():
+            scored.setdefault(hypothesis, []).append(candidate)
+            SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
+    for hypothesis, candidates in scored.items():
+        data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells)
+        phantom = misfit.phantoms[hypothesis.handedness]
+        for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]:
+            fit = refine(phantom, data, candidate.frame, max_iterations=COARSE_ITERATIONS)
+            before = fits.get(hypothesis)
+            if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
+                fits[hypothesis] = fit
+                SearchReport.note(history, misfit.evaluations, fit.relative_residual)
+
+
+def _with_ambiguous_poses(found: dict[Hypothesis, Fit], misfit: CoarseMisfit) -> dict[Hypothesis, list[Fit]]:
+    """Beside the fits found, those from poses in which the best fit's body looks almost the same."""
+    fits = {hypothesis: [fit] for hypothesis, fit in found.items()}
+    if not fits:
+        return fits
+    best = min(found, key=lambda hypothesis: found[hypothesis].relative_residual)
+    fit, rotation = found[best], best.rotation
+    data = SinogramData(misfit.sinogram, rotation.apply(misfit.angles_rad), misfit.cells)
+    for handedness, frame, position in ambiguous_poses(misfit, best, fit.frame, fit.position_mm):
+        other = refine(misfit.phantoms[handedness], data, frame, position_mm=position, max_iterations=COARSE_ITERATIONS)
+        if other is not None:
+            rivals = fits.setdefault(Hypothesis(handedness, rotation), [])
+            rivals.append(other)
+            rivals.sort(key=lambda fit: fit.relative_residual)
+    return fits

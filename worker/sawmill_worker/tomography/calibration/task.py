@@ -1,0 +1,96 @@
+"""What is asked of a calibration: the scan of the phantom, and what is known of the scanner."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.fit import SinogramData
+from sawmill_worker.tomography.calibration.refusals import refuse_unusable
+from sawmill_worker.tomography.calibration.screening import Screening, screen
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
+
+
+class Hypothesis(NamedTuple):
+    """One of the four: from which side the phantom was seen, and in which sense the scanner turns."""
+
+    handedness: Handedness
+    rotation: Rotation
+
+
+@dataclass(frozen=True)
+class CalibrationTask:
+    """What is asked.
+
+    Attributes
+    ----------
+    sinogram : (views, detector) float
+        Line integrals in any unit: gain and background are free.
+    angles_rad : (views,) float64
+        Every view's own angle.
+    bounds : ThetaBounds or None
+        Where theta is searched; None searches wherever the phantom can be seen.
+    handedness, rotation
+        None tries both.
+    rays_per_cell : int or None
+        Rays per cell in the model; None averages over the cell, as a real detector does.
+    log_radius_mm : float
+        Radius of the disc around the COR in which ray errors are measured.
+    tolerance_mm : float
+        The largest ray error that passes.
+    from_counts : bool
+        Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
+    without : frozenset of Adjustment
+        Which adjustments to faults of the scan are switched off.
+    """
+
+    scanner: Scanner
+    phantom: Phantom
+    sinogram: FloatArray
+    angles_rad: FloatArray
+    bounds: ThetaBounds | None = None
+    handedness: Handedness | None = None
+    rotation: Rotation | None = None
+    rays_per_cell: int | None = None
+    log_radius_mm: float = 150.0
+    tolerance_mm: float = 0.1
+    from_counts: bool = False
+    without: frozenset[Adjustment] = frozenset()
+
+    def __post_init__(self) -> None:
+        """Refuse data that do not belong together."""
+        sinogram = np.ascontiguousarray(self.sinogram, np.float64)
+        angles = np.ascontiguousarray(self.angles_rad, np.float64)
+        refuse_unusable(self.scanner, sinogram, angles)
+        object.__setattr__(self, "sinogram", sinogram)
+        object.__setattr__(self, "angles_rad", angles)
+
+    @property
+    def phantoms(self) -> dict[Handedness, Phantom]:
+        """The phantom as each allowed handedness sees it."""
+        seen = {Handedness.AS_DRAWN: self.phantom, Handedness.FROM_BEHIND: self.phantom.mirrored()}
+        return {h: p for h, p in seen.items() if self.handedness in {None, h}}
+
+    @property
+    def rotations(self) -> tuple[Rotation, ...]:
+        """The allowed senses of rotation."""
+        return tuple(r for r in Rotation if self.rotation in {None, r})
+
+    @cached_property
+    def screening(self) -> Screening:
+        """Which cells and views have a usable signal."""
+        return screen(
+            self.sinogram,
+            cells=Adjustment.FAULTY_CELLS not in self.without,
+            views=Adjustment.CORRUPT_VIEWS not in self.without,
+        )
+
+    def full_data(self, rotation: Rotation) -> SinogramData:
+        """All views and cells, as this sense of rotation reads them; what has no usable signal has weight 0."""
+        cells = DetectorCells.of(self.scanner)
+        angles = rotation.apply(self.angles_rad)
+        return SinogramData(self.sinogram, angles, cells, self.rays_per_cell, self.screening.weights)
