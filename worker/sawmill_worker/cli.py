@@ -619,3 +619,12 @@ def worker(
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)
     main([])
+
+
+@app.command(name="compile")
+def compile_() -> None:
+    """Compile the numerical kernels now: once on a machine, else the first job waits for it."""
+    with answering(), showing_progress("compiling kernels, once on this machine") as on_progress:
+        from sawmill_worker.commands.compile import compile_kernels
+
+        compile_kernels(on_progress)

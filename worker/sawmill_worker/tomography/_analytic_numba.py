@@ -22,8 +22,10 @@ _GAUSS_X = math.sqrt(0.6)
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
+# The parts are functions of their own: LLVM inlines what pays, and a quarter of the time compiles them.
 
-@njit(inline="always")
+
+@njit(fastmath=_FAST)
 def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative):
     """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
     w = u - u_c
@@ -51,14 +53,14 @@ def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, ro
         row[12, m] += half * ay - f * n * s * big_r
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _cell_under(u, u_first, pitch, cells):
     """The cell that u lies in: -1 before the first and of what is not a number, `cells` beyond the last."""
     # Bounded while it is a float: a number that no integer holds may become any. -1 first, or not a number would pass.
     return int(math.floor(min(max(-1.0, (u - u_first) / pitch), float(cells))))
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative):
     """Add one polygon edge to the row of one view."""
     big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
@@ -106,7 +108,7 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
             _edge_point(mid + off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
     """Signed distance of the disc's centre to the ray at u (out[7]) and its seven derivatives (out[:7])."""
     w = u - u_c
@@ -127,14 +129,14 @@ def _disc_distance(u, qx, qy, big_r, u_c, sdd, c_tau, s_tau, c_b, s_b, out):
     out[6] = nx * c_b - ny * s_b
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _segment(d, r):
     """Integral of 2 sqrt(r^2 - d^2) from 0 to d, d clipped to the disc."""
     d = min(max(d, -r), r)
     return d * math.sqrt(max(r * r - d * d, 0.0)) + r * r * math.asin(d / r)
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
     """Add a chord's first moments around the COR: its length times its middle, the foot of the perpendicular."""
     ny = math.sqrt(max(1.0 - nx * nx, 0.0))
@@ -142,7 +144,7 @@ def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
     row[12, m] += chord * (qy - d * nx - big_r)
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right):
     """Add one disc to the row of one view; the signed distance grows with u."""
     big_r, sdd, u_c, tau = frame[1], frame[2], frame[3], frame[4]
@@ -193,7 +195,7 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
         area_left = area_right
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, derivative, left, right):
     beta = angles[k] + frame[0]
     c_b = math.cos(beta)
@@ -204,7 +206,7 @@ def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays,
         _disc(discs[i], frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
     cells = out.shape[1]
     row = np.zeros((ROWS, cells))
@@ -249,7 +251,7 @@ def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitc
                 out[9, k, m] = s * row[11, m] + c * row[12, m]
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _blur_row(line, taps, cells, padded):
     """Convolve one line with the symmetric taps (the middle one first), continued evenly beyond its ends."""
     reach = taps.size - 1
@@ -266,7 +268,7 @@ def _blur_row(line, taps, cells, padded):
             line[m] += tap * (padded[reach + m - j] + padded[reach + m + j])
 
 
-@njit(inline="always")
+@njit(fastmath=_FAST)
 def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out):
     cells = sinogram.shape[1]
     count = out.shape[1]

@@ -1,4 +1,12 @@
-"""Load or compile the kernels that every job needs, so that no job pays for it."""
+"""Load or compile the kernels, so that no job and no command waits for it.
+
+`python -m sawmill_worker.tomography.warm_up PART` compiles one part in a process of its own: Numba compiles one kernel
+at a time in a process, so several parts are compiled at once by several processes (`sawmill compile`).
+"""
+
+import sys
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import numpy as np
 
@@ -8,20 +16,59 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fbp import fbp, fbp_block
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 
+SCANNER = Scanner(source_to_cor_mm=850.0, num_detector_pixels=640, detector_pitch_mm=1.8)
+THETA = Theta(0.3, 700.0, 200.0, 20.0, 0.1)
 
-def warm_up() -> None:
-    """Do the main job once on a small scan: a fraction of a second cached, some thirty seconds compiled."""
-    scanner = Scanner(source_to_cor_mm=850.0, num_detector_pixels=640, detector_pitch_mm=1.8)
-    angles = np.linspace(0.0, TAU, 65)[:-1]
-    geometry = FanBeamGeometry(scanner, Theta(0.3, 700.0, 200.0, 20.0, 0.1), angles)
-    sinogram = analytic.project(L_SHAPE, DetectorCells.of(scanner), geometry.frame, angles)
-    calibrate(CalibrationTask(scanner, L_SHAPE, sinogram, angles))
+
+def _scan(views: int) -> tuple[FanBeamGeometry, FloatArray]:
+    """A geometry and the sinogram (views, cells) of the L in it."""
+    geometry = FanBeamGeometry(SCANNER, THETA, np.linspace(0.0, TAU, views + 1)[:-1])
+    return geometry, analytic.project(L_SHAPE, DetectorCells.of(SCANNER), geometry.frame, geometry.angles_rad)
+
+
+def _calibration() -> None:
+    geometry, sinogram = _scan(64)
+    calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, geometry.angles_rad))
+
+
+def _slices() -> None:
+    geometry = FanBeamGeometry(SCANNER, THETA, np.linspace(0.0, TAU, 65)[:-1])
+    sinogram = np.ones((64, SCANNER.num_detector_pixels))
     projector = Projector(geometry, ImageGrid(16, 400.0))
     fbp(projector, sinogram)
     fbp_block(projector, sinogram[:, None])
     # A view less, and none is a quarter turn from another.
-    fbp(Projector(geometry.with_angles(angles[1:]), projector.grid), sinogram[1:])
+    fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
+
+
+def _iterative_methods() -> None:
+    # Imported by this part alone: a calibration does not wait for it.
+    from sawmill_worker.tomography.cauchy_map import cauchy_map  # noqa: PLC0415
+    from sawmill_worker.tomography.tikhonov import tikhonov  # noqa: PLC0415
+    from sawmill_worker.tomography.total_variation import total_variation  # noqa: PLC0415
+
+    geometry, sinogram = _scan(20)
+    projector = Projector(geometry, ImageGrid(32, 600.0))
+    noise = 0.02 * float(sinogram.std())
+    noisy = sinogram + np.random.default_rng(0).normal(scale=noise, size=sinogram.shape)
+    for method in (tikhonov, cauchy_map, total_variation):
+        method(projector, noisy)
+
+
+PARTS: Mapping[str, Callable[[], None]] = MappingProxyType(
+    {"slices": _slices, "calibration": _calibration, "iterative methods": _iterative_methods}
+)
+
+
+def warm_up() -> None:
+    """What every job needs, once on a small scan: a fraction of a second cached, some ten seconds compiled."""
+    _calibration()
+    _slices()
+
+
+if __name__ == "__main__":
+    PARTS[sys.argv[1]]()

@@ -1,0 +1,32 @@
+"""Compile the numerical kernels, several parts at a time."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor, as_completed
+
+from sawmill_worker.tomography.warm_up import PARTS
+from sawmill_worker.vocabulary import Progress, ProgressCallback
+
+
+def compile_kernels(on_progress: ProgressCallback) -> None:
+    """Compile every part that is not cached yet, each in a process of its own, one a core.
+
+    Raises
+    ------
+    subprocess.CalledProcessError
+        If a part cannot be compiled; its process has printed why.
+    """
+    on_progress(Progress(fraction=0.0, stage=", ".join(PARTS)))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        compiled = {pool.submit(_compile, part): part for part in PARTS}
+        left = list(PARTS)
+        for future in as_completed(compiled):
+            future.result()
+            left.remove(compiled[future])
+            on_progress(Progress(fraction=1.0 - len(left) / len(PARTS), stage=", ".join(left) or "done"))
+
+
+def _compile(part: str) -> None:
+    command = [sys.executable, "-m", "sawmill_worker.tomography.warm_up", part]
+    subprocess.run(command, check=True)  # noqa: S603 - ourselves
