@@ -1,5 +1,6 @@
 """The pages hold together: links and anchors resolve, tables name what is there, lines are short."""
 
+import ast
 import re
 import subprocess
 import sys
@@ -58,14 +59,40 @@ def test_references_from_code_lead_to_files_and_headings():
 
 
 def test_the_table_of_rooms_is_the_tree():
-    page = (ROOT / "docs/architecture.md").read_text()
-    rooms = re.findall(r"^\| `([\w/.]+)` \|", page, re.MULTILINE)
+    table, _ = (ROOT / "docs/architecture.md").read_text().split("## The way of a calibration")
+    rooms = re.findall(r"^\| `([\w/.]+)` \|", table, re.MULTILINE)
     worker = ROOT / "worker/sawmill_worker"
     parts = [path for path in worker.iterdir() if (path / "__init__.py").exists()]
     expected = {named(path) for path in parts} | {named(path.parent) for path in ROOT.glob("*/sawmill_*/__init__.py")}
     expected -= {named(worker)}
     assert expected <= set(rooms)
     assert all((ROOT / room).exists() for room in rooms)
+
+
+def room_of(module: str) -> str:
+    top, *rest = module.split(".")
+    return rest[0] if top == "sawmill_worker" and rest else top
+
+
+def imported_rooms(path: Path) -> set[str]:
+    nodes = list(ast.walk(ast.parse(path.read_text())))
+    modules = [f"{node.module}.{node.names[0].name}" for node in nodes if isinstance(node, ast.ImportFrom)]
+    modules += [alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names]
+    return {room_of(module) for module in modules if module.startswith("sawmill_")}
+
+
+def test_the_table_of_imports_is_the_code_s():
+    _, section = (ROOT / "docs/architecture.md").read_text().split("| room | imports |")
+    documented = {
+        room: set(re.findall(r"\w+", names))
+        for room, names in re.findall(r"^\| `(\w+)` \|(.*)\|$", section, re.MULTILINE)
+    }
+    found = {}
+    for folder in (ROOT / "service/sawmill_service", *(ROOT / "worker").glob("*/*/")):
+        if (folder / "__init__.py").exists():
+            files = [path for path in folder.rglob("*.py") if path != ROOT / "service/sawmill_service/cli.py"]
+            found[folder.name] = set().union(*map(imported_rooms, files)) - {folder.name}
+    assert documented == found
 
 
 def test_the_directions_of_imports_are_the_linter_s():
