@@ -13,13 +13,12 @@ from sawmill_service.observer import JobsByState, Observer
 from sawmill_service.openapi_document import Application
 from sawmill_service.problems import install
 from sawmill_service.routes import (
+    asked,
     calibrations,
     console,
-    drifts,
     health,
     jobs,
     phantoms,
-    plans,
     reconstructions,
     scanners,
     scans,
@@ -50,7 +49,7 @@ TAGS = [
     {"name": "schedules", "description": "Recalibration at fixed times."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
-ROUTERS = (scanners, phantoms, plans, scans, calibrations, reconstructions, drifts, jobs, schedules, health, console)
+ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, health, console)
 
 
 def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Application:
@@ -82,8 +81,8 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
     app.state.metrics = _metrics(store)
     install(app)
-    for routes in ROUTERS:
-        app.include_router(routes.router)
+    for router in (*asked.routers(), *(routes.router for routes in ROUTERS)):
+        app.include_router(router)
     app.mount("/static", StaticFiles(directory=console.STATIC))
     app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     # The last one added is the outermost.

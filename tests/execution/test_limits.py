@@ -72,7 +72,7 @@ def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_told_once(store, start
     monkeypatch.setenv("FAKE_BEHAVIOUR", str(behaviour := tmp_path / "behaviour"))
     runner = start()
     for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
-        plan = store.plans.accept(phantom, ask)
+        plan = store.plans.accept(ask, given={"phantom_id": phantom})
         behaviour.write_text(f"end-by-{crash.lower()}")
         assert runner.run_next() is JobState.FAILED
         failure = store.jobs.get(plan.job_id).failure

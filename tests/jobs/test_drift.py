@@ -164,7 +164,7 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
 def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, attempt):
     scan = store.scans.get(asked(log_scan()[:, None]).store.scans.page().items[0].id)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
-    store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), drift_id="late")
+    store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)
     with pytest.raises(JobFailure, match="is cancelled and has no geometry to compare with"):
         run(attempt(JobKind.DRIFT))

@@ -71,5 +71,5 @@ def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(store, scan
 
 
 def test_a_plan_needs_its_sinogram(store, scan, attempt):
-    store.plans.accept("l-shape", PlanAsk(scanner_id=scan.scanner_id, theta=THETA, views=3600))
+    store.plans.accept(PlanAsk(scanner_id=scan.scanner_id, theta=THETA, views=3600), given={"phantom_id": "l-shape"})
     assert 3600 * CELLS * 8 < needs_of(attempt(JobKind.PLAN)).memory_bytes < 2 * DATA_BYTES

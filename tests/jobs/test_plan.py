@@ -16,7 +16,7 @@ def asked(store, spec, theta):
     """Ask for a plan on one scanner."""
     store.scanners.create(spec(), scanner_id="line-2")
     ask = PlanAsk(scanner_id="line-2", theta=from_theta(theta), views=30, noise=0.01)
-    return lambda phantom_id: store.plans.accept(phantom_id, ask)
+    return lambda phantom_id: store.plans.accept(ask, given={"phantom_id": phantom_id})
 
 
 def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, store, scanner, theta, turn):

@@ -49,9 +49,9 @@ def test_another_scanner_s_calibration_is_refused(store, scanner, calibration):
 
 def test_a_taken_id_and_an_unknown_one_are_told(store, ready_scan, calibration):
     ask = DriftAsk(scan_id=ready_scan.id, calibration_id=calibration.id)
-    store.drifts.accept(ask, drift_id="example")
+    store.drifts.accept(ask, identifier="example")
     with pytest.raises(Conflict, match="there is a drift 'example' already"):
-        store.drifts.accept(ask, drift_id="example")
+        store.drifts.accept(ask, identifier="example")
     with pytest.raises(NotFound, match="there is no drift 'other'"):
         store.drifts.get("other")
 

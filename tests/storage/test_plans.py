@@ -18,7 +18,7 @@ def traced_later(store):
 
 
 def test_a_plan_is_queued_and_has_its_answer_when_its_job_is_done(store, scanner, finish):
-    asked = store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=20))
+    asked = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=20), given={"phantom_id": "l-shape"})
     assert (asked.state, asked.result, asked.options.theta) == ("queued", None, NOMINAL)
     finish(store)
     done = store.plans.get(asked.id)
@@ -28,16 +28,16 @@ def test_a_plan_is_queued_and_has_its_answer_when_its_job_is_done(store, scanner
 
 def test_without_a_theta_the_active_calibration_s_is_taken(store, scanner, ready_scan, finish):
     with pytest.raises(Conflict, match="has no active calibration whose theta could be taken: give theta"):
-        store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id))
+        store.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
     finish(store)
-    asked = store.plans.accept("l-shape", PlanAsk(scanner_id=scanner.id))
+    asked = store.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
     assert asked.options.theta == store.calibrations.get(calibration.id).theta
 
 
 def test_a_plan_waits_for_its_phantom_to_be_traced(store, scanner, finish):
     phantom = traced_later(store)
-    asked = store.plans.accept(phantom.id, PlanAsk(scanner_id=scanner.id, theta=NOMINAL))
+    asked = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": phantom.id})
     assert store.jobs.get(finish(store).job_id).subject_id == phantom.id
     finish(store)
     assert store.plans.get(asked.id).state == "succeeded"
@@ -49,17 +49,17 @@ def test_a_refused_phantom_and_unknown_ones_are_told(store, scanner):
     store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="no-picture", detail="there is no wood in it"))
     ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL)
     with pytest.raises(Conflict, match="cannot be used: there is no wood in it"):
-        store.plans.accept(phantom.id, ask)
+        store.plans.accept(ask, given={"phantom_id": phantom.id})
     with pytest.raises(NotFound, match="there is no phantom 'cube'"):
-        store.plans.accept("cube", ask)
+        store.plans.accept(ask, given={"phantom_id": "cube"})
     with pytest.raises(NotFound, match="there is no scanner 'line-9'"):
-        store.plans.accept("l-shape", PlanAsk(scanner_id="line-9", theta=NOMINAL))
+        store.plans.accept(PlanAsk(scanner_id="line-9", theta=NOMINAL), given={"phantom_id": "l-shape"})
 
 
 def test_plans_are_listed_by_phantom_and_stand_in_nobody_s_way(store, scanner):
     phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
     asked = [
-        store.plans.accept(name, PlanAsk(scanner_id=scanner.id, theta=NOMINAL))
+        store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": name})
         for name in ("l-shape", phantom.id, "l-shape")
     ]
     assert [plan.id for plan in store.plans.page().items] == [plan.id for plan in reversed(asked)]

@@ -95,7 +95,7 @@ def seed_examples(store: Store) -> None:
     _seed_scans(store, stack)
     if EXAMPLE not in {item.id for item in store.calibrations.page().items}:
         ask = CalibrationAsk(scan_id=EXAMPLE, activate=True)
-        store.calibrations.accept(ask, calibration_id=EXAMPLE, job_id=EXAMPLE, background=True)
+        store.calibrations.accept(ask, identifier=EXAMPLE, job_id=EXAMPLE, background=True)
     reconstructed = {item.id for item in store.reconstructions.page().items}
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
@@ -108,13 +108,13 @@ def seed_examples(store: Store) -> None:
     )
     for identifier, asked in {EXAMPLE: log, SPARSE: sparse}.items():
         if identifier not in reconstructed:
-            store.reconstructions.accept(asked, reconstruction_id=identifier, background=True)
+            store.reconstructions.accept(asked, identifier=identifier, background=True)
     if EXAMPLE not in {item.id for item in store.drifts.page().items}:
-        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), drift_id=EXAMPLE, background=True)
+        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), identifier=EXAMPLE, background=True)
     if EXAMPLE not in {item.id for item in store.plans.page().items}:
         nominal = from_theta(THETA)
         plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
-        store.plans.accept(L_SHAPE.name, plan, plan_id=EXAMPLE, background=True)
+        store.plans.accept(plan, identifier=EXAMPLE, background=True, given={"phantom_id": L_SHAPE.name})
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(

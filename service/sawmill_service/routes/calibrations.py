@@ -1,34 +1,19 @@
-"""/v1/calibrations."""
+"""/v1/calibrations: pictures, the file and activation, beside the routes that every asked kind has."""
 
-from typing import Annotated
+from fastapi import APIRouter, Request, Response
 
-from fastapi import APIRouter, Query, Request, Response
-
-from sawmill_service.answers import Hdf5, Paging, Png, accept, file
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.answers import Hdf5, Png, file
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.base import Contract, Identifier, Name, Page
-from sawmill_worker.contracts.calibrations import (
-    Calibration,
-    CalibrationAsk,
-    CalibrationLinks,
-    CalibrationSucceeded,
-    CalibrationUnfinished,
-)
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.base import Contract, Identifier, Name
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import Scanner
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
-
-
-class CalibrationFilter(Paging):
-    """Which calibrations to list."""
-
-    scanner_id: Identifier | None = None
-    state: JobState | None = None
 
 
 class Activate(Contract):
@@ -38,41 +23,6 @@ class Activate(Contract):
 
 
 BY_HAND = Activate()
-
-
-@router.post(
-    "",
-    status_code=202,
-    response_model=Calibration,
-    summary="Ask for a calibration",
-    openapi_extra=trying(body={"scan_id": "example"}),
-)
-def ask_calibration(
-    ask: CalibrationAsk, store: TheStore, settings: TheSettings, wake: TheWake, response: Response
-) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Find theta from a scan of a phantom.
-
-    The scan may still be read: the job waits for it. `GET` the calibration, or stream its job's events, until it ends.
-    """
-    calibration = store.calibrations.accept(ask)
-    wake(calibration.job_id)
-    accept(response, f"/v1/calibrations/{calibration.id}", settings.retry_after_s)
-    return linked(calibration)
-
-
-@router.get("", response_model=Page[Calibration], summary="List calibrations, newest first")
-def list_calibrations(
-    query: Annotated[CalibrationFilter, Query()], store: TheStore
-) -> Page[CalibrationUnfinished | CalibrationSucceeded]:
-    """All of them, or those of one scanner, or in one state."""
-    page = store.calibrations.page(scanner_id=query.scanner_id, state=query.state, after=query.after, limit=query.limit)
-    return page.model_copy(update={"items": [linked(item) for item in page.items]})
-
-
-@router.get("/{calibration_id}", response_model=Calibration, summary="Get a calibration")
-def get_calibration(calibration_id: Identifier, store: TheStore) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Its state, and the whole answer once there is one."""
-    return linked(store.calibrations.get(calibration_id))
 
 
 @router.head("/{calibration_id}/report.png", include_in_schema=False)
@@ -109,21 +59,6 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
 def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> Scanner:
     """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
-
-
-def linked(
-    calibration: CalibrationUnfinished | CalibrationSucceeded,
-) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Say where a calibration's files are."""
-    path = f"/v1/calibrations/{calibration.id}"
-    links = CalibrationLinks(
-        self=path,
-        job=f"/v1/jobs/{calibration.job_id}",
-        report=f"{path}/report.png",
-        overlay=f"{path}/overlay.png",
-        hdf5=f"{path}/result.h5",
-    )
-    return calibration.model_copy(update={"links": links})
 
 
 def _picture(request: Request, store: Store, calibration_id: str, picture: CalibrationPicture) -> Response:

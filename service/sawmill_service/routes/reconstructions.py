@@ -1,4 +1,4 @@
-"""/v1/reconstructions."""
+"""/v1/reconstructions: pictures and the volume, beside the routes that every asked kind has."""
 
 from collections.abc import Sequence
 from enum import IntEnum, StrEnum
@@ -7,19 +7,13 @@ from typing import Annotated, Self
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
-from sawmill_service.answers import Hdf5, Paging, Png, accept, etag, file, picture
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.answers import Hdf5, Png, etag, file, picture
+from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.base import Contract, Identifier, Page, parse_span
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.reconstructions import (
-    Reconstruction,
-    ReconstructionAsk,
-    ReconstructionLinks,
-    ReconstructionResult,
-)
+from sawmill_worker.contracts.base import Contract, Identifier, parse_span
+from sawmill_worker.contracts.reconstructions import ReconstructionResult
 from sawmill_worker.files import volume_reader
 from sawmill_worker.pictures.color_maps import ColorMap
 from sawmill_worker.pictures.images import image_png, image_png16
@@ -31,13 +25,6 @@ MOST_TILES = 64
 USUAL_TILES = 16
 
 router = APIRouter(prefix="/v1/reconstructions", tags=["reconstructions"])
-
-
-class ReconstructionFilter(Paging):
-    """Which reconstructions to list."""
-
-    scanner_id: Identifier | None = None
-    state: JobState | None = None
 
 
 class Bits(IntEnum):
@@ -114,35 +101,6 @@ class SideQuery(WindowQuery):
     """From where to look at the log."""
 
     along: volume_reader.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
-
-
-@router.post("", status_code=202, summary="Ask for a reconstruction", openapi_extra=trying(body={"scan_id": "example"}))
-def ask_reconstruction(
-    ask: ReconstructionAsk, store: TheStore, settings: TheSettings, wake: TheWake, response: Response
-) -> Reconstruction:
-    """Slices of a log, with the scanner's active calibration, another one, or a theta of your own.
-
-    The scan may still be read and the calibration still computed: the job waits for them.
-    """
-    reconstruction = store.reconstructions.accept(ask)
-    wake(reconstruction.job_id)
-    accept(response, f"/v1/reconstructions/{reconstruction.id}", settings.retry_after_s)
-    return _linked(reconstruction)
-
-
-@router.get("", summary="List reconstructions, newest first")
-def list_reconstructions(query: Annotated[ReconstructionFilter, Query()], store: TheStore) -> Page[Reconstruction]:
-    """All of them, or those of one scanner, or in one state."""
-    page = store.reconstructions.page(
-        scanner_id=query.scanner_id, state=query.state, after=query.after, limit=query.limit
-    )
-    return page.model_copy(update={"items": [_linked(item) for item in page.items]})
-
-
-@router.get("/{reconstruction_id}", summary="Get a reconstruction")
-def get_reconstruction(reconstruction_id: Identifier, store: TheStore) -> Reconstruction:
-    """Its state, and its shape and range once it is there."""
-    return _linked(store.reconstructions.get(reconstruction_id))
 
 
 @router.get(
@@ -262,19 +220,6 @@ def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore)
     _result(store, reconstruction_id)
     path = store.files.volume(reconstruction_id)
     return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5")
-
-
-def _linked(reconstruction: Reconstruction) -> Reconstruction:
-    path = f"/v1/reconstructions/{reconstruction.id}"
-    links = ReconstructionLinks(
-        self=path,
-        job=f"/v1/jobs/{reconstruction.job_id}",
-        volume=f"{path}/volume.h5",
-        first_slice=f"{path}/slices/0.png",
-        mosaic=f"{path}/mosaic.png",
-        side=f"{path}/side.png",
-    )
-    return reconstruction.model_copy(update={"links": links})
 
 
 def _result(store: Store, reconstruction_id: str) -> ReconstructionResult:

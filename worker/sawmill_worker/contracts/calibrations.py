@@ -1,6 +1,7 @@
 """Calibrations: what can be asked, and the answer with everything that is known about it."""
 
 import json
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -13,7 +14,8 @@ from sawmill_worker.contracts.geometry import (
     Theta,
     ThetaDeviation,
 )
-from sawmill_worker.contracts.jobs import Failure
+from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, CalibrationStatus, Handedness, Rotation
 
 
@@ -249,10 +251,34 @@ class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
 Calibration = Annotated[CalibrationUnfinished | CalibrationSucceeded, Field(discriminator="state")]
 
 
-def calibration_from(
-    header: dict[str, Any], state: str, result: dict[str, Any] | None
-) -> CalibrationUnfinished | CalibrationSucceeded:
-    """Put a stored header and result together."""
-    if result is not None and state == "succeeded":
-        return CalibrationSucceeded.model_validate({**header, **result, "state": state})
-    return CalibrationUnfinished.model_validate({**header, "state": state})
+def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | CalibrationSucceeded:
+    """Put a stored record together: a result's fields stand beside the header's."""
+    header = {name: record[name] for name in (*CalibrationHeader.model_fields, "state")}
+    if record["state"] == "succeeded":
+        return CalibrationSucceeded.model_validate({**header, **record["result"]})
+    return CalibrationUnfinished.model_validate({**header, "failure": record["failure"]})
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.CALIBRATE,
+    noun="calibration",
+    ask=CalibrationAsk,
+    options=CalibrationOptions,
+    result=CalibrationResult,
+    answer=Calibration,
+    read=calibration_from,
+    links=CalibrationLinks,
+    files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
+    references=(Reference.SCAN, Reference.PHANTOM),
+    listed_by=("scanner_id", "state"),
+    to_ask=Operation(
+        "Ask for a calibration",
+        """\
+Find theta from a scan of a phantom.
+
+The scan may still be read: the job waits for it. `GET` the calibration, or stream its job's events, until it ends.""",
+        {"body": {"scan_id": "example"}},
+    ),
+    to_list=Operation("List calibrations, newest first", "All of them, or those of one scanner, or in one state."),
+    to_get=Operation("Get a calibration", "Its state, and the whole answer once there is one."),
+)

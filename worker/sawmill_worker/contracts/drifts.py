@@ -6,7 +6,8 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Failure
+from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
 
 
@@ -90,7 +91,7 @@ class DriftLinks(Contract):
 
 
 class Drift(Stamped):
-    """A look at a scanner's drift as it stands."""
+    """A drift check as it stands."""
 
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     scanner_id: Identifier
@@ -101,3 +102,33 @@ class Drift(Stamped):
     result: DriftResult | None = None
     failure: Failure | None = None
     links: DriftLinks | None = None
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.DRIFT,
+    noun="drift",
+    ask=DriftAsk,
+    options=DriftOptions,
+    result=DriftResult,
+    answer=Drift,
+    read=stored_as(Drift),
+    links=DriftLinks,
+    references=(Reference.SCAN, Reference.CALIBRATION),
+    listed_by=("scanner_id", "scan_id", "state"),
+    to_ask=Operation(
+        "Look for drift without a phantom",
+        """\
+What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+
+Every ray is measured twice, from either side; where the two agree shows where the centre of rotation falls on the
+detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+The scan may still be read and the calibration still computed: the job waits for them.""",
+        {"body": {"scan_id": "example"}},
+    ),
+    to_list=Operation(
+        "List drift checks, newest first", "All of them, or those of one scanner or scan, or in one state."
+    ),
+    to_get=Operation(
+        "Get a drift check", "Its state, and what moved, how surely and where to look once that is known."
+    ),
+)

@@ -1,8 +1,8 @@
-"""Jobs: the row is the job, a message only says that there is one (DESIGN section 6)."""
+"""Jobs: the row is the job, a message only announces that there is one (docs/architecture.md#jobs)."""
 
 from datetime import datetime
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Self
 
 from pydantic import Field
 
@@ -13,12 +13,21 @@ from sawmill_worker.vocabulary import Progress
 class JobKind(StrEnum):
     """What a worker can be asked to do."""
 
-    INGEST = "ingest"
-    TRACE_PHANTOM = "trace-phantom"
-    CALIBRATE = "calibrate"
-    RECONSTRUCT = "reconstruct"
-    PLAN = "plan"
-    DRIFT = "drift"
+    # A line a kind: its name, and the plural of what it works on. `contracts/kinds.py` tells what is found by them.
+    INGEST = "ingest", "scans"
+    TRACE_PHANTOM = "trace-phantom", "phantoms"
+    CALIBRATE = "calibrate", "calibrations"
+    RECONSTRUCT = "reconstruct", "reconstructions"
+    PLAN = "plan", "plans"
+    DRIFT = "drift", "drifts"
+
+    plural: str
+
+    def __new__(cls, name: str, plural: str) -> Self:
+        """A word that carries the plural."""
+        kind = str.__new__(cls, name)
+        kind._value_, kind.plural = name, plural
+        return kind
 
 
 class JobState(StrEnum):

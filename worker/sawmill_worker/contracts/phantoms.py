@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator
 
 from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, Name, PositiveMm, Stamped
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import UploadedKind
 
 Point = tuple[CoordinateMm, CoordinateMm]
 # The least that is a body, and the most that any attenuates against wood.
@@ -118,3 +120,6 @@ class Phantom(Stamped):
     reason: str | None = Field(None, description="Why a picture was refused, in one sentence.")
     drawing: PhantomDrawing | None = Field(description="Null until a picture has been traced.")
     job_id: Identifier | None = None
+
+
+DECLARATION = UploadedKind(kind=JobKind.TRACE_PHANTOM, noun="phantom", result=PhantomDrawing, upload="picture")

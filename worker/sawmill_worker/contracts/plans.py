@@ -7,7 +7,8 @@ from pydantic import Field
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants, SourceFrame, Theta
-from sawmill_worker.contracts.jobs import Failure
+from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 
 
 class PlanOptions(Contract):
@@ -74,3 +75,46 @@ class Plan(Stamped):
     result: PlanResult | None = None
     failure: Failure | None = None
     links: PlanLinks | None = None
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.PLAN,
+    noun="plan",
+    ask=PlanAsk,
+    options=PlanAsked,
+    result=PlanResult,
+    answer=Plan,
+    read=stored_as(Plan),
+    links=PlanLinks,
+    references=(Reference.PHANTOM, Reference.SCANNER, Reference.THETA),
+    blocks_deletion=False,
+    listed_by=("phantom_id",),
+    asked_at="/v1/phantoms/{phantom_id}/plans",
+    tag="phantoms",
+    to_ask=Operation(
+        "Plan a calibration with a phantom",
+        """\
+The precision that one scan of the phantom will give on a scanner, before the phantom is made.
+
+The geometry is a nominal theta, or that of the scanner's active calibration.""",
+        {
+            "phantom_id": "l-shape",
+            "body": {
+                "scanner_id": "example",
+                "views": 20,
+                "noise": 0.02,
+                "theta": {
+                    "initial_angle_rad": 0.0,
+                    "detector_to_cor_mm": 740.0,
+                    "source_shift_mm": 200.0,
+                    "detector_shift_mm": 30.0,
+                    "detector_tilt": 0.2,
+                },
+            },
+        },
+    ),
+    to_list=Operation("List plans, newest first", "All of them, or those with one phantom."),
+    to_get=Operation(
+        "Get a plan", "Its state, and standard deviations and the predicted ray error once they are there."
+    ),
+)

@@ -6,7 +6,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 
 from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.geometry import GivenTheta, Theta
-from sawmill_worker.contracts.jobs import Failure
+from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import AlphaRule, FilterName, Handedness, ReconstructionMethod, Rotation
 
 
@@ -190,3 +191,28 @@ class Reconstruction(Stamped):
     result: ReconstructionResult | None = None
     failure: Failure | None = None
     links: ReconstructionLinks | None = None
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.RECONSTRUCT,
+    noun="reconstruction",
+    ask=ReconstructionAsk,
+    options=ReconstructionAsked,
+    result=ReconstructionResult,
+    answer=Reconstruction,
+    read=stored_as(Reconstruction),
+    links=ReconstructionLinks,
+    files={"volume": "volume.h5", "first_slice": "slices/0.png", "mosaic": "mosaic.png", "side": "side.png"},
+    references=(Reference.SCAN, Reference.CALIBRATION),
+    listed_by=("scanner_id", "state"),
+    to_ask=Operation(
+        "Ask for a reconstruction",
+        """\
+Slices of a log, with the scanner's active calibration, another one, or a theta of your own.
+
+The scan may still be read and the calibration still computed: the job waits for them.""",
+        {"body": {"scan_id": "example"}},
+    ),
+    to_list=Operation("List reconstructions, newest first", "All of them, or those of one scanner, or in one state."),
+    to_get=Operation("Get a reconstruction", "Its state, and its shape and range once it is there."),
+)

@@ -5,6 +5,8 @@ from enum import StrEnum
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, Rows, Stamped
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.vocabulary import DataKind
 
@@ -63,3 +65,6 @@ class Scan(Stamped, ScanSpec):
     angular_range_deg: tuple[float, float] | None = Field(None, description="First and last view's angle.")
     remarks: list[str] = Field([], description="What was done to the data on reading.")
     job_id: Identifier
+
+
+DECLARATION = UploadedKind(kind=JobKind.INGEST, noun="scan", result=ScanReading, upload="file")

@@ -27,14 +27,6 @@ from uuid import uuid4
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told, says_disk_full
 
-_ROOM = {
-    JobKind.INGEST: "scans",
-    JobKind.TRACE_PHANTOM: "phantoms",
-    JobKind.CALIBRATE: "calibrations",
-    JobKind.RECONSTRUCT: "reconstructions",
-    JobKind.PLAN: "plans",
-    JobKind.DRIFT: "drifts",
-}
 _TEMPORARY = ("incoming", "removed")
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
@@ -60,16 +52,16 @@ class FileStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
-        for name in (*_TEMPORARY, *_ROOM.values(), "attempts"):
+        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts"):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
         """Where the uploaded file of a scan (`ingest`) or a phantom's picture (`trace-phantom`) lies."""
-        return self.folder / "uploads" / _ROOM[kind] / _checked(subject_id) / "original"
+        return self.folder / "uploads" / kind.plural / _checked(subject_id) / "original"
 
     def results(self, kind: JobKind, subject_id: str) -> Path:
         """The final folder of a job's subject."""
-        return self.folder / _ROOM[kind] / _checked(subject_id)
+        return self.folder / kind.plural / _checked(subject_id)
 
     def result(self, kind: JobKind, subject_id: str, name: str) -> Path:
         """One file of that folder.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.jobs import JobKind
@@ -12,8 +12,9 @@ from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
-from sawmill_worker.storage.tables import CalibrationRow, PhantomRow, ScanRow
+from sawmill_worker.storage.tables import PhantomRow, ScanRow
 from sawmill_worker.storage.uploading import kept_upload
+from sawmill_worker.storage.uses import kept_by
 
 
 class Phantoms:
@@ -81,7 +82,7 @@ class Phantoms:
             return _read(found(session, PhantomRow, "phantom", phantom_id))
 
     def picture(self, phantom_id: str) -> PhantomPicture:
-        """What was said of its picture, for the job that traces it.
+        """What its uploader gave with the picture, for the job that traces it.
 
         Raises
         ------
@@ -114,9 +115,10 @@ class Phantoms:
             if row.state is PhantomState.TRACING:
                 msg = f"phantom {phantom_id!r} is still being traced; cancel job {row.job_id!r} first"
                 raise Conflict("phantom-in-use", msg)
-            for table in (ScanRow, CalibrationRow):
-                if session.scalar(select(table.id).where(table.phantom_id == phantom_id).limit(1)) is not None:
-                    msg = f"phantom {phantom_id!r} is used by {table.__tablename__}; a used phantom stays"
+            scans = session.scalar(select(func.count()).where(ScanRow.phantom_id == phantom_id)) or 0
+            for plural, used in [("scans", scans), *kept_by(session, "phantom_id", phantom_id)]:
+                if used:
+                    msg = f"phantom {phantom_id!r} is used by {plural}; a used phantom stays"
                     raise Conflict("phantom-in-use", msg)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.TRACE_PHANTOM, phantom_id))

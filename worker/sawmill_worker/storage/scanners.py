@@ -10,15 +10,8 @@ from sawmill_worker.contracts.scanners import Activation, Scanner, ScannerSpec
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
-from sawmill_worker.storage.tables import (
-    ActivationRow,
-    CalibrationRow,
-    DriftRow,
-    ReconstructionRow,
-    ScannerRow,
-    ScanRow,
-    ScheduleRow,
-)
+from sawmill_worker.storage.tables import ActivationRow, ScannerRow, ScanRow, ScheduleRow
+from sawmill_worker.storage.uses import kept_by
 
 
 class Scanners:
@@ -59,7 +52,7 @@ class Scanners:
             )
 
     def update(self, scanner_id: str, spec: ScannerSpec) -> Scanner:
-        """Replace what its owner said of it; existing results keep the constants they were made with."""
+        """Replace its description; existing results keep the constants they were made with."""
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
             row.spec = spec.model_dump(mode="json")
@@ -75,10 +68,12 @@ class Scanners:
         """
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
-            for table in (ScanRow, CalibrationRow, ReconstructionRow, DriftRow, ScheduleRow):
-                used = session.scalar(select(func.count()).select_from(table).where(table.scanner_id == scanner_id))
+            scans = session.scalar(select(func.count()).where(ScanRow.scanner_id == scanner_id)) or 0
+            schedules = session.scalar(select(func.count()).where(ScheduleRow.scanner_id == scanner_id)) or 0
+            kept = kept_by(session, "scanner_id", scanner_id)
+            for plural, used in [("scans", scans), *kept, ("schedules", schedules)]:
                 if used:
-                    msg = f"scanner {scanner_id!r} is used by {used} {table.__tablename__}; a used scanner stays"
+                    msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
                     raise Conflict("scanner-in-use", msg)
             session.delete(row)
 

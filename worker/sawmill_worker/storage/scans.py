@@ -1,26 +1,18 @@
 """Scans: uploads, and what the job that reads them found."""
 
-from sqlalchemy import Select, or_, select
-from sqlalchemy.orm import Session
+from sqlalchemy import select
 
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
-from sawmill_worker.storage.tables import (
-    CalibrationRow,
-    DriftRow,
-    JobRow,
-    PhantomRow,
-    ReconstructionRow,
-    ScannerRow,
-    ScanRow,
-)
+from sawmill_worker.storage.tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_worker.storage.uploading import kept_upload
+from sawmill_worker.storage.uses import unfinished_job_about
 
 _COLUMNS = {"scanner_id", "phantom_id"}
 
@@ -102,38 +94,14 @@ class Scans:
         """
         with self._database.write() as session:
             row = found(session, ScanRow, "scan", scan_id, lock=True)
-            busy = session.scalar(_unfinished_jobs_of(row))
+            reading = None if row.state is not ScanState.INGESTING else row.job_id
+            busy = reading or unfinished_job_about(session, scan_id)
             if busy is not None:
                 msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
                 raise Conflict("scan-in-use", msg)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.INGEST, scan_id))
         self._files.remove_upload(JobKind.INGEST, scan_id)
-
-
-def usable_scan(session: Session, scan_id: str) -> ScanRow:
-    """A scan that is ready or may become so, locked until the transaction ends.
-
-    Raises
-    ------
-    NotFound, Conflict
-        There is none, or it was refused.
-    """
-    row = found(session, ScanRow, "scan", scan_id, lock=True)
-    if row.state is ScanState.REFUSED:
-        raise Conflict("scan-refused", f"scan {scan_id!r} was refused and cannot be used: {row.reason}")
-    return row
-
-
-def _unfinished_jobs_of(scan: ScanRow) -> Select[str]:
-    made_from_it = (CalibrationRow, ReconstructionRow, DriftRow)
-    results = [select(table.job_id).where(table.scan_id == scan.id) for table in made_from_it]
-    return (
-        select(JobRow.id)
-        .where(JobRow.state.in_([JobState.QUEUED, JobState.RUNNING]))
-        .where(or_(JobRow.id == scan.job_id, *(JobRow.id.in_(ids) for ids in results)))
-        .limit(1)
-    )
 
 
 def _read(row: ScanRow) -> Scan:

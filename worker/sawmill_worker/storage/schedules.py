@@ -6,12 +6,13 @@ from cronsim import CronSim, CronSimError
 from sqlalchemy import exists, select, update
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
-from sawmill_worker.storage.calibrations import queue_calibration
+from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Invalid
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
@@ -168,7 +169,7 @@ def _new_phantom_scan(session: Session, scanner_id: str) -> ScanRow | None:
 
 def _queue(session: Session, row: ScheduleRow, scan: ScanRow, now: datetime) -> str:
     ask = CalibrationAsk.model_validate({**row.options, "scan_id": scan.id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
-    return queue_calibration(session, ask, now, schedule_id=row.id).id
+    return queue_asked(session, calibrations.DECLARATION, ask, now, given={"schedule_id": row.id}).id
 
 
 def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:

@@ -4,16 +4,16 @@ import os
 
 from sqlalchemy import text
 
+from sawmill_worker.contracts import drifts, plans, reconstructions
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.database import Clock, Database, make_engine, utc_now
-from sawmill_worker.storage.drifts import Drifts
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.phantoms import Phantoms
-from sawmill_worker.storage.plans import Plans
-from sawmill_worker.storage.reconstructions import Reconstructions
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
 from sawmill_worker.storage.schedules import Schedules
@@ -41,11 +41,15 @@ class Store:
         self.phantoms = Phantoms(self._database, self.files)
         self.scans = Scans(self._database, self.files)
         self.calibrations = Calibrations(self._database)
-        self.reconstructions = Reconstructions(self._database)
-        self.plans = Plans(self._database)
-        self.drifts = Drifts(self._database)
+        self.reconstructions = self.asked(reconstructions.DECLARATION)
+        self.plans = self.asked(plans.DECLARATION)
+        self.drifts = self.asked(drifts.DECLARATION)
         self.jobs = Jobs(self._database, self.files)
         self.schedules = Schedules(self._database)
+
+    def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
+        """The rows of any kind that is asked for."""
+        return Asked(self._database, declared)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock = utc_now) -> "Store":
@@ -64,7 +68,7 @@ class Store:
         return store
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
-        """Say whether rows and files can be written.
+        """Check that rows and files can be written.
 
         Parameters
         ----------

@@ -19,7 +19,7 @@ from sqlalchemy import (
     TypeDecorator,
     UniqueConstraint,
 )
-from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column, relationship
+from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column, relationship
 
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomState
@@ -44,7 +44,7 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.astimezone(UTC)
 
     def process_result_value(self, value: datetime | None, dialect: Dialect) -> datetime | None:  # noqa: ARG002
-        """Say that it is UTC."""
+        """Mark it as UTC."""
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
@@ -86,7 +86,7 @@ class Resource(Base):
 
 
 class JobRow(Resource):
-    """The row is the job (DESIGN section 6)."""
+    """The row is the job (docs/architecture.md#jobs)."""
 
     __tablename__ = "jobs"
     __table_args__ = (Index(None, "state", "created_at", "id"),)
@@ -144,7 +144,7 @@ class PhantomRow(Resource):
 
 
 class ScanRow(Resource):
-    """A scan; `spec` holds what its uploader said apart from the two columns."""
+    """A scan; `spec` holds what its uploader gave, apart from the two columns."""
 
     __tablename__ = "scans"
     __table_args__ = (Index(None, "scanner_id", "created_at"),)
@@ -160,8 +160,40 @@ class ScanRow(Resource):
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
 
 
-class CalibrationRow(Resource):
-    """A calibration; its state is its job's. It outlives its scan and its schedule, whose ids it keeps."""
+class Answered(Resource):
+    """What somebody asked for and a job answers; its state is its job's. It outlives its scan, whose id it keeps."""
+
+    __abstract__ = True
+
+    options: Mapped[Json]
+    result: Mapped[Json | None]
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
+
+    @declared_attr
+    def job(cls) -> Mapped[JobRow]:  # noqa: N805 - called with the class
+        """The job that answers it."""
+        return relationship(JobRow, lazy="joined", innerjoin=True)
+
+    @classmethod
+    def own_columns(cls) -> frozenset[str]:
+        """What a table has beside the columns of every one: references' ids, most of them."""
+        shared = {"id", "created_at", "options", "result", "job_id"}
+        return frozenset(column.key for column in cls.__table__.columns) - shared
+
+
+class AskedRow(Answered):
+    """What was asked of any kind that has no table of its own; the kind decides what may be deleted before it."""
+
+    __tablename__ = "asked"
+
+    scanner_id: Mapped[str | None] = mapped_column(String(64), index=True)
+    scan_id: Mapped[str | None] = mapped_column(String(64), index=True)
+    phantom_id: Mapped[str | None] = mapped_column(String(64), index=True)
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+
+
+class CalibrationRow(Answered):
+    """A calibration. It outlives its schedule, whose id it keeps."""
 
     __tablename__ = "calibrations"
     __table_args__ = (Index(None, "scanner_id", "created_at"),)
@@ -170,15 +202,11 @@ class CalibrationRow(Resource):
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     phantom_id: Mapped[str] = mapped_column(ForeignKey("phantoms.id"), index=True)
     schedule_id: Mapped[str | None] = mapped_column(String(64))
-    options: Mapped[Json]
     activate: Mapped[bool]
-    result: Mapped[Json | None]
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
-    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
 
 
-class ReconstructionRow(Resource):
-    """A reconstruction; its state is its job's. It outlives its scan, whose id it keeps."""
+class ReconstructionRow(Answered):
+    """A reconstruction."""
 
     __tablename__ = "reconstructions"
     __table_args__ = (Index(None, "scanner_id", "created_at"),)
@@ -186,14 +214,10 @@ class ReconstructionRow(Resource):
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
-    options: Mapped[Json]
-    result: Mapped[Json | None]
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
-    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
 
 
-class DriftRow(Resource):
-    """A look at drift; its state is its job's. It outlives its scan, whose id it keeps."""
+class DriftRow(Answered):
+    """A drift check."""
 
     __tablename__ = "drifts"
     __table_args__ = (Index(None, "scanner_id", "created_at"),)
@@ -201,23 +225,29 @@ class DriftRow(Resource):
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
-    options: Mapped[Json]
-    result: Mapped[Json | None]
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
-    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
 
 
-class PlanRow(Resource):
-    """A plan; its state is its job's. It outlives its phantom and its scanner, whose ids it keeps."""
+class PlanRow(Answered):
+    """A plan. It outlives its phantom and its scanner, whose ids it keeps."""
 
     __tablename__ = "plans"
 
     phantom_id: Mapped[str] = mapped_column(String(64))
     scanner_id: Mapped[str] = mapped_column(String(64))
-    options: Mapped[Json]
-    result: Mapped[Json | None]
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), unique=True)
-    job: Mapped[JobRow] = relationship(lazy="joined", innerjoin=True)
+
+
+# Of the first versions. A new kind needs none: its rows stand in `asked`.
+OWN_TABLES: dict[JobKind, type[Answered]] = {
+    JobKind.CALIBRATE: CalibrationRow,
+    JobKind.RECONSTRUCT: ReconstructionRow,
+    JobKind.DRIFT: DriftRow,
+    JobKind.PLAN: PlanRow,
+}
+
+
+def table_of(kind: JobKind) -> type[Answered]:
+    """Where what was asked of a kind is stored."""
+    return OWN_TABLES.get(kind, AskedRow)
 
 
 class ActivationRow(Base):
@@ -246,7 +276,7 @@ class ScheduleRow(Resource):
 
 
 class ScheduleRunRow(Base):
-    """What came of one due time; the constraint makes it once only."""
+    """The outcome of one due time; the constraint makes it once only."""
 
     __tablename__ = "schedule_runs"
     __table_args__ = (UniqueConstraint("schedule_id", "due_at"),)

@@ -1,0 +1,98 @@
+"""The routes of every kind of job that is asked for: ask, list, get, as its declaration describes them."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Path, Query, Response
+from pydantic import create_model
+
+from sawmill_service.answers import Paging, accept
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.openapi_document import trying
+from sawmill_worker.contracts.base import Contract, Identifier, Page
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
+
+
+def routers() -> list[APIRouter]:
+    """One for each kind."""
+    return [_router(declared) for declared in asked_kinds()]
+
+
+def _router(declared: AskedKind[Any, Any]) -> APIRouter:
+    router = APIRouter(tags=[declared.tag or declared.kind.plural])
+    folder = f"/v1/{declared.kind.plural}"
+
+    def ask(
+        ask: Contract,
+        given: Annotated[Mapping[str, str], Depends(_given_in_path(declared))],
+        store: TheStore,
+        settings: TheSettings,
+        wake: TheWake,
+        response: Response,
+    ) -> Any:  # noqa: ANN401 - the kind's answer
+        answer = store.asked(declared).accept(ask, given=given)
+        wake(answer.job_id)
+        accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
+        return _linked(declared, answer)
+
+    def list_all(query: Paging, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
+        page = store.asked(declared).page(**query.model_dump())
+        return page.model_copy(update={"items": [_linked(declared, item) for item in page.items]})
+
+    def get(identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore) -> Any:  # noqa: ANN401
+        return _linked(declared, store.asked(declared).get(identifier))
+
+    # What FastAPI reads as the types of body and query is known only here.
+    ask.__annotations__["ask"] = declared.ask
+    list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
+    one, many = declared.answer, Page.__class_getitem__(declared.answer)
+    asked_at = declared.asked_at or folder
+    router.add_api_route(
+        asked_at, ask, methods=["POST"], status_code=202, **_described(f"ask_{declared.noun}", one, declared.to_ask)
+    )
+    router.add_api_route(folder, list_all, **_described(f"list_{declared.kind.plural}", many, declared.to_list))
+    router.add_api_route(
+        f"{folder}/{{{declared.noun}_id}}", get, **_described(f"get_{declared.noun}", one, declared.to_get)
+    )
+    return router
+
+
+def _described(name: str, response_model: Any, operation: Operation) -> dict[str, Any]:  # noqa: ANN401 - a type
+    return {
+        "name": name,
+        "response_model": response_model,
+        "summary": operation.summary,
+        "description": operation.description,
+        "openapi_extra": trying(**operation.example),
+    }
+
+
+def _filter(declared: AskedKind[Any, Any]) -> type[Paging]:
+    fields: dict[str, Any] = {
+        name: (JobState | None if name == "state" else Identifier | None, None) for name in declared.listed_by
+    }
+    return create_model(f"{declared.noun}_filter", __base__=Paging, **fields)
+
+
+def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency
+    """The reference whose id stands in the path at which a kind is asked for."""
+    names = [f"{name}_id" for name in Reference if f"{{{name}_id}}" in (declared.asked_at or "")]
+
+    def none() -> Mapping[str, str]:
+        return {}
+
+    def one(identifier: Annotated[Identifier, Path(alias=names[0] if names else None)]) -> Mapping[str, str]:
+        return {names[0]: identifier}
+
+    return one if names else none
+
+
+def _linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
+    """The answer with the paths of itself, its job, its files and what it refers to."""
+    path = f"/v1/{declared.kind.plural}/{answer.id}"
+    links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}
+    links |= {name: f"{path}/{file}" for name, file in declared.files.items()}
+    for name in declared.links.model_fields.keys() - links.keys():
+        links[name] = f"/v1/{name}s/{getattr(answer, f'{name}_id')}"
+    return answer.model_copy(update={"links": declared.links.model_validate(links)})

@@ -1,0 +1,143 @@
+"""What a kind of job declares: how it is asked for, answered, stored and limited, in one value a kind.
+
+`JobKind` (`contracts/jobs.py`) is the table: a line a kind, which names the kind and its plural. Everything else is
+found by these two names:
+
+contracts/<plural>.py    the contracts, and `DECLARATION`, an `AskedKind` or an `UploadedKind`
+jobs/<kind>.py           `run(attempt)`, which does the job, and `needs(attempt)`, its memory and its largest file
+/v1/<plural>             an asked kind's routes
+<plural>/<id>/           its files in the data folder
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from importlib import import_module
+from typing import Any, Generic, TypeVar
+
+from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.jobs import JobKind
+
+Ask = TypeVar("Ask", bound=Contract)
+Answer = TypeVar("Answer", bound=Contract)
+
+
+class Reference(StrEnum):
+    """What an ask refers to. It is looked up and must be usable; while a job makes it, the new job waits for that job.
+
+    Those that depend on others follow them in a declaration: a calibration its scan, a theta its scanner.
+    """
+
+    SCAN = "scan"
+    """`scan_id`; the scan's scanner comes with it."""
+    SCANNER = "scanner"
+    """`scanner_id`."""
+    PHANTOM = "phantom"
+    """`phantom_id`, or the phantom that the scan names."""
+    CALIBRATION = "calibration"
+    """`calibration_id`, or the active one of the scan's scanner; none where the ask gives a `theta`."""
+    THETA = "theta"
+    """`theta`, or that of the scanner's active calibration."""
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A route as the OpenAPI document describes it; `example` holds the console's values, parameters and `body`."""
+
+    summary: str
+    description: str
+    example: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindDeclaration:
+    """What every kind declares.
+
+    Attributes
+    ----------
+    kind : JobKind
+        Its line of the table.
+    noun : str
+        What a job of this kind works on, in sentences and codes: `plan` gives `plan-not-found`.
+    result : type of Contract
+        What `run` answers with.
+    processor_s : int
+        Seconds of processor time for each core that a job may use.
+    """
+
+    kind: JobKind
+    noun: str
+    result: type[Contract]
+    processor_s: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class UploadedKind(KindDeclaration):
+    """A job that reads a file that somebody sent; `upload` is the file's name in sentences."""
+
+    upload: str
+    processor_s: int = 3600
+
+
+@dataclass(frozen=True, kw_only=True)
+class AskedKind(KindDeclaration, Generic[Ask, Answer]):
+    """A job that somebody asks for, and whose answer is stored.
+
+    Attributes
+    ----------
+    ask, options : type of Contract
+        The body of the request; the part of it that is stored for the job.
+    answer
+        The contract of the stored thing, or a union of contracts.
+    read : callable
+        From a stored record to the answer (`stored_as`).
+    links : type of Contract
+        Where the answer and its files are: `self`, `job`, the names of `files`, and references such as `calibration`.
+    files : mapping
+        A link's name -> its path below /v1/<plural>/<id>/.
+    references : tuple of Reference
+        What is looked up when it is asked for, in this order.
+    blocks_deletion : bool
+        Whether its scanner and its phantom stay as long as it is stored. A scan stays only until its job has ended.
+    listed_by : tuple of str
+        What a list can be narrowed by: `state`, and references' ids.
+    to_ask, to_list, to_get : Operation
+        The routes' texts.
+    asked_at : str or None
+        Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
+    tag : str or None
+        The group of its routes, if not <plural>.
+    """
+
+    ask: type[Ask]
+    options: type[Contract]
+    answer: Any
+    read: Callable[[Mapping[str, Any]], Answer]
+    links: type[Contract]
+    files: Mapping[str, str] = field(default_factory=dict)
+    references: tuple[Reference, ...] = ()
+    blocks_deletion: bool = True
+    listed_by: tuple[str, ...] = ("state",)
+    to_ask: Operation
+    to_list: Operation
+    to_get: Operation
+    asked_at: str | None = None
+    tag: str | None = None
+    processor_s: int = 24 * 3600
+
+
+def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:
+    """Read a stored record as a contract whose fields have the record's names."""
+    return lambda record: answer.model_validate({name: record[name] for name in answer.model_fields if name in record})
+
+
+def declaration_of(kind: JobKind) -> KindDeclaration:
+    """What a kind declares."""
+    declaration: KindDeclaration = import_module(f"sawmill_worker.contracts.{kind.plural}").DECLARATION
+    return declaration
+
+
+def asked_kinds() -> list[AskedKind[Any, Any]]:
+    """The kinds that somebody asks for, in the table's order."""
+    declarations = (declaration_of(kind) for kind in JobKind)
+    return [declaration for declaration in declarations if isinstance(declaration, AskedKind)]

@@ -1,0 +1,152 @@
+"""What somebody asked for and a job answers: one store for every kind that declares itself (`contracts/kinds.py`).
+
+A kind's rows stand in the table `asked`. The four kinds of the first versions keep tables of their own, so that no
+stored row had to move: `tables.OWN_TABLES` names them.
+"""
+
+from collections.abc import Mapping
+from datetime import datetime
+from types import MappingProxyType
+from typing import Any, Generic
+
+from sqlalchemy import Select, select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.paging import narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.queueing import queue_job
+from sawmill_worker.storage.references import looked_up
+from sawmill_worker.storage.tables import Answered, JobRow, table_of
+
+NOTHING: Mapping[str, str] = MappingProxyType({})
+
+
+class Asked(Generic[Ask, Answer]):
+    """What was asked of one kind; every method is one transaction.
+
+    Parameters
+    ----------
+    database
+        Where the rows are.
+    declared
+        The kind's declaration.
+    """
+
+    def __init__(self, database: Database, declared: AskedKind[Ask, Answer]) -> None:
+        self._database = database
+        self._declared = declared
+
+    def accept(
+        self,
+        ask: Ask,
+        *,
+        identifier: str | None = None,
+        job_id: str | None = None,
+        background: bool = False,
+        given: Mapping[str, str] = NOTHING,
+    ) -> Answer:
+        """Queue a job; while others make what it refers to, it waits for them.
+
+        Parameters
+        ----------
+        ask
+            What is asked for.
+        identifier, job_id
+            Fixed ids; null for new ones.
+        background
+            It starts only when no other job could.
+        given
+            References that the ask itself does not hold, by the names of their columns, as `phantom_id`.
+
+        Raises
+        ------
+        NotFound
+            There is nothing that a reference names.
+        Conflict
+            What a reference names cannot be used, nothing is named where something must be, or an id is taken.
+        """
+        with self._database.write() as session:
+            row = queue_asked(
+                session,
+                self._declared,
+                ask,
+                self._database.now(),
+                identifier=identifier,
+                job_id=job_id,
+                background=background,
+                given=given,
+            )
+            return self._read(row)
+
+    def get(self, identifier: str) -> Answer:
+        """One of them, or `NotFound`."""
+        with self._database.read() as session:
+            return self._read(found_asked(session, self._declared, identifier))
+
+    def page(
+        self, *, state: JobState | None = None, after: str | None = None, limit: int = 50, **references: str | None
+    ) -> Page[Answer]:
+        """Newest first, narrowed by state and by references' ids such as `scan_id`; null takes any."""
+        table = table_of(self._declared.kind)
+        columns = {getattr(table, name): wanted for name, wanted in references.items()}
+        statement = narrowed(_rows(self._declared), {**columns, JobRow.state: state})
+        with self._database.read() as session:
+            return read_page(session, statement, table, self._read, after=after, limit=limit)
+
+    def _read(self, row: Answered) -> Answer:
+        columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
+        return self._declared.read(columns | {"state": row.job.state, "failure": row.job.failure})
+
+
+def queue_asked(
+    session: Session,
+    declared: AskedKind[Ask, Answer],
+    ask: Ask,
+    now: datetime,
+    *,
+    identifier: str | None = None,
+    job_id: str | None = None,
+    background: bool = False,
+    given: Mapping[str, str] = NOTHING,
+) -> Answered:
+    """Write a row and its job inside the caller's transaction; the rest as in `Asked.accept`."""
+    table, identifier = table_of(declared.kind), identifier or new_id()
+    refuse_taken(session, table, declared.noun, identifier)
+    known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+    options = declared.options.model_validate(
+        {name: known[name] for name in declared.options.model_fields if name in known}
+    )
+    row = table(
+        id=identifier,
+        created_at=now,
+        options=options.model_dump(mode="json"),
+        job_id=queue_job(session, declared.kind, identifier, now, needs=needs, job_id=job_id, background=background),
+        **{name: known[name] for name in table.own_columns() if name in known},
+    )
+    session.add(row)
+    session.flush()
+    session.refresh(row, ["job"])
+    return row
+
+
+def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
+    """The row with this id.
+
+    Raises
+    ------
+    NotFound
+        There is none of this kind.
+    """
+    row = session.get(table_of(declared.kind), identifier)
+    if row is None or row.job.kind is not declared.kind:
+        raise NotFound(declared.noun, identifier)
+    return row
+
+
+def _rows(declared: AskedKind[Any, Any]) -> Select[Any]:
+    table = table_of(declared.kind)
+    return select(table).join(table.job).where(JobRow.kind == declared.kind)
