@@ -133,7 +133,7 @@ def test_a_calibration_takes_the_scan_s_phantom_and_its_state_is_its_job_s(store
 
 def test_a_scan_without_a_phantom_needs_one_in_the_ask(store, upload):
     scan = upload(store, phantom_id=None)
-    with pytest.raises(Conflict, match="names no phantom: say which one it shows, as phantom_id"):
+    with pytest.raises(Conflict, match="names no phantom: name the one it shows, as phantom_id"):
         store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
     assert store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape")).phantom_id == "l-shape"
 

@@ -5,13 +5,12 @@ import resource
 import signal
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_worker.contracts.kinds import UploadedKind, declaration_of
 from sawmill_worker.execution.limits import processor_s
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, says_disk_full
 
 # A defect of a program, which comes again with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
-# What the kinds that read a stranger's file call it.
-_READ = {JobKind.INGEST: "file", JobKind.TRACE_PHANTOM: "picture"}
 # A job that took more than it may was at fault, whatever else was wrong.
 LIMITS_MET = frozenset({"too-long", "file-too-large"})
 # What Python says when there is no room for a thread's stack.
@@ -51,9 +50,10 @@ def died(exit_code: int, kind: JobKind) -> Failure:
 
 
 def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
-    if kind in _READ:
+    declared = declaration_of(kind)
+    if isinstance(declared, UploadedKind):
         detail = (
-            f"reading the {_READ[kind]} crashed the reader ({how.name}): it is damaged, or needs more memory than "
+            f"reading the {declared.upload} crashed the reader ({how.name}): it is damaged, or needs more memory than "
             "reading may take; export it again"
         )
         return Failure(kind=FailureKind.INPUT, code="broken-file", detail=detail)

@@ -5,18 +5,16 @@ import resource
 from typing import NamedTuple
 
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import declaration_of
 
 # Private memory of any job. Those that read files of strangers have no more; others have what their sizes need.
 DATA_BYTES = 2 * 2**30
-# Each core has its threads, whose stacks and arenas are reserved and hardly used; room for so many is in the above.
+# Each core has its threads, whose stacks and arenas are reserved and hardly used; the above has room for this many.
 CORES_INCLUDED, DATA_BYTES_A_CORE = 8, 64 * 2**20
 # Any file that is written, where the job's sizes do not need more.
 FILE_BYTES = 4 * 2**30
 OPEN_FILES = 256
-# Processor time in seconds for each core that a job may use: reading, and computing, which may take hours.
-READING_S, COMPUTING_S = 3600, 24 * 3600
-_READERS = frozenset({JobKind.INGEST, JobKind.TRACE_PHANTOM})
-# After its processor time a job is told to end, and so much later killed; equal limits would kill it at once.
+# From the signal at the end of a job's processor time to the kill; equal limits would kill it at once.
 PROCESSOR_GRACE_S = 60
 # A limit that the system can count.
 LARGEST = 2**63 - 1
@@ -65,7 +63,7 @@ def cores() -> int:
 
 def processor_s(kind: JobKind) -> int:
     """Processor time of a job of a kind, on all cores together."""
-    return cores() * (READING_S if kind in _READERS else COMPUTING_S)
+    return cores() * declaration_of(kind).processor_s
 
 
 def keep_to(limits: Limits) -> None:

@@ -1,1 +1,1 @@
-"""One thin function a job kind: load, compute, store. The only place that knows science and storage together."""
+"""One file a kind of job: load, compute, store. The only place that knows science and storage together."""

@@ -1,4 +1,4 @@
-"""What a task is given."""
+"""What a job's functions are given."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +21,7 @@ class Attempt:
     output : Path
         An empty folder: what is left in it becomes the subject's files.
     report : callable
-        Told how far the job is.
+        Takes the job's progress.
     """
 
     job: Job
@@ -29,6 +29,6 @@ class Attempt:
     output: Path
     report: ProgressCallback
 
-    def say(self, fraction: float, stage: str) -> None:
+    def report_stage(self, fraction: float, stage: str) -> None:
         """Report progress."""
         self.report(Progress(fraction=fraction, stage=stage))

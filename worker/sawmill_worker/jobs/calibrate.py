@@ -7,9 +7,10 @@ import numpy as np
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import Scanner
-from sawmill_worker.contracts.scans import Scan, ScanState
+from sawmill_worker.contracts.scans import Scan, ScanShape, ScanState
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
@@ -21,7 +22,7 @@ from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import Adjustment, DataKind
 
 
-def calibrate(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: Attempt) -> dict[str, Any]:
     """Write result.h5, which the pictures are drawn from, and answer with everything known."""
     store = attempt.store
     asked = store.calibrations.get(attempt.job.subject_id)
@@ -38,11 +39,18 @@ def calibrate(attempt: Attempt) -> dict[str, Any]:
     active = _active(store, scanner)
     if active is not None:
         result = compared(active, result, scanner)
-    attempt.say(0.97, "result")
+    attempt.report_stage(0.97, "result")
     log = _log_row(store, scan, options, given)
     images = None if log is None else log_images(log, given, result, active)
     write_result(attempt.output, result, calibration_arrays(calibration, given, images))
     return result.model_dump(mode="json")
+
+
+def needs(attempt: Attempt) -> Needs:
+    """Of the rows that are averaged."""
+    asked = attempt.store.calibrations.get(attempt.job.subject_id)
+    scan = usable_scan(attempt.store, asked.scan_id)
+    return of_averaged_rows(shape_of(scan), asked.options.rows or scan.phantom_rows)
 
 
 def usable_scan(store: Store, scan_id: str) -> Scan:
@@ -51,6 +59,12 @@ def usable_scan(store: Store, scan_id: str) -> Scan:
     if scan.state is not ScanState.READY or scan.shape is None:
         raise refused("scan-refused", f"scan {scan_id!r} cannot be used: {scan.reason or scan.state.value}")
     return scan
+
+
+def shape_of(scan: Scan) -> ScanShape:
+    """Of a usable scan."""
+    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
+    return scan.shape
 
 
 def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
@@ -64,9 +78,9 @@ def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
 def _load(
     store: Store, scan: Scan, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
 ) -> CalibrationInput:
-    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
-    rows = chosen_rows(options.rows or scan.phantom_rows, scan.shape.rows)
-    views = chosen_views(options.views, scan.shape.views)
+    shape = shape_of(scan)
+    rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows)
+    views = chosen_views(options.views, shape.views)
     stored = read_stored_scan(store.files.scan(scan.id), rows, views)
     given = CalibrationInput(
         sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
@@ -93,11 +107,11 @@ def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:
 
 def _log_row(store: Store, scan: Scan, options: CalibrationOptions, given: CalibrationInput) -> LogRow | None:
     """A row of the scan beside the phantom's that shows a log, if there is one."""
-    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
-    views = chosen_views(options.views, scan.shape.views)
+    shape = shape_of(scan)
+    views = chosen_views(options.views, shape.views)
 
     def read(row: int) -> FloatArray:
         stored = read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views)
         return stored.line_integrals[:, 0].astype(np.float64)
 
-    return log_row_beside(given, (0, scan.shape.rows), read)
+    return log_row_beside(given, (0, shape.rows), read)

@@ -5,7 +5,9 @@ from typing import Any
 
 from sawmill_worker.contracts.scans import ScanReading, ScanShape
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, Needs
 from sawmill_worker.readers.angles import parse_angles
+from sawmill_worker.readers.arrays import MAX_BYTES
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.use_cases.failures import refused
@@ -14,12 +16,12 @@ from sawmill_worker.use_cases.room import memory_available
 from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 
-def ingest(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: Attempt) -> dict[str, Any]:
     """Write scan.h5 and answer with what the file turned out to be."""
     store = attempt.store
     scan = store.scans.get(attempt.job.subject_id)
     constants = store.scanners.get(scan.scanner_id).constants
-    attempt.say(0.0, "read")
+    attempt.report_stage(0.0, "read")
     reading = reading_scan(
         store.files.upload(attempt.job.kind, scan.id),
         counts=scan.data is DataKind.COUNTS,
@@ -47,6 +49,11 @@ def ingest(attempt: Attempt) -> dict[str, Any]:
         angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
         remarks=list(prepared.remarks),
     ).model_dump(mode="json")
+
+
+def needs(_: Attempt) -> Needs:
+    """None that grow with the file: what it declares is not to be believed before it is read."""
+    return Needs(0, int(FILE_SHARE * MAX_BYTES) + FILE_BYTES)
 
 
 def _check_detector(read: CanonicalScan, cells: int) -> None:

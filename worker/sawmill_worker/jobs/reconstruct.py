@@ -2,29 +2,44 @@
 
 from typing import Any
 
+import numpy as np
+from numba import get_num_threads
+
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.geometry import Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
+from sawmill_worker.contracts.scans import ScanShape
 from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.calibrate import usable_scan
+from sawmill_worker.jobs.calibrate import shape_of, usable_scan
+from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
 from sawmill_worker.storage.store import Store
+from sawmill_worker.tomography import cost
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.object_extent import seen_radius_mm
+from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
+from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
+from sawmill_worker.use_cases.solving import IMAGES_A_DESCENT, IMAGES_OF_A_BASIS, ITERATED_TOGETHER, TRIALS
+from sawmill_worker.vocabulary import DataKind, Handedness, ReconstructionMethod, Rotation
+
+# Of each slice that iterates, in single precision: the data, residuals and trial steps.
+LINES_A_SLICE = 40
 
 
-def reconstruct(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: Attempt) -> dict[str, Any]:
     """Write volume.h5 and answer with what it holds."""
     store = attempt.store
     asked = store.reconstructions.get(attempt.job.subject_id)
     options = asked.options
     scan = usable_scan(store, asked.scan_id)
-    assert scan.shape is not None  # noqa: S101 - usable_scan saw to it
-    rows = range(scan.shape.rows)[chosen_rows(options.rows, scan.shape.rows)]
-    views = chosen_views(options.views, scan.shape.views)
-    theta, rotation, handedness = geometry_of(store, options)
+    shape = shape_of(scan)
+    rows = range(shape.rows)[chosen_rows(options.rows, shape.rows)]
+    views = chosen_views(options.views, shape.views)
+    theta, rotation, handedness = _geometry_of(store, options)
     constants = store.scanners.get(asked.scanner_id).constants
     with open_scan(store.files.scan(scan.id)) as stored:
         given = ReconstructionInput(
@@ -44,7 +59,36 @@ def reconstruct(attempt: Attempt) -> dict[str, Any]:
     return result.model_dump(mode="json")
 
 
-def geometry_of(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
+def needs(attempt: Attempt) -> Needs:
+    """Of the rows that are reconstructed together, the images that iterate together, and the volume."""
+    asked = attempt.store.reconstructions.get(attempt.job.subject_id)
+    options, shape = asked.options, shape_of(usable_scan(attempt.store, asked.scan_id))
+    slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows)])
+    volumes = 2 if options.uncertainty else 1
+    file_bytes = int(FILE_SHARE * volumes * cost.volume_bytes(options.size, slices)) + FILE_BYTES
+    at_work = max(
+        cost.MEMORY_BYTES,
+        cost.block_bytes(shape.views, shape.detector, options.size, 1),
+        0 if options.method is ReconstructionMethod.FBP else _iterating(attempt, options, asked.scanner_id, shape),
+    )
+    return Needs(PROCESS_BYTES + int(at_work / MEMORY_SHARE), file_bytes)
+
+
+def _iterating(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, shape: ScanShape) -> int:
+    """By the method that takes most, on a grid that holds all that the detector can see."""
+    constants = attempt.store.scanners.get(scanner_id).constants
+    theta, _, _ = _geometry_of(attempt.store, options)
+    geometry = FanBeamGeometry(to_scanner(constants), to_theta(theta), np.zeros(1))
+    grid, _ = ImageGrid(options.size, options.field_mm, options.field_centre_mm).around(seen_radius_mm(geometry))
+    # A larger grid is refused.
+    pixels = min(grid.size, LARGEST_SIZE) ** 2
+    images = max(IMAGES_OF_A_BASIS, IMAGES_A_DESCENT * max(TRIALS, ITERATED_TOGETHER))
+    images += get_num_threads() * BLOCK
+    lines = LINES_A_SLICE * ITERATED_TOGETHER * shape.views * shape.detector
+    return 4 * (images * pixels + lines)
+
+
+def _geometry_of(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
     """The theta that was given, or the calibration's; refused where it has none."""
     if options.theta is not None:
         return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN

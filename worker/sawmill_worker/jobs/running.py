@@ -1,42 +1,56 @@
-"""Which function does which kind of job."""
+"""Which functions do which kind of job: those of the module that has the kind's name.
 
-from collections.abc import Callable, Mapping
+`jobs/<kind>.py` holds `run(attempt)`, which leaves its files in the attempt's output folder and returns the JSON
+answer, and `needs(attempt)`, the memory and the largest file that it may take.
+"""
+
+from collections.abc import Mapping
+from importlib import import_module
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol, cast
 
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.calibrate import calibrate
-from sawmill_worker.jobs.drift import drift
-from sawmill_worker.jobs.ingest import ingest
-from sawmill_worker.jobs.needs import Needs, needs_of
-from sawmill_worker.jobs.plan import plan
-from sawmill_worker.jobs.reconstruct import reconstruct
-from sawmill_worker.jobs.trace_phantom import trace_phantom
+from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.tomography.warm_up import warm_up
 from sawmill_worker.use_cases.failures import input_errors_translated
 
 __all__ = ["Attempt", "Needs", "needs_of", "run", "warm_up"]
 
-_TASKS: Mapping[JobKind, Callable[[Attempt], dict[str, Any]]] = MappingProxyType(
-    {
-        JobKind.INGEST: ingest,
-        JobKind.TRACE_PHANTOM: trace_phantom,
-        JobKind.CALIBRATE: calibrate,
-        JobKind.RECONSTRUCT: reconstruct,
-        JobKind.PLAN: plan,
-        JobKind.DRIFT: drift,
-    }
-)
+
+class _JobModule(Protocol):
+    def run(self, attempt: Attempt) -> dict[str, Any]: ...
+
+    def needs(self, attempt: Attempt) -> Needs: ...
+
+
+def _module_of(kind: JobKind) -> _JobModule:
+    return cast("_JobModule", import_module(f"sawmill_worker.jobs.{kind.replace('-', '_')}"))
+
+
+# At import, so that a process that is kept ready has everything loaded.
+_MODULES: Mapping[JobKind, _JobModule] = MappingProxyType({kind: _module_of(kind) for kind in JobKind})
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Do the job: files into the attempt's output folder, the JSON answer returned.
+    """Do the job.
 
     Raises
     ------
     sawmill_worker.use_cases.failures.JobFailure
-        The input cannot be used; its sentence says why. Everything else that escapes is ours.
+        The input cannot be used; its sentence tells why. Everything else that escapes is ours.
     """
     with input_errors_translated():
-        return _TASKS[attempt.job.kind](attempt)
+        return _MODULES[attempt.job.kind].run(attempt)
+
+
+def needs_of(attempt: Attempt) -> Needs:
+    """What the job may need.
+
+    Raises
+    ------
+    sawmill_worker.use_cases.failures.JobFailure
+        What it is about cannot be used.
+    """
+    with input_errors_translated():
+        return _MODULES[attempt.job.kind].needs(attempt)

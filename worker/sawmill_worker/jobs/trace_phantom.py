@@ -4,17 +4,23 @@ from dataclasses import replace
 from typing import Any
 
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.readers.picture import read_picture
 from sawmill_worker.tomography.tracing import trace
 from sawmill_worker.use_cases.conversion import from_phantom
 
 
-def trace_phantom(attempt: Attempt) -> dict[str, Any]:
+def run(attempt: Attempt) -> dict[str, Any]:
     """Answer with the drawing."""
     store, phantom_id = attempt.store, attempt.job.subject_id
     asked = store.phantoms.picture(phantom_id)
-    attempt.say(0.1, "trace")
+    attempt.report_stage(0.1, "trace")
     picture = read_picture(store.files.upload(attempt.job.kind, phantom_id))
     traced = trace(picture, asked.width_mm, name=asked.name)
     phantom = replace(traced, size_tolerance=max(asked.size_tolerance, traced.size_tolerance))
     return from_phantom(phantom).model_dump(mode="json")
+
+
+def needs(_: Attempt) -> Needs:
+    """None beyond what every job may take."""
+    return Needs(0, 0)
