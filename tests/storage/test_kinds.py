@@ -1,0 +1,113 @@
+"""Every kind declares itself, and one store serves those that are asked for, whichever table holds their rows."""
+
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.geometry import Theta
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import OWN_TABLES, AskedRow, table_of
+
+NOMINAL = Theta(
+    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
+)
+
+
+@pytest.fixture
+def calibration(store, ready_scan, finish):
+    accepted = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+    finish(store)
+    return store.calibrations.get(accepted.id)
+
+
+@pytest.fixture
+def as_new_kinds(monkeypatch):
+    """Drift checks and plans as they were stored if they came after the first versions."""
+    for kind in (JobKind.DRIFT, JobKind.PLAN):
+        monkeypatch.delitem(OWN_TABLES, kind)
+
+
+@pytest.mark.parametrize("kind", JobKind)
+def test_each_kind_declares_itself_under_its_names(kind):
+    declared = declaration_of(kind)
+    assert (declared.kind, JobKind(kind.value)) == (kind, kind)
+    assert f"{declared.noun}s" == kind.plural
+    assert declared.processor_s >= 3600
+
+
+@pytest.mark.parametrize("declared", asked_kinds(), ids=lambda declared: declared.noun)
+def test_the_columns_of_an_asked_kind_can_hold_what_it_refers_to(declared: AskedKind):
+    columns = table_of(declared.kind).own_columns()
+    assert {f"{name}_id" for name in declared.references if name != "theta"} <= columns
+    assert set(declared.listed_by) <= columns | {"state"}
+    assert declared.files.keys() <= declared.links.model_fields.keys()
+
+
+@pytest.mark.usefixtures("as_new_kinds")
+def test_a_new_kind_s_rows_stand_in_the_common_table(store, scanner, ready_scan, calibration, finish):
+    plan = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": "l-shape"})
+    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id, rows="0:1"))
+    finish(store)
+    finish(store)
+    done = store.plans.get(plan.id), store.drifts.get(drift.id)
+    assert [item.state for item in done] == ["succeeded", "succeeded"]
+    assert done[1].calibration_id == calibration.id
+    assert (store.plans.page().items, store.drifts.page(scan_id=ready_scan.id).items) == ([done[0]], [done[1]])
+    assert store.drifts.page(scan_id="other").items == []
+    with store._database.read() as session:
+        assert {row.id for row in session.query(AskedRow)} == {plan.id, drift.id}
+
+
+@pytest.mark.usefixtures("as_new_kinds")
+def test_kinds_that_share_a_table_are_told_apart(store, scanner):
+    plan = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": "l-shape"})
+    assert store.drifts.page().items == []
+    with pytest.raises(NotFound, match=f"there is no drift '{plan.id}'"):
+        store.drifts.get(plan.id)
+
+
+@pytest.mark.usefixtures("as_new_kinds", "calibration")
+def test_in_the_common_table_too_a_kind_decides_what_stays(store, scanner, ready_scan):
+    phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
+    store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": phantom.id})
+    store.phantoms.delete(phantom.id)
+    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    with pytest.raises(Conflict, match=f"is needed by job '{drift.job_id}'"):
+        store.scans.delete(ready_scan.id)
+    store.jobs.request_cancel(drift.job_id)
+    store.scans.delete(ready_scan.id)
+    with pytest.raises(Conflict, match="is used by 1 calibrations"):
+        store.scanners.delete(scanner.id)
+
+
+def test_what_was_stored_before_the_common_table_is_read_as_before(settings, scanner, upload, finish, tmp_path):
+    older = settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/older.db"})
+    database = Database(make_engine(older.url))
+    database.upgrade("0004")
+    database.engine.dispose()
+    before = Store(older)
+    before.phantoms.seed_built_in({"l-shape": Store(settings).phantoms.get("l-shape").drawing})
+    before.scanners.create(scanner, scanner_id=scanner.id)
+    scan = upload(before)
+    finish(before)
+    before.calibrations.accept(CalibrationAsk(scan_id=scan.id, activate=True))
+    finish(before)
+    before.drifts.accept(DriftAsk(scan_id=scan.id))
+    before.plans.accept(PlanAsk(scanner_id=scanner.id), given={"phantom_id": "l-shape"})
+    finish(before)
+
+    def stored(store: Store) -> list[object]:
+        return [store.asked(declared).page().items for declared in asked_kinds()]
+
+    expected = stored(before)
+    before.close()
+    upgraded = Store.open(older)
+    assert stored(upgraded) == expected
+    finish(upgraded)
+    assert upgraded.plans.page().items[0].state == "succeeded"
+    upgraded.close()
