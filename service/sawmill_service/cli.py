@@ -14,13 +14,14 @@ import typer
 from pydantic import ValidationError
 
 from sawmill_worker.cli import app as main
-from sawmill_worker.commands.options import complaint
+from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.from_contract import complaint
 from sawmill_worker.commands.terminal import say
 
 __all__ = ["main"]
 
 
-@main.command()
+@main.command(cls=Command)
 def serve(
     data: Annotated[
         Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
@@ -54,7 +55,7 @@ def serve(
         raise typer.BadParameter(str(error)) from error
     except ValidationError as error:
         setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
-        # What is said of several settings together names them itself.
+        # A message about several settings together names them itself.
         raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}" if setting else complaint(error)) from error
     seed = seed_examples if examples else None
     try:
@@ -64,7 +65,7 @@ def serve(
         raise typer.Exit(1) from error
 
 
-@main.command()
+@main.command(cls=Command)
 def demo(
     output: Annotated[
         Path, typer.Option(file_okay=False, help="Folder for the pictures, the HDF5 files and index.html.")
@@ -76,7 +77,7 @@ def demo(
     raise typer.Exit(run_demo(output))
 
 
-@main.command()
+@main.command(cls=Command)
 def openapi(
     folder: Annotated[Path, typer.Option(file_okay=False, help="Where openapi.json and requests/ are written.")] = Path(
         "openapi"

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sawmill_worker.commands.options import PhantomSaid, ScanSaid
+from sawmill_worker.commands.options import PhantomSource, ScanSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.commands.scan_rows import open_rows
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
@@ -15,17 +15,17 @@ from sawmill_worker.vocabulary import Adjustment, ProgressCallback
 
 
 def calibrate_scan(
-    said: ScanSaid,
-    phantom: PhantomSaid,
+    scan: ScanSource,
+    phantom: PhantomSource,
     options: CalibrationOptions,
     *,
     source_to_cor_mm: float,
     picture: Path | None,
-    report: ProgressCallback,
+    on_progress: ProgressCallback,
 ) -> CalibrationResult:
     """Read, calibrate, and draw the report where one is asked for."""
     drawing = drawing_of(phantom)
-    with open_rows(said, source_to_cor_mm=source_to_cor_mm, report=report) as used:
+    with open_rows(scan, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
         stack = used.stack()
     given = CalibrationInput(
         sinogram=stack.mean(axis=1, dtype=np.float64),
@@ -37,9 +37,9 @@ def calibrate_scan(
         input_sha256=used.sha256,
         from_counts=used.counts,
     )
-    if said.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
+    if scan.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
         given = with_phantom_rows(given, stack, options)
-    calibration, result = run_calibration(given, options, used.report)
+    calibration, result = run_calibration(given, options, used.on_progress)
     if picture is not None:
         _draw(picture, stack, used.rows, given, calibration, result)
     return result

@@ -4,20 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_worker.commands.options import CalibrationSaid, ScanSaid
+from sawmill_worker.commands.options import CalibrationSource, ScanSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
-def look_for_drift(
-    said: ScanSaid, calibration: CalibrationSaid, *, tolerance_mm: float, report: ProgressCallback
+def check_drift(
+    scan: ScanSource, calibration: CalibrationSource, *, tolerance_mm: float, on_progress: ProgressCallback
 ) -> DriftResult:
     """Read, pair opposite rays, compare."""
-    with open_with_calibration(said, calibration, report=report) as (known, used):
+    with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
         sinogram = used.stack().mean(axis=1, dtype=np.float64)
-    used.report(Progress(fraction=0.0, stage="pair rays"))
+    used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
         sinogram=sinogram,
         angles_rad=used.angles_rad,

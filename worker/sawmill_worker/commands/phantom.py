@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from sawmill_worker.commands.options import PhantomSaid
+from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult
@@ -11,7 +11,7 @@ from sawmill_worker.use_cases.plan import PlanInput, run_plan
 
 
 def plan_phantoms(
-    said: list[PhantomSaid],
+    phantoms: list[PhantomSource],
     options: list[PlanOptions],
     *,
     scanner: ScannerConstants,
@@ -19,11 +19,11 @@ def plan_phantoms(
     log_radius_mm: float,
 ) -> list[PlanResult]:
     """Each phantom at each number of views, the phantoms in the order in which they were given."""
-    given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in said]
+    given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]
     return [run_plan(phantom, scan) for phantom in given for scan in options]
 
 
-def draw_phantom(said: PhantomSaid, output: Path) -> None:
+def draw_phantom(phantom: PhantomSource, output: Path) -> None:
     """Write a phantom as SVG, at full size."""
-    drawing = drawing_of(said)
+    drawing = drawing_of(phantom)
     output.write_text(phantom_svg(drawing.name, drawing.shapes), encoding="utf-8")

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from sawmill_worker.commands.options import CalibrationSaid, PicturesSaid, ScanSaid, ThetaSaid
+from sawmill_worker.commands.options import CalibrationSource, Pictures, ScanSource, ThetaSource
 from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.commands.scan_rows import ScanRows, open_rows
 from sawmill_worker.contracts.calibrations import CalibrationResult
@@ -24,17 +24,17 @@ MOSAIC_SLICES = 16
 
 
 def reconstruct_scan(
-    said: ScanSaid,
-    geometry: ThetaSaid | CalibrationSaid,
+    scan: ScanSource,
+    geometry: ThetaSource | CalibrationSource,
     options: ReconstructionOptions,
     *,
     output: Path,
-    pictures: PicturesSaid,
-    report: ProgressCallback,
+    pictures: Pictures,
+    on_progress: ProgressCallback,
 ) -> ReconstructionResult:
     """Read, reconstruct each row into the volume, and draw the pictures that are asked for."""
-    with _open(said, geometry, output, report) as (used, given):
-        result = run_reconstruction(given, options, output, used.report)
+    with _open(scan, geometry, output, on_progress) as (used, given):
+        result = run_reconstruction(given, options, output, used.on_progress)
     drawings = (
         (pictures.middle, _middle),
         (pictures.mosaic, _mosaic),
@@ -43,7 +43,7 @@ def reconstruct_scan(
     )
     for path, draw in drawings:
         if path is not None:
-            path.write_bytes(draw(output, result, said.path.name))
+            path.write_bytes(draw(output, result, scan.path.name))
     return result
 
 
@@ -77,34 +77,36 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
 
 @contextmanager
 def _open(
-    said: ScanSaid, geometry: ThetaSaid | CalibrationSaid, output: Path, report: ProgressCallback
+    scan: ScanSource, geometry: ThetaSource | CalibrationSource, output: Path, on_progress: ProgressCallback
 ) -> Iterator[tuple[ScanRows, ReconstructionInput]]:
-    if isinstance(geometry, ThetaSaid):
-        with open_rows(said, source_to_cor_mm=geometry.source_to_cor_mm, report=report, beside=output) as used:
+    if isinstance(geometry, ThetaSource):
+        r_s = geometry.source_to_cor_mm
+        with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=output) as used:
             yield used, _input(used, geometry.theta, geometry.rotation, Handedness.AS_DRAWN)
         return
-    with open_with_calibration(said, geometry, report=report, beside=output) as (known, used):
+    with open_with_calibration(scan, geometry, on_progress=on_progress, beside=output) as (known, used):
         yield used, _input(used, known.theta, known.rotation, known.handedness)
 
 
 @contextmanager
 def open_with_calibration(
-    said: ScanSaid, geometry: CalibrationSaid, *, report: ProgressCallback, beside: Path | None = None
+    scan: ScanSource, geometry: CalibrationSource, *, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[tuple[CalibrationResult, ScanRows]]:
-    """A calibration and a scan of the same scanner; what is said beside the calibration must agree with it."""
-    known, said = _calibrated(said, geometry)
-    with open_rows(said, source_to_cor_mm=known.scanner.source_to_cor_mm, report=report, beside=beside) as used:
+    """A calibration and a scan of the same scanner; what is given beside the calibration must agree with it."""
+    known, scan = _calibrated(scan, geometry)
+    r_s = known.scanner.source_to_cor_mm
+    with open_rows(scan, source_to_cor_mm=r_s, on_progress=on_progress, beside=beside) as used:
         _check_same_detector(known, used.scanner)
         yield known, used
 
 
-def _calibrated(said: ScanSaid, geometry: CalibrationSaid) -> tuple[CalibrationResult, ScanSaid]:
-    """The calibration, and what is said of the scan with what the calibration knows of its scanner."""
+def _calibrated(scan: ScanSource, geometry: CalibrationSource) -> tuple[CalibrationResult, ScanSource]:
+    """The calibration, and the scan with the detector pitch that the calibration carries."""
     known = read_calibration(geometry.path)
     r_s, pitch = known.scanner.source_to_cor_mm, known.scanner.detector_pitch_mm
     _check_agreement("source_to_cor_mm", r_s, geometry.source_to_cor_mm)
-    _check_agreement("detector_pitch_mm", pitch, said.detector_pitch_mm)
-    return known, replace(said, detector_pitch_mm=pitch)
+    _check_agreement("detector_pitch_mm", pitch, scan.options.detector_pitch_mm)
+    return known, replace(scan, options=scan.options.model_copy(update={"detector_pitch_mm": pitch}))
 
 
 def _input(used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedness) -> ReconstructionInput:

@@ -10,7 +10,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from pydantic import ValidationError
 
-from sawmill_worker.commands.options import ScanSaid, complaint
+from sawmill_worker.commands.from_contract import complaint
+from sawmill_worker.commands.options import ScanSource
 from sawmill_worker.commands.terminal import part_of
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.preparing import PrepareOptions
@@ -40,8 +41,8 @@ class ScanRows:
         (views, rows, detector) float32 line integrals of the rows start..stop of those asked for.
     rows, row_step
         The first row, the one after the last, and every which of them was asked for.
-    report : callable
-        Told of the progress from here on.
+    on_progress : callable
+        Called with the progress from here on.
     """
 
     read: Callable[[int, int], Stack]
@@ -52,7 +53,7 @@ class ScanRows:
     counts: bool
     sha256: str
     remarks: tuple[str, ...]
-    report: ProgressCallback
+    on_progress: ProgressCallback
 
     def stack(self) -> Stack:
         """All of them (views, rows, detector); refused where they do not fit into the free memory."""
@@ -67,12 +68,12 @@ class ScanRows:
 
 @contextmanager
 def open_rows(
-    said: ScanSaid, *, source_to_cor_mm: float, report: ProgressCallback, beside: Path | None = None
+    source: ScanSource, *, source_to_cor_mm: float, on_progress: ProgressCallback, beside: Path | None = None
 ) -> Iterator[ScanRows]:
     """Open a scan and take the rows and views asked for.
 
-    A scan of line integrals that this product wrote is read as it is; anything else, and a scan of which something is
-    said that its file must be held against, is prepared into such a file, in a temporary folder.
+    A scan of line integrals that this product wrote is read as it is. Anything else, and a scan with flags that its
+    file must be compared with, is prepared into such a file, in a temporary folder.
 
     Parameters
     ----------
@@ -82,51 +83,51 @@ def open_rows(
     Raises
     ------
     UnreadableScan, CountsError, RowsError, JobFailure
-        The file, or what is said of it, cannot be used.
+        The file, or what is given about it, cannot be used.
     """
-    report(Progress(fraction=0.0, stage="read"))
+    on_progress(Progress(fraction=0.0, stage="read"))
     opened = (
-        _own_rows(said, source_to_cor_mm, report)
-        if _speaks_for_itself(said)
-        else _prepared_rows(said, source_to_cor_mm, report, beside)
+        _own_rows(source, source_to_cor_mm, on_progress)
+        if _needs_no_preparing(source)
+        else _prepared_rows(source, source_to_cor_mm, on_progress, beside)
     )
     with opened as rows:
         yield rows
 
 
-def _speaks_for_itself(said: ScanSaid) -> bool:
-    """Whether nothing is said beside the file that would have to be compared with it or done to it."""
-    silent = said.dataset is None and said.angles is None and said.row_pitch_mm is None
-    if not (silent and said.data is DataKind.LINE_INTEGRALS and said.prepare == PrepareOptions()):
+def _needs_no_preparing(source: ScanSource) -> bool:
+    """Whether no flag has to be compared with the file or done to it."""
+    bare = source.options.dataset is None and source.angles is None and source.options.row_pitch_mm is None
+    if not (bare and source.options.data is DataKind.LINE_INTEGRALS and source.prepare == PrepareOptions()):
         return False
-    if not is_own_scan(said.path):
+    if not is_own_scan(source.path):
         return False
-    with open_scan(said.path) as scan:
-        return said.detector_pitch_mm in {None, scan.detector_pitch_mm}
+    with open_scan(source.path) as scan:
+        return source.options.detector_pitch_mm in {None, scan.detector_pitch_mm}
 
 
 @contextmanager
-def _own_rows(said: ScanSaid, source_to_cor_mm: float, report: ProgressCallback) -> Iterator[ScanRows]:
-    with open_scan(said.path) as scan:
+def _own_rows(source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback) -> Iterator[ScanRows]:
+    with open_scan(source.path) as scan:
         counts = scan.air_level is not None
-        yield _rows_of(scan, said, source_to_cor_mm, scan.angles_rad, report, counts=counts)
+        yield _rows_of(scan, source, source_to_cor_mm, scan.angles_rad, on_progress, counts=counts)
 
 
 @contextmanager
 def _prepared_rows(
-    said: ScanSaid, source_to_cor_mm: float, report: ProgressCallback, beside: Path | None
+    source: ScanSource, source_to_cor_mm: float, on_progress: ProgressCallback, beside: Path | None
 ) -> Iterator[ScanRows]:
     folder = None if beside is None else beside.absolute().parent
     with TemporaryDirectory(prefix=".sawmill-", dir=folder) as temporary:
         path = Path(temporary) / "scan.h5"
         reading = reading_scan(
-            said.path,
-            counts=said.data is DataKind.COUNTS,
-            dataset=said.dataset,
-            angles_deg=said.angles,
-            detector_pitch_mm=said.detector_pitch_mm,
-            row_pitch_mm=said.row_pitch_mm,
-            rows_missing=said.prepare.align_rows is not RowAlignment.OFF,
+            source.path,
+            counts=source.options.data is DataKind.COUNTS,
+            dataset=source.options.dataset,
+            angles_deg=source.angles,
+            detector_pitch_mm=source.options.detector_pitch_mm,
+            row_pitch_mm=source.options.row_pitch_mm,
+            rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
             free_bytes=memory_available(),
         )
         with reading as read:
@@ -136,30 +137,30 @@ def _prepared_rows(
                 )
             prepared = prepare_scan(
                 read,
-                said.prepare,
+                source.prepare,
                 path,
                 detector_pitch_mm=read.detector_pitch_mm,
-                report=part_of(report, 0.0, PREPARING_SHARE),
+                report=part_of(on_progress, 0.0, PREPARING_SHARE),
             )
-        left = part_of(report, PREPARING_SHARE, 1.0)
+        left = part_of(on_progress, PREPARING_SHARE, 1.0)
         with open_scan(path) as scan:
             yield _rows_of(
-                scan, said, source_to_cor_mm, read.angles_rad, left, counts=read.counts, remarks=prepared.remarks
+                scan, source, source_to_cor_mm, read.angles_rad, left, counts=read.counts, remarks=prepared.remarks
             )
 
 
 def _rows_of(
     scan: OpenScan,
-    said: ScanSaid,
+    source: ScanSource,
     source_to_cor_mm: float,
     angles_rad: FloatArray,
-    report: ProgressCallback,
+    on_progress: ProgressCallback,
     *,
     counts: bool,
     remarks: tuple[str, ...] = (),
 ) -> ScanRows:
     all_views, all_rows, cells = scan.shape
-    rows, views = range(all_rows)[chosen_rows(said.rows, all_rows)], chosen_views(said.views, all_views)
+    rows, views = range(all_rows)[chosen_rows(source.rows, all_rows)], chosen_views(source.views, all_views)
 
     def read(start: int, stop: int) -> Stack:
         block = scan.rows(rows[start:stop], views)
@@ -176,9 +177,9 @@ def _rows_of(
         row_step=rows.step,
         scanner=_scanner(source_to_cor_mm, cells, scan.detector_pitch_mm, scan.row_pitch_mm),
         counts=counts,
-        sha256=_sha256(said.path),
+        sha256=_sha256(source.path),
         remarks=remarks,
-        report=report,
+        on_progress=on_progress,
     )
 
 

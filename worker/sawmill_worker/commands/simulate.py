@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sawmill_worker.commands.options import PhantomSaid
+from sawmill_worker.commands.options import PhantomSource, Position
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
 from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
@@ -67,12 +67,12 @@ def simulate_scan(
 
 
 def phantom_slices(
-    said: PhantomSaid, rows: int, *, handedness: Handedness, position_mm: tuple[float, float], as_wood: bool
+    phantom: PhantomSource, rows: int, *, handedness: Handedness, position: Position, as_wood: bool
 ) -> list[Phantom]:
     """The same phantom in each row; as wood it attenuates like sapwood, else its densities are as drawn."""
-    drawn = to_phantom(drawing_of(said))
+    drawn = to_phantom(drawing_of(phantom))
     seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
-    moved = seen.moved(*position_mm)
+    moved = seen.moved(position.x, position.y)
     return [moved.of_density(SAPWOOD_PER_MM) if as_wood else moved] * rows
 
 

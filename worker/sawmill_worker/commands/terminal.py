@@ -1,4 +1,4 @@
-"""What a command says: answers on standard output, everything else on standard error."""
+"""What a command writes: answers on standard output, everything else on standard error."""
 
 import json
 import signal
@@ -21,17 +21,17 @@ from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
 def part_of(report: ProgressCallback, start: float, stop: float) -> ProgressCallback:
-    """Tells the progress of a part of the work as that of all of it, from one fraction of it to another."""
+    """Report the progress of a part of the work as that of all of it, from one fraction of it to another."""
 
-    def told(progress: Progress) -> None:
+    def on_progress(progress: Progress) -> None:
         fraction = start + (stop - start) * progress.fraction
         report(replace(progress, fraction=fraction))
 
-    return told
+    return on_progress
 
 
 def say(sentence: str, *, trouble: str | None = None) -> None:
-    """Tell the person at the terminal, in one line; the name of a trouble stands out before it."""
+    """Write one line for the person at the terminal; the name of a trouble stands out before it."""
     text = Text(sentence) if trouble is None else Text.assemble((f"{trouble}: ", "bold red"), sentence)
     Console(stderr=True).print(text, soft_wrap=True)
 
@@ -45,25 +45,25 @@ def print_json(document: object) -> None:
 def answering(*, as_json: bool = False) -> Iterator[None]:
     """End with exit code 1 and one sentence (with `--json` one object) where no answer can be computed.
 
-    A defect tells its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
+    A defect names its kind in the object and keeps its traceback. SIGTERM ends the work as Ctrl-C does, half-written
     files taken away, with exit code 143.
     """
     try:
         with _ending_when_terminated(), input_errors_translated():
             yield
     except JobFailure as failure:
-        _tell(Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
+        _report_failure(Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
         raise typer.Exit(1) from failure
     except OSError as error:
-        _tell(Failure(kind=FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
+        _report_failure(Failure(kind=FailureKind.PASSING, code="file-system", detail=str(error)), as_json=as_json)
         raise typer.Exit(1) from error
     except MemoryError as error:
         detail = "this needs more memory than there is: ask for fewer rows, fewer views or a smaller size"
-        _tell(Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
+        _report_failure(Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail), as_json=as_json)
         raise typer.Exit(1) from error
     except Exception as error:
         detail = f"an unexpected {type(error).__name__}, which is a defect of this program"
-        _tell(Failure(kind=FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
+        _report_failure(Failure(kind=FailureKind.INTERNAL, code="internal-error", detail=detail), as_json=as_json)
         raise
 
 
@@ -71,7 +71,7 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
 def _ending_when_terminated() -> Iterator[None]:
     def end(number: int, _frame: FrameType | None) -> None:
         _ended_by.append(number)
-        _end_if_told()
+        _end_if_asked()
 
     before = signal.signal(signal.SIGTERM, end)
     try:
@@ -81,24 +81,24 @@ def _ending_when_terminated() -> Iterator[None]:
         _ended_by.clear()
 
 
-# Signals that said to end. What a handler raises is lost where it interrupts a callback of the interpreter, as while
+# Signals that asked to end. What a handler raises is lost where it interrupts a callback of the interpreter, as while
 # kernels are loaded: then the next report of progress ends the work.
 _ended_by: list[int] = []
 
 
-def _end_if_told() -> None:
+def _end_if_asked() -> None:
     if _ended_by:
         raise SystemExit(128 + _ended_by[0])
 
 
-def _tell(failure: Failure, *, as_json: bool) -> None:
+def _report_failure(failure: Failure, *, as_json: bool) -> None:
     if as_json:
         print_json({"state": "failed", "failure": failure.model_dump(mode="json")})
     say(failure.detail, trouble=failure.code)
 
 
 class _TimeLeft(TimeRemainingColumn):
-    """What the work itself says of the time left; where it says nothing, the bar's pace."""
+    """The time left as the work itself reports it; where it reports none, by the bar's pace."""
 
     def render(self, task: Task) -> Text:
         left = task.fields["seconds_left"]
@@ -122,7 +122,7 @@ def showing_progress(what: str) -> Iterator[ProgressCallback]:
         task = bar.add_task(what, total=1.0, seconds_left=None)
 
         def report(progress: Progress) -> None:
-            _end_if_told()
+            _end_if_asked()
             best = "" if progress.best_value is None else f", best {progress.best_value:.5g}"
             generation = "" if progress.generation is None else f" generation {progress.generation}{best}"
             description = f"{what}: {progress.stage}{generation}"

@@ -26,28 +26,46 @@ class PaperOptions(Contract):
         "image", description="Correlate FBP images, or compare sinograms."
     )
     weighting: Literal["none", "exact"] = Field("none", description="FBP weights; the published pipeline has none.")
-    correlation: Literal["unnormalised", "normalised"] = "unnormalised"
+    correlation: Literal["unnormalised", "normalised"] = Field(
+        "unnormalised", description="Of images or sinograms: as published, or normalised."
+    )
     stop: Literal["published", "tight"] = Field(
         "published", description="SciPy's default stop, or one that waits for convergence."
     )
-    max_generations: Annotated[int, Field(ge=1, le=10_000)] = 1000
-    image_size: Annotated[int, Field(ge=32, le=1024)] = 256
+    max_generations: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        1000, description="The search ends after this number of generations."
+    )
+    image_size: Annotated[int, Field(ge=32, le=1024)] = Field(
+        256, description="Pixels along each side of the correlated images."
+    )
 
 
 class CalibrationOptions(Contract):
     """How to calibrate, apart from what."""
 
-    rows: Rows | None = Field(None, description="Rows to average; null: the scan's phantom rows, else found.")
-    views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
-    handedness: Handedness | None = Field(None, description="Null: the scanner's, else both are tried.")
-    rotation: Rotation | None = Field(None, description="Null: the scanner's, else both are tried.")
-    method: CalibrationMethod = CalibrationMethod.DEFAULT
-    seed: Annotated[int, Field(ge=0, lt=2**32)] = 7
+    rows: Rows | None = Field(
+        None,
+        description="Detector rows A:B to average, the first included, the last not. By default the scan's phantom "
+        "rows, else they are found.",
+    )
+    views: Annotated[int, Field(ge=3)] | None = Field(
+        None, description="Use every (total / views)-th view, each with its own angle. By default all."
+    )
+    handedness: Handedness | None = Field(
+        None, description="From which end the phantom was seen. By default the scanner's, else both are tried."
+    )
+    rotation: Rotation | None = Field(
+        None, description="Which way the angles count. By default the scanner's, else both are tried."
+    )
+    method: CalibrationMethod = Field(
+        CalibrationMethod.DEFAULT, description="The product's own search, or the published one."
+    )
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = Field(7, description="Of the search.")
     rays_per_cell: Annotated[int, Field(ge=1, le=64)] | None = Field(
-        None, description="Rays a cell in the model; null averages over the whole cell, as a real detector does."
+        None, description="Rays a cell in the model. By default the average over the whole cell, as of a real detector."
     )
     without: list[Adjustment] = Field(
-        [], max_length=len(Adjustment), description="What is not to be done by itself about a scan with faults."
+        [], max_length=len(Adjustment), description="Corrections of a scan with faults that are left out."
     )
     paper: PaperOptions = PaperOptions()
 

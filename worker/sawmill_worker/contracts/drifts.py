@@ -14,7 +14,9 @@ from sawmill_worker.vocabulary import Rotation
 class DriftOptions(Contract):
     """Which part of the scan is looked at."""
 
-    rows: Rows | None = Field(None, description="Rows to average; null: all of them, the phantom's included.")
+    rows: Rows | None = Field(
+        None, description="Detector rows A:B to average, the first included, the last not. By default all of them."
+    )
 
 
 class DriftAsk(DriftOptions):

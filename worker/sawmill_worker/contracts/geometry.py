@@ -11,7 +11,9 @@ class ScannerConstants(Contract):
     """What is known of a scanner without calibrating it."""
 
     source_to_cor_mm: PositiveMm = Field(description="r_S, source to centre of rotation.", examples=[859.46])
-    num_detector_pixels: Annotated[int, Field(ge=8, le=65536)] = Field(examples=[768])
+    num_detector_pixels: Annotated[int, Field(ge=8, le=65536)] = Field(
+        description="Cells of the detector.", examples=[768]
+    )
     detector_pitch_mm: PositiveMm = Field(description="Distance between detector cells.", examples=[1.502864583])
     row_pitch_mm: PositiveMm | None = Field(
         None, description="Distance between detector rows; null where slices have no spacing.", examples=[2.0]

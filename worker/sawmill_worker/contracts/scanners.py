@@ -18,7 +18,7 @@ class Tolerances(Contract):
         "to be watched where only the RMS is.",
     )
     ray_change_mm: PositiveMm = Field(
-        0.5, description="RMS ray distance to the active calibration up to which nothing moved."
+        0.5, description="RMS ray distance between two calibrations up to which nothing moved."
     )
     angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
         None,

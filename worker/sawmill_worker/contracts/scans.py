@@ -19,12 +19,10 @@ class ScanState(StrEnum):
     REFUSED = "refused"
 
 
-class ScanSpec(PrepareOptions):
-    """What the uploader says of a file; what the file itself says needs no repeating, and may not be contradicted."""
+class ScanFileOptions(PrepareOptions):
+    """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
 
-    scanner_id: Identifier
-    data: DataKind
-    name: Name = "scan"
+    data: DataKind = Field(description="What the numbers are; never guessed.")
     dataset: Name | None = Field(None, description="Path or variable of the projections, where the file holds several.")
     angles_deg: str | None = Field(
         None,
@@ -32,6 +30,13 @@ class ScanSpec(PrepareOptions):
         description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
         examples=["0.5:1"],
     )
+
+
+class ScanSpec(ScanFileOptions):
+    """A file as its uploader describes it."""
+
+    scanner_id: Identifier
+    name: Name = "scan"
     phantom_id: Identifier | None = Field(None, description="The phantom in this scan; null for a scan without one.")
     phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
 

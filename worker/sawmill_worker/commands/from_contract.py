@@ -1,0 +1,230 @@
+"""Flags from contracts: a field's type, bounds, default and description are typed once, where the contract has them."""
+
+import inspect
+import types
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache, wraps
+from typing import Annotated, Any, Union, get_args, get_origin
+
+import typer
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+from rich.markup import escape
+from typer.models import OptionInfo
+
+# What pydantic calls a number beyond its bounds.
+OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
+
+
+class Flags:
+    """What a command adds to the fields of a contract, by the field's name.
+
+    For a field: arguments of `typer.Option`, `flag` (another name on the command line) and `default` (another default).
+    None leaves the field out.
+    """
+
+    def __init__(self, **fields: Mapping[str, Any] | None) -> None:
+        self._fields = fields
+
+    def leaves_out(self, name: str) -> bool:
+        """Whether the field is no flag."""
+        return name in self._fields and self._fields[name] is None
+
+    def added_to(self, name: str) -> dict[str, Any]:
+        """What is added to the field."""
+        return dict(self._fields.get(name) or {})
+
+
+def option(model: type[BaseModel], name: str, *, flag: str | None = None, **changes: Any) -> OptionInfo:  # noqa: ANN401 - Typer's
+    """The flag of one field of a contract: its description, and its bounds, which the contract itself checks."""
+    field = model.model_fields[name]
+    low, high = _shown_bounds(model, name)
+    settings = {"help": escape(field.description or ""), "min": low, "max": high, "callback": _checked(model, name)}
+    names = () if flag is None else (flag,)
+    found: OptionInfo = typer.Option(*names, **(settings | changes))
+    return found
+
+
+def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
+    """A command of Typer's whose parameters that are contracts become one flag a field.
+
+    The contracts are built of the flags that were given, so that their own defaults rule, and are handed to the
+    command validated. What they refuse is wrong use.
+    """
+    groups: dict[str, _Group] = {}
+    parameters = [inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)]
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        group = _group_of(parameter.annotation)
+        if group is None:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+        else:
+            groups[name] = group
+            parameters += group.parameters()
+
+    @wraps(command)
+    def run(context: typer.Context, **values: Any) -> None:  # noqa: ANN401 - of the flags
+        given = {name for name in values if _was_given(context, name)}
+        with wrong_use():
+            contracts = {name: group.read(values, given) for name, group in groups.items()}
+        command(**values, **contracts)
+
+    # The arguments and the flags that must be given come first in the help.
+    ordered = sorted(parameters, key=lambda each: each.default is not inspect.Parameter.empty)
+    run.__signature__ = inspect.Signature(ordered)  # type: ignore[attr-defined]
+    return run
+
+
+@dataclass(frozen=True)
+class _Group:
+    """The flags of one contract; those of a contract inside it carry its name before theirs."""
+
+    model: type[BaseModel]
+    flags: Flags
+    prefix: str = ""
+
+    def parameters(self) -> Iterator[inspect.Parameter]:
+        for name, field in self.model.model_fields.items():
+            inner = self._inside(name)
+            if inner is not None:
+                yield from inner.parameters()
+            elif not self.flags.leaves_out(name):
+                yield self._parameter(name, field.get_default(call_default_factory=True, validated_data={}))
+
+    def read(self, values: dict[str, Any], given: set[str]) -> BaseModel:
+        """Take the contract's values out of all that the command line has."""
+        known = {}
+        for name in self.model.model_fields:
+            inner = self._inside(name)
+            if inner is not None:
+                known[name] = inner.read(values, given)
+            elif not self.flags.leaves_out(name):
+                value = values.pop(self.prefix + name)
+                if self.prefix + name in given or "default" in self.flags.added_to(name):
+                    known[name] = value
+        return self.model.model_validate(known)
+
+    def _inside(self, name: str) -> "_Group | None":
+        inner = _group_of(self.model.model_fields[name].annotation)
+        return None if inner is None else replace(inner, prefix=f"{self.prefix}{name}_")
+
+    def _parameter(self, name: str, own_default: object) -> inspect.Parameter:
+        added = self.flags.added_to(name)
+        default = added.pop("default", own_default)
+        if default is False:
+            added.setdefault("flag", f"--{_dashed(self.prefix + name)}")
+        kind = _typed_as(self.model.model_fields[name].annotation)
+        annotated = Annotated[kind, option(self.model, name, **added)]  # type: ignore[valid-type]
+        if self.model.model_fields[name].is_required() and default is own_default:
+            default = inspect.Parameter.empty
+        elif default == []:
+            default = None
+        return inspect.Parameter(
+            self.prefix + name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotated
+        )
+
+
+def _group_of(annotation: object) -> _Group | None:
+    """The flags that a parameter or a field stands for, where it is a contract and no single flag."""
+    model, *added = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
+    if not (isinstance(model, type) and issubclass(model, BaseModel)) or any(isinstance(x, OptionInfo) for x in added):
+        return None
+    return _Group(model, next((each for each in added if isinstance(each, Flags)), Flags()))
+
+
+def _typed_as(annotation: object) -> object:
+    """The type that Typer reads: without None and without bounds; several numbers are one text."""
+    if get_origin(annotation) is Annotated:
+        return _typed_as(get_args(annotation)[0])
+    if get_origin(annotation) in {Union, types.UnionType}:
+        [kept] = (each for each in get_args(annotation) if each is not type(None))
+        return _typed_as(kept)
+    return str if get_origin(annotation) is tuple else annotation
+
+
+def _was_given(context: typer.Context, name: str) -> bool:
+    source = context.get_parameter_source(name)
+    return source is not None and source.name != "DEFAULT"
+
+
+def _dashed(name: str) -> str:
+    return name.replace("_", "-")
+
+
+def _checked(model: type[BaseModel], name: str) -> Callable[[Any], Any]:
+    """A callback of Typer's that refuses what the contract's field refuses."""
+
+    def check(value: Any) -> Any:  # noqa: ANN401 - any flag's
+        if value is None:
+            return None
+        try:
+            model.model_validate({name: value})
+        except ValidationError as error:
+            own = [each for each in error.errors() if each["loc"][:1] == (name,)]
+            if own:
+                raise typer.BadParameter(sentence(own[0], model)) from error
+        return value
+
+    return check
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Of a number, as its contract has them."""
+
+    low: float | None
+    high: float | None
+    low_itself: bool
+    high_itself: bool
+
+    @classmethod
+    def of(cls, model: type[BaseModel], name: str) -> "Bounds":
+        """Those of a contract's field."""
+        written = _properties(model)[name]
+        schema = next((each for each in written.get("anyOf", ()) if each.get("type") != "null"), written)
+        low, high = schema.get("minimum"), schema.get("maximum")
+        above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
+        if schema.get("type") == "integer":
+            low, above = (low, None) if above is None else (above + 1, None)
+            high, below = (high, None) if below is None else (below - 1, None)
+        return cls(low if above is None else above, high if below is None else below, above is None, below is None)
+
+    def __str__(self) -> str:
+        """As in: above 0 and at most 1."""
+        low = "" if self.low is None else f"{'at least' if self.low_itself else 'above'} {self.low:.10g}"
+        high = "" if self.high is None else f"{'at most' if self.high_itself else 'below'} {self.high:.10g}"
+        return " and ".join(filter(None, (low, high)))
+
+
+def _shown_bounds(model: type[BaseModel], name: str) -> tuple[float | None, float | None]:
+    """The least and the largest value for Typer's help, which knows no bound that is itself outside."""
+    bounds = Bounds.of(model, name)
+    return (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
+
+
+@cache
+def _properties(model: type[BaseModel]) -> dict[str, Any]:
+    properties: dict[str, Any] = model.model_json_schema()["properties"]
+    return properties
+
+
+def sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
+    """What a contract says of one value."""
+    if error["type"] in OUT_OF_BOUNDS and len(error["loc"]) == 1:
+        return f"must be {Bounds.of(model, str(error['loc'][0]))}, not {error['input']}"
+    return error["msg"].removeprefix("Value error, ")
+
+
+@contextmanager
+def wrong_use() -> Iterator[None]:
+    """Turn what a contract refuses into wrong use."""
+    try:
+        yield
+    except ValidationError as error:
+        raise typer.BadParameter(complaint(error)) from error
+
+
+def complaint(error: ValidationError) -> str:
+    """What a contract says first."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")

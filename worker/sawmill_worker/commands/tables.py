@@ -1,0 +1,97 @@
+"""Answers as people read them: tables on standard output, remarks on standard error."""
+
+import math
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sawmill_worker.commands.terminal import say
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.contracts.plans import PlanResult
+from sawmill_worker.contracts.reconstructions import MethodReport
+from sawmill_worker.pictures.calibration_table import calibration_table
+from sawmill_worker.vocabulary import ReconstructionMethod
+
+
+def print_calibration(result: CalibrationResult) -> None:
+    """Print the verdict, the numbers and the reasons."""
+    colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
+    title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
+    table = Table(title=title, show_header=False)
+    for label, value in calibration_table(result.model_dump(mode="json")):
+        table.add_row(label, value)
+    console = Console()
+    console.print(table)
+    for reason in result.reasons:
+        console.print(f"- {reason}", highlight=False, markup=False)
+
+
+def print_drift(result: DriftResult) -> None:
+    """Print what changed, and what a scan without a phantom does not show."""
+    word, colour = {
+        True: ("within tolerance", "green"),
+        False: ("out of tolerance", "red"),
+        None: ("too uncertain to say", "yellow"),
+    }[result.within_tolerance]
+    table = Table(title=f"Drift: [bold {colour}]{word}[/]")
+    for column in ("", "measured", "calibrated", "change", "± sd", "sd's"):
+        table.add_column(column, justify="right" if column else "left")
+    units = {
+        "COR on the detector, mm": ("cor_column_mm", 1.0),
+        "tilt, °": ("tilt_rad", math.degrees(1.0)),
+        "source to detector, mm (weakly seen)": ("source_to_detector_mm", 1.0),
+    }
+    for label, (name, unit) in units.items():
+        three = (result.measured, result.calibrated, result.change)
+        measured, calibrated, change = (unit * getattr(part, name) for part in three)
+        spread, significance = (getattr(part, name) for part in (result.change_standard_deviation, result.significance))
+        if spread is None or significance is None:
+            table.add_row(label, "not seen", f"{calibrated:.3f}", "held", "", "")
+            continue
+        spread *= unit
+        table.add_row(
+            label, f"{measured:.3f}", f"{calibrated:.3f}", f"{change:+.3f}", f"{spread:.2g}", f"{significance:+.1f}"
+        )
+    moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
+    table.add_row("rays moved", "", "", moved, "", "")
+    console = Console()
+    console.print(table)
+    console.print(f"- {result.reason}", highlight=False, markup=False)
+    for done in result.adjustments:
+        console.print(f"- {done}", highlight=False, markup=False)
+    for blind in result.not_seen:
+        console.print(f"- not seen: {blind}", highlight=False, markup=False)
+
+
+def report_method(done: MethodReport) -> None:
+    """Report what the method chose and how well its slices explain the data."""
+    if done.reason is not None:
+        say(f"{done.name.value} was chosen: {done.reason}")
+    # FBP fits no data: its misfit is no measure of the fit, and a remark says where it shows a wrong geometry.
+    if done.data_misfit is not None and done.name is not ReconstructionMethod.FBP:
+        say(f"the slices miss the data by {done.data_misfit:.3g} times the noise")
+    for remark in done.remarks:
+        say(remark)
+
+
+def print_plans(plans: list[PlanResult]) -> None:
+    """Print one row for a phantom and a number of views."""
+    table = Table(
+        title=f"Standard deviations, noise {plans[0].noise:.3g} of the sinogram's RMS",
+        caption="rays: RMS inside the log, and what 95 of 100 calibrations stay below; "
+        "size: RMS from the phantom's size tolerance, beside it",
+        box=box.SIMPLE,
+        padding=(0, 1, 0, 0),
+    )
+    for column in ("phantom", "views", "R mm", "COR mm", "tilt °", "psi °", "rays mm", "95 % mm", "size mm"):
+        table.add_column(column, justify="left" if column == "phantom" else "right")
+    for each in plans:
+        spread, predicted = each.standard_deviation.source_frame, each.predicted_ray_error_mm
+        lengths = (spread.source_distance_mm, spread.cor_column_mm)
+        angles = (math.degrees(value or 0.0) for value in (spread.tilt_rad, spread.psi_rad))
+        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, each.scale_ray_error_mm)
+        table.add_row(escape(each.phantom), str(each.views), *(f"{value:.2g}" for value in numbers))
+    Console().print(table)
