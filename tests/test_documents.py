@@ -297,7 +297,8 @@ def test_every_make_target_that_is_named_exists():
 
 
 def test_every_flag_that_is_named_exists():
-    commands = typer.main.get_command(main).commands.values()
+    root = typer.main.get_command(main)
+    commands = (root, *root.commands.values(), *root.commands["phantom"].commands.values())
     flags = {
         flag for command in commands for option in command.params for flag in (*option.opts, *option.secondary_opts)
     }

@@ -52,7 +52,7 @@ def phantom_scan(scans: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def bare_scan(scans: Path, phantom_scan: Path) -> Path:
-    """The same as an array that says nothing else."""
+    """The same as an array that carries nothing else."""
     with h5py.File(phantom_scan) as file:
         np.save(scans / "bare.npy", file["entry/instrument/detector/data"][()])
     return scans / "bare.npy"
@@ -94,21 +94,21 @@ def result_hdf5(scans: Path, result_file: Path) -> Path:
 def wrong_use() -> Callable[..., str]:
     """The complaint about wrong use, on standard error alone."""
 
-    def told(*arguments: object) -> str:
+    def reported(*arguments: object) -> str:
         result = invoke(*arguments, code=2)
         assert result.stdout == ""
         return " ".join(result.stderr.replace("│", " ").split())
 
-    return told
+    return reported
 
 
 @pytest.fixture
 def failure() -> Callable[..., dict[str, str]]:
     """Why no answer could be computed, from the one JSON object on standard output."""
 
-    def told(*arguments: object) -> dict[str, str]:
+    def reported(*arguments: object) -> dict[str, str]:
         document = json.loads(invoke(*arguments, "--json", code=1).stdout)
         assert document["state"] == "failed"
         return document["failure"]
 
-    return told
+    return reported

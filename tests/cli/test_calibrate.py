@@ -1,4 +1,4 @@
-"""`sawmill calibrate`, to the letter of DESIGN section 8."""
+"""`sawmill calibrate`: its flags, its answers and its refusals."""
 
 import json
 import math
@@ -107,9 +107,9 @@ def test_what_is_not_to_be_done_is_named_as_often_as_needed(run, tmp_path):
     found = calibrated(run, scan, *flags)
     assert found["rows"] == [0, 4]
     assert found["status"] == "calibrated"
-    assert any("averaging of intensities" in told for told in found["adjustments"])
+    assert any("averaging of intensities" in adjustment for adjustment in found["adjustments"])
     named = calibrated(run, scan, *flags, "--rows", "0:4", "--without", "intensity-averaging", "--without", "blur")
-    assert not any("averaging of intensities" in told for told in named["adjustments"])
+    assert not any("averaging of intensities" in adjustment for adjustment in named["adjustments"])
     whole = calibrated(run, scan, *flags, "--without", "phantom-rows")
     assert whole["rows"] == [0, 6]
     # A third of the average is a log's.
@@ -166,9 +166,9 @@ def test_a_verdict_of_fail_is_an_answer(run, phantom_scan, tmp_path):
 def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, monkeypatch):
     # 60 views, 2 rows and 256 cells of 4 bytes, and nine tenths of what is free.
     monkeypatch.setattr(scan_rows, "memory_available", lambda: 136_000)
-    told = failure("calibrate", phantom_scan, *KNOWN, *L)
-    assert told["code"] == "too-large"
-    assert told["detail"] == "2 rows need 122880 bytes in memory and 122400 are free; ask for fewer with --rows"
+    reported = failure("calibrate", phantom_scan, *KNOWN, *L)
+    assert reported["code"] == "too-large"
+    assert reported["detail"] == "2 rows need 122880 bytes in memory and 122400 are free; ask for fewer with --rows"
 
 
 def test_without_an_answer_the_object_says_why(failure, bare_scan, phantom_scan, tmp_path):
@@ -193,16 +193,16 @@ def test_counts_without_flats_are_refused_and_not_guessed(failure, bare_scan):
 def test_a_scan_without_the_phantom_is_refused(failure, tmp_path):
     noise = np.random.default_rng(5).standard_normal((60, 1, 256)).astype(np.float32)
     np.save(tmp_path / "noise.npy", noise)
-    told = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "3:6")
-    assert told["kind"] == "input"
-    assert told["code"] == "phantom-not-found"
+    reported = failure("calibrate", tmp_path / "noise.npy", *BARE, "--angles-deg", "3:6")
+    assert reported["kind"] == "input"
+    assert reported["code"] == "phantom-not-found"
 
 
 def test_a_detector_that_no_scanner_has_is_refused(failure, tmp_path):
     np.save(tmp_path / "narrow.npy", np.ones((60, 1, 4), np.float32))
-    told = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
-    assert told["code"] == "wrong-shape"
-    assert "num_detector_pixels is 4" in told["detail"]
+    reported = failure("calibrate", tmp_path / "narrow.npy", *BARE, "--angles-deg", "3:6")
+    assert reported["code"] == "wrong-shape"
+    assert "num_detector_pixels is 4" in reported["detail"]
 
 
 def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path):
@@ -214,24 +214,24 @@ def test_several_arrays_in_a_file_need_a_name(run, failure, bare_scan, tmp_path)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "complaint"),
     [
         ("{", "is not a phantom's drawing"),
         ('{"name": "x", "shapes": []}', "shapes"),
         ('{"name": "x", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": -1}]}', "radius_mm"),
     ],
 )
-def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text, said):
+def test_a_drawing_that_is_none_is_refused(failure, phantom_scan, tmp_path, text, complaint):
     (tmp_path / "l.json").write_text(text)
-    told = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
-    assert told["code"] == "phantom"
-    assert said in told["detail"]
+    reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.json")
+    assert reported["code"] == "phantom"
+    assert complaint in reported["detail"]
 
 
 def test_a_picture_that_is_none_is_refused(failure, phantom_scan, tmp_path):
     (tmp_path / "l.png").write_text("no picture")
-    told = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
-    assert told["code"] == "unknown-format"
+    reported = failure("calibrate", phantom_scan, *KNOWN, "--phantom", tmp_path / "l.png", "--phantom-width-mm", 400)
+    assert reported["code"] == "unknown-format"
 
 
 def test_refusals_are_one_sentence_for_people(run, bare_scan):
@@ -242,19 +242,19 @@ def test_refusals_are_one_sentence_for_people(run, bare_scan):
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "complaint"),
     [
         ((*KNOWN,), "Missing option '--phantom'"),
         (("--source-to-cor-mm", 859.46, *L), "Missing option '--data'"),
         (("--data", "counts", *L), "Missing option '--source-to-cor-mm'"),
         (("--data", "numbers", "--source-to-cor-mm", 859.46, *L), "'numbers' is not one of"),
-        (("--data", "counts", "--source-to-cor-mm", "nan", *L), "not a length in mm"),
-        (("--data", "counts", "--source-to-cor-mm", 0, *L), "not a length in mm"),
-        ((*KNOWN, *L, "--detector-pitch-mm", -1), "not a length in mm"),
+        (("--data", "counts", "--source-to-cor-mm", "nan", *L), "should be a finite number"),
+        (("--data", "counts", "--source-to-cor-mm", 0, *L), "must be above 0 and at most 100000, not 0.0"),
+        ((*KNOWN, *L, "--detector-pitch-mm", -1), "must be above 0 and at most 100000, not -1.0"),
         ((*KNOWN, *L, "--angles-deg", "one:two"), "an angle must be a number of degrees"),
         ((*KNOWN, *L, "--angles-deg", "0:0"), "must not be 0 degrees"),
-        ((*KNOWN, *L, "--rows", "4"), "--rows: rows must be A:B"),
-        ((*KNOWN, *L, "--rows", "4:4"), "--rows: rows must be A:B"),
+        ((*KNOWN, *L, "--rows", "4"), "'--rows': rows must be A:B"),
+        ((*KNOWN, *L, "--rows", "4:4"), "'--rows': rows must be A:B"),
         ((*KNOWN, *L, "--views", 2), "--views"),
         ((*KNOWN, *L, "--seed", -1), "--seed"),
         ((*KNOWN, *L, "--handedness", "left"), "'left' is not one of"),
@@ -262,14 +262,14 @@ def test_refusals_are_one_sentence_for_people(run, bare_scan):
         ((*KNOWN, *L, "--without", "noise"), "'noise' is not one of"),
         ((*KNOWN, *L, "--paper-stop", "tight"), "--paper-stop comes with --method paper"),
         ((*KNOWN, *L, "--phantom-width-mm", 400), "a built-in phantom has its size"),
-        ((*KNOWN, "--phantom", "cross"), "--phantom must be l-shape, rectangle-with-hole or an existing file"),
+        ((*KNOWN, "--phantom", "cross"), "'--phantom': must be l-shape, rectangle-with-hole or an existing file"),
         ((*KNOWN, *L, "--report", "no/such/folder/out.png"), "there is no folder 'no/such/folder'"),
     ],
 )
-def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, said):
+def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, complaint):
     scan = tmp_path / "scan.h5"
     scan.write_text("whoever reads this finds that it is no scan")
-    assert said in wrong_use("calibrate", scan, *flags)
+    assert complaint in wrong_use("calibrate", scan, *flags)
 
 
 def test_angles_are_given_once(wrong_use, bare_scan):

@@ -65,27 +65,27 @@ def test_the_service_s_result_h5_gives_the_same_answer(run, log_scans, known, tm
     assert answers[0].keys() == answers[1].keys()
 
 
-def test_a_turntable_that_moved_is_told_in_words(run, log_scans, known):
+def test_a_turntable_that_moved_is_reported_in_words(run, log_scans, known):
     flags = ("--data", "counts", "--calibration", known, "--rows", "0:1", "--tolerance-mm", "0.6")
     answer = run("drift", log_scans / "moved.h5", *flags)
-    told = " ".join(answer.stdout.split())
-    assert "out of tolerance" in told
-    assert "look at the turntable" in told
-    assert "not seen: the distance R" in told
+    reported = " ".join(answer.stdout.split())
+    assert "out of tolerance" in reported
+    assert "look at the turntable" in reported
+    assert "not seen: the distance R" in reported
 
 
 def test_sparse_views_have_no_answer(failure, log_scans, known):
-    told = failure("drift", log_scans / "sparse.h5", "--data", "counts", "--calibration", known)
-    assert (told["kind"], told["code"]) == ("input", "sparse-views")
-    assert "60 views stand 6 degrees apart" in told["detail"]
+    reported = failure("drift", log_scans / "sparse.h5", "--data", "counts", "--calibration", known)
+    assert (reported["kind"], reported["code"]) == ("input", "sparse-views")
+    assert "60 views stand 6 degrees apart" in reported["detail"]
     thinned = failure("drift", log_scans / "still.h5", "--data", "counts", "--calibration", known, "--views", 90)
     assert thinned["code"] == "sparse-views"
 
 
 def test_a_flag_that_contradicts_the_calibration_is_refused(failure, log_scans, known):
     flags = ("--data", "counts", "--calibration", known, "--source-to-cor-mm", 900)
-    told = failure("drift", log_scans / "still.h5", *flags)
-    assert told["code"] == "contradiction"
+    reported = failure("drift", log_scans / "still.h5", *flags)
+    assert reported["code"] == "contradiction"
 
 
 def test_wrong_use(wrong_use, log_scans, known):

@@ -32,30 +32,30 @@ def test_a_plan_is_a_table_for_people(run):
     assert "rays mm" in " ".join(shown.split())
 
 
-def test_a_shadow_beyond_the_detector_is_told(run):
-    told = run("phantom", "plan", "l-shape", *THETA, "--detector-pixels", 256, "--views", 20)
-    assert "of 20 views reach an end of the detector" in told.stderr
+def test_a_shadow_beyond_the_detector_is_reported(run):
+    reported = run("phantom", "plan", "l-shape", *THETA, "--detector-pixels", 256, "--views", 20)
+    assert "of 20 views reach an end of the detector" in reported.stderr
 
 
 def test_a_phantom_that_cannot_calibrate_is_refused(failure, tmp_path):
     disc = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
     (tmp_path / "disc.json").write_text(json.dumps(disc))
-    told = failure("phantom", "plan", tmp_path / "disc.json", *THETA)
-    assert (told["kind"], told["code"]) == ("input", "phantom")
-    assert "leaves psi undetermined" in told["detail"]
+    reported = failure("phantom", "plan", tmp_path / "disc.json", *THETA)
+    assert (reported["kind"], reported["code"]) == ("input", "phantom")
+    assert "leaves psi undetermined" in reported["detail"]
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "complaint"),
     [
-        (("cube", *THETA), "--phantom must be"),
-        (("l-shape", "--theta", "1,2"), "--theta needs five numbers"),
-        (("l-shape", *THETA, "--noise", 0), "--noise: Input should be greater than 0"),
+        (("cube", *THETA), "'PHANTOM...': must be l-shape"),
+        (("l-shape", "--theta", "1,2"), "'--theta': must be five numbers"),
+        (("l-shape", *THETA, "--noise", 0), "'--noise': must be above 0 and at most 1, not 0.0"),
         (("l-shape", *THETA, "--views", 2), "--views"),
     ],
 )
-def test_wrong_use_is_told(wrong_use, flags, said):
-    assert said in wrong_use("phantom", "plan", *flags)
+def test_wrong_use_is_refused(wrong_use, flags, complaint):
+    assert complaint in wrong_use("phantom", "plan", *flags)
 
 
 def test_a_drawing_is_svg_in_mm(run, tmp_path):

@@ -1,4 +1,4 @@
-"""`sawmill reconstruct`, to the letter of DESIGN section 8."""
+"""`sawmill reconstruct`: its flags, its answers and its refusals."""
 
 import json
 import shutil
@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 
 from sawmill_worker.commands import scan_rows
-from sawmill_worker.commands.options import ScanSaid
+from sawmill_worker.commands.options import ScanOptions, ScanSource
 from sawmill_worker.commands.scan_rows import open_rows
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.log_model import LogModel
@@ -59,13 +59,13 @@ def test_the_product_s_own_scan_is_read_row_by_row(run, phantom_scan, bare_scan,
 def test_a_foreign_scan_is_prepared_beside_the_output_and_nothing_of_it_stays(run, stack, bare_scan, tmp_path):
     seen = []
 
-    def report(progress):
+    def on_progress(progress):
         seen.append((progress.stage, progress.fraction, [path.name for path in tmp_path.glob(".sawmill-*/*")]))
 
-    said = ScanSaid(stack, DataKind.COUNTS, None, None, None, None, None, None)
-    with open_rows(said, source_to_cor_mm=859.46, report=report, beside=tmp_path / "out.h5") as rows:
+    source = ScanSource(stack, ScanOptions(data=DataKind.COUNTS))
+    with open_rows(source, source_to_cor_mm=859.46, on_progress=on_progress, beside=tmp_path / "out.h5") as rows:
         assert rows.stack().shape == (60, 4, 256)
-        rows.report(Progress(fraction=0.5, stage="reconstruct"))
+        rows.on_progress(Progress(fraction=0.5, stage="reconstruct"))
     fractions = [fraction for _, fraction, _ in seen]
     assert fractions == sorted(fractions)
     assert [(stage, fraction) for stage, fraction, _ in seen[-2:]] == [("read", 0.5), ("reconstruct", 0.75)]
@@ -76,12 +76,14 @@ def test_a_foreign_scan_is_prepared_beside_the_output_and_nothing_of_it_stays(ru
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_value_that_is_no_number_is_told_when_its_row_is_read(failure, phantom_scan, tmp_path):
+def test_a_value_that_is_no_number_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path):
     shutil.copy(phantom_scan, tmp_path / "scan.h5")
     with h5py.File(tmp_path / "scan.h5", "r+") as file:
         file["entry/instrument/detector/data"][3, 1, 7] = np.nan
-    told = failure("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
-    assert (told["code"], told["detail"][:6]) == ("not-finite", "row 1 ")
+    reported = failure(
+        "reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5"
+    )
+    assert (reported["code"], reported["detail"][:6]) == ("not-finite", "row 1 ")
     assert not (tmp_path / "out.h5").exists()
 
 
@@ -90,8 +92,8 @@ def test_a_log_that_shows_nothing_has_no_curve_of_alpha(failure, phantom_scan, t
     with h5py.File(tmp_path / "scan.h5", "r+") as file:
         file[f"{DETECTOR}/data"][...] = 0.0
     flags = ("--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5", "--method", "tikhonov")
-    told = failure("reconstruct", tmp_path / "scan.h5", *flags, "--alpha-curve", tmp_path / "curve.png")
-    assert told["code"] == "no-alpha-curve"
+    reported = failure("reconstruct", tmp_path / "scan.h5", *flags, "--alpha-curve", tmp_path / "curve.png")
+    assert reported["code"] == "no-alpha-curve"
     assert not (tmp_path / "curve.png").exists()
     assert not volume(tmp_path / "out.h5").any()
 
@@ -143,14 +145,16 @@ def test_a_scan_of_the_product_that_lost_an_axis_is_read_as_any_other(run, phant
     assert volume(tmp_path / "out.h5").shape == (1, 256, 256)
 
 
-def test_damage_is_told_when_its_row_is_read(failure, phantom_scan, tmp_path):
+def test_damage_is_reported_when_its_row_is_read(failure, phantom_scan, tmp_path):
     whole = bytearray(phantom_scan.read_bytes())
     with h5py.File(phantom_scan) as file:
         start = file[f"{DETECTOR}/data"].id.get_chunk_info_by_coord((0, 1, 0)).byte_offset
     whole[start + 100 : start + 200] = bytes(100)
     (tmp_path / "scan.h5").write_bytes(whole)
-    told = failure("reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5")
-    assert told["code"] == "broken-file"
+    reported = failure(
+        "reconstruct", tmp_path / "scan.h5", "--data", "line-integrals", *THETA, "-o", tmp_path / "out.h5"
+    )
+    assert reported["code"] == "broken-file"
 
 
 def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_file, log_truth, tmp_path):
@@ -162,7 +166,7 @@ def test_theta_gives_the_same_as_a_calibration_that_found_it(run, stack, result_
     assert relative_error(given[0], log_truth) < 0.25
 
 
-def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_told(run, tmp_path):
+def test_a_good_fbp_names_no_misfit_and_a_wrong_geometry_is_reported(run, tmp_path):
     """The scan has 90 views: from fewer, FBP with the right geometry misses as much as with a wrong one."""
     scan, cells = tmp_path / "log.h5", ("--detector-pixels", 256, "--views", 90)
     run("simulate", "log", "--theta", THETA[1], *SCANNER, *cells, "--rows", 1, "-o", scan)
@@ -223,8 +227,8 @@ def test_a_region_of_interest_of_every_other_row_is_cut_out_of_the_whole(run, st
     run("reconstruct", stack, *flags, "--size", 64, "--field-mm", 320)
     whole = volume(tmp_path / "out.h5")
     region = ("--size", 16, "--field-mm", 80, "--field-centre-mm", "50,-40", "--rows", "1:4:2")
-    said = json.loads(run("reconstruct", stack, *flags, *region, "--json").stdout)
-    assert (said["rows"], said["row_step"], said["shape"]) == ([1, 4], 2, [2, 16, 16])
+    document = json.loads(run("reconstruct", stack, *flags, *region, "--json").stdout)
+    assert (document["rows"], document["row_step"], document["shape"]) == ([1, 4], 2, [2, 16, 16])
     # Positions on the detector are single precision.
     np.testing.assert_allclose(volume(tmp_path / "out.h5"), whole[1:4:2, 34:50, 16:32], atol=1e-4 * whole.max())
     with h5py.File(tmp_path / "out.h5") as file:
@@ -245,9 +249,9 @@ def test_pictures_of_the_whole_log_are_written(run, stack, tmp_path):
 
 def test_what_contradicts_the_calibration_is_refused(failure, stack, result_file, tmp_path):
     flags = (stack, "--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
-    told = failure("reconstruct", *flags, "--source-to-cor-mm", 860)
-    assert told["code"] == "contradiction"
-    assert "859.46" in told["detail"]
+    reported = failure("reconstruct", *flags, "--source-to-cor-mm", 860)
+    assert reported["code"] == "contradiction"
+    assert "859.46" in reported["detail"]
     assert failure("reconstruct", *flags, "--detector-pitch-mm", 4.5)["code"] == "contradiction"
     assert not (tmp_path / "out.h5").exists()
 
@@ -255,9 +259,9 @@ def test_what_contradicts_the_calibration_is_refused(failure, stack, result_file
 def test_another_scanners_calibration_is_refused(failure, result_file, tmp_path):
     np.save(tmp_path / "wide.npy", np.zeros((60, 1, 300), np.float32))
     flags = ("--data", "line-integrals", "--angles-deg", "3:6", "--calibration", result_file)
-    told = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
-    assert told["code"] == "contradiction"
-    assert "256 cells" in told["detail"]
+    reported = failure("reconstruct", tmp_path / "wide.npy", *flags, "-o", tmp_path / "out.h5")
+    assert reported["code"] == "contradiction"
+    assert "256 cells" in reported["detail"]
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"state": "failed"}', '{"state": "succeeded"}', "\udcff"])
@@ -269,8 +273,8 @@ def test_a_result_that_is_none_is_refused(failure, stack, tmp_path, text):
 
 def test_a_partial_turn_is_refused(failure, bare_scan, tmp_path):
     flags = ("--data", "line-integrals", "--angles-deg", "0:3", "--detector-pitch-mm", 4.508593749, *THETA)
-    told = failure("reconstruct", bare_scan, *flags, "-o", tmp_path / "out.h5")
-    assert told["code"] == "geometry"
+    reported = failure("reconstruct", bare_scan, *flags, "-o", tmp_path / "out.h5")
+    assert reported["code"] == "geometry"
 
 
 def test_a_field_past_the_source_is_refused(failure, stack, tmp_path):
@@ -278,51 +282,59 @@ def test_a_field_past_the_source_is_refused(failure, stack, tmp_path):
     assert "field_mm" in failure("reconstruct", stack, *flags)["detail"]
 
 
-def test_an_output_that_cannot_be_written_is_told(failure, stack, tmp_path):
+def test_an_output_that_cannot_be_written_is_reported(failure, stack, tmp_path):
     (tmp_path / "full").mkdir(mode=0o700)
     target = tmp_path / "full" / ("x" * 300 + ".h5")
-    told = failure("reconstruct", stack, "--data", "counts", *THETA, "-o", target)
-    assert told["code"] == "file-system"
+    reported = failure("reconstruct", stack, "--data", "counts", *THETA, "-o", target)
+    assert reported["code"] == "file-system"
     assert list((tmp_path / "full").iterdir()) == []
 
 
 @pytest.mark.parametrize(
-    ("flags", "said"),
+    ("flags", "complaint"),
     [
-        ((), "give the geometry as --theta or as --calibration"),
-        (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "--theta needs five numbers"),
-        (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "--theta needs five numbers"),
+        ((), "Missing option '--theta' or '--calibration' (the geometry)"),
+        (("--theta", "1,2,3,4", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
+        (("--theta", "1,2,3,4,inf", "--source-to-cor-mm", 859), "'--theta': must be five numbers"),
         (
             ("--theta", "2.55,714.7,319.9,1e300,0.281", "--source-to-cor-mm", 859),
-            "detector_shift_mm must lie between -100000 and 100000, not 1e300",
+            "detector_shift_mm must be at least -100000 and at most 100000, not 1e300",
         ),
-        (("--theta", "1,-2,3,4,5", "--source-to-cor-mm", 859), "detector_to_cor_mm must lie between 0 and 100000"),
-        ((*THETA, "--field-centre-mm", "1e300,0"), "--field-centre-mm: X and Y must lie between"),
-        (("--theta", "1,700,3,4,0"), "--theta needs --source-to-cor-mm"),
+        (
+            ("--theta", "1,-2,3,4,5", "--source-to-cor-mm", 859),
+            "detector_to_cor_mm must be above 0 and at most 100000, not -2",
+        ),
+        (
+            (*THETA, "--field-centre-mm", "1e300,0"),
+            "'--field-centre-mm': x must be at least -100000 and at most 100000, not 1e300",
+        ),
+        (("--theta", "1,700,3,4,0"), "Missing option '--source-to-cor-mm'"),
         ((*THETA, "--rotation", "left"), "'left' is not one of"),
         ((*THETA, "--method", "guess"), "'guess'"),
         ((*THETA, "--filter", "boxcar"), "'boxcar' is not one of"),
         ((*THETA, "--frequency-scaling", 1.5), "--frequency-scaling"),
         ((*THETA, "--size", 8), "--size"),
-        ((*THETA, "--field-mm", -1), "not a length in mm"),
-        ((*THETA, "--rows", "x"), "--rows: rows must be A:B"),
+        ((*THETA, "--field-mm", -1), "must be above 0 and at most 100000, not -1"),
+        ((*THETA, "--rows", "x"), "'--rows': rows must be A:B"),
         ((*THETA, "--png", "no/such/folder/out.png"), "there is no folder"),
         ((*THETA, "--mosaic", "no/such/folder/out.png"), "there is no folder"),
         ((*THETA, "--size", "256,128"), "'256,128' is not one number: pixels are square"),
         ((*THETA, "--field-mm", "400x300"), "'400x300' is not one number: pixels are square"),
-        ((*THETA, "--field-centre-mm", "50"), "--field-centre-mm needs X,Y, not '50'"),
+        ((*THETA, "--field-centre-mm", "50"), "'--field-centre-mm': must be X,Y, not '50'"),
         ((*THETA, "--field-centre-mm", "50,1e9"), "--field-centre-mm"),
         ((*THETA, "--rows", "0:4:0"), "as in 0:2500:10"),
     ],
 )
-def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, said):
+def test_wrong_use_is_found_before_the_scan_is_read(wrong_use, tmp_path, flags, complaint):
     (tmp_path / "scan.h5").write_text("whoever reads this finds that it is no scan")
-    told = wrong_use("reconstruct", tmp_path / "scan.h5", "--data", "counts", "-o", tmp_path / "out.h5", *flags)
-    assert said in told
+    reported = wrong_use("reconstruct", tmp_path / "scan.h5", "--data", "counts", "-o", tmp_path / "out.h5", *flags)
+    assert complaint in reported
 
 
 def test_one_geometry_is_given(wrong_use, stack, result_file, tmp_path):
     flags = ("--data", "counts", "--calibration", result_file, "-o", tmp_path / "out.h5")
     assert "one of them" in wrong_use("reconstruct", stack, *flags, *THETA)
     assert "--rotation comes with --theta" in wrong_use("reconstruct", stack, *flags, "--rotation", "reversed")
-    assert "Missing option '--output'" in wrong_use("reconstruct", stack, *flags[:-2])
+    assert "Missing option '--output' / '-o' OUT (The file that is written)" in wrong_use(
+        "reconstruct", stack, *flags[:-2]
+    )

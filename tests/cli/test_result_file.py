@@ -32,9 +32,9 @@ def test_result_h5_alone_is_enough_to_export(run, result_file, result_hdf5, tmp_
 
 def test_the_scanner_of_result_h5_must_be_the_scan_s(failure, stack, result_hdf5, tmp_path):
     flags = ("--data", "counts", "--calibration", result_hdf5, "-o", tmp_path / "out.h5")
-    told = failure("reconstruct", stack, *flags, "--source-to-cor-mm", 860)
-    assert told["code"] == "contradiction"
-    assert "859.46" in told["detail"]
+    reported = failure("reconstruct", stack, *flags, "--source-to-cor-mm", 860)
+    assert reported["code"] == "contradiction"
+    assert "859.46" in reported["detail"]
 
 
 def as_picture(path, _result):
@@ -126,9 +126,11 @@ def test_what_is_neither_is_refused_in_one_sentence(failure, stack, result_hdf5,
     path = tmp_path / "given"
     write(path, result_hdf5)
     flags = ("--data", "counts", "--calibration", path, "-o", tmp_path / "out.h5")
-    told = failure("reconstruct", stack, *flags)
-    assert (told["kind"], told["code"]) == ("input", "calibration")
-    assert told["detail"].startswith("given is neither what calibrate --json prints nor a calibration's result.h5: ")
-    assert reason in told["detail"]
-    assert "\n" not in told["detail"]
+    reported = failure("reconstruct", stack, *flags)
+    assert (reported["kind"], reported["code"]) == ("input", "calibration")
+    assert reported["detail"].startswith(
+        "given is neither what calibrate --json prints nor a calibration's result.h5: "
+    )
+    assert reason in reported["detail"]
+    assert "\n" not in reported["detail"]
     assert not (tmp_path / "out.h5").exists()

@@ -96,17 +96,17 @@ def test_a_log_alone_has_no_phantom(run, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("body", "flags", "said"),
+    ("body", "flags", "complaint"),
     [
-        ("cube", (), "--phantom must be"),
-        ("l-shape", ("--position-mm", "5"), "--position-mm needs X,Y"),
+        ("cube", (), "'BODY': must be l-shape"),
+        ("l-shape", ("--position-mm", "5"), "'--position-mm': must be X,Y"),
         ("log-with-phantom", ("--rows", 4), "leaves no row for the log"),
         ("l-shape", ("--angles-deg", "x"), "an angle must be"),
         ("l-shape", ("--noise", -1), "--noise"),
     ],
 )
-def test_wrong_use_is_told(wrong_use, tmp_path, body, flags, said):
-    assert said in wrong_use("simulate", body, *EXACT, *flags, "-o", tmp_path / "out.h5")
+def test_wrong_use_is_refused(wrong_use, tmp_path, body, flags, complaint):
+    assert complaint in wrong_use("simulate", body, *EXACT, *flags, "-o", tmp_path / "out.h5")
 
 
 def test_an_impossible_geometry_is_refused(run, tmp_path):
@@ -177,5 +177,7 @@ def test_export_writes_the_geometry_file_of_rtk(run, result_file, tmp_path):
 
 def test_export_needs_angles_and_a_known_target(wrong_use, result_file, tmp_path):
     flags = ("--calibration", result_file, "-o", tmp_path / "out.txt", "--views", 12)
-    assert "angles are missing" in wrong_use("export", "--to", "astra", *flags)
+    assert "Missing option '--angles-deg' or '--angles-file' (the views' angles)" in wrong_use(
+        "export", "--to", "astra", *flags
+    )
     assert "'matlab'" in wrong_use("export", "--to", "matlab", *flags, "--angles-deg", "0:1")

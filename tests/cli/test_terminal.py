@@ -1,4 +1,4 @@
-"""How a command says that it has no answer."""
+"""How a command reports that it has no answer."""
 
 import json
 import os
@@ -15,17 +15,17 @@ from sawmill_worker.vocabulary import Progress
     ("error", "kind", "code"),
     [(OSError("no space"), "passing", "file-system"), (MemoryError(), "input", "out-of-memory")],
 )
-def test_troubles_of_the_machine_are_told(capsys, error, kind, code):
+def test_troubles_of_the_machine_are_reported(capsys, error, kind, code):
     with pytest.raises(typer.Exit) as ended, answering(as_json=True):
         raise error
-    told = capsys.readouterr()
-    failure = json.loads(told.out)["failure"]
+    reported = capsys.readouterr()
+    failure = json.loads(reported.out)["failure"]
     assert ended.value.exit_code == 1
     assert (failure["kind"], failure["code"]) == (kind, code)
-    assert told.err == f"{code}: {failure['detail']}\n"
+    assert reported.err == f"{code}: {failure['detail']}\n"
 
 
-def test_a_defect_is_told_and_keeps_its_traceback(capsys):
+def test_a_defect_is_reported_and_keeps_its_traceback(capsys):
     defect = ZeroDivisionError("oops")
     with pytest.raises(ZeroDivisionError) as raised, answering(as_json=True):
         raise defect

@@ -223,7 +223,7 @@ def phantom_names() -> list[str]:
 
 def body_names() -> list[str]:
     """What a shell completes."""
-    return [*phantom_names(), *Body]
+    return [*phantom_names(), *(each.value for each in Body)]
 
 
 def picture(description: str) -> OptionInfo:

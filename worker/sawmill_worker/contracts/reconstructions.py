@@ -26,11 +26,17 @@ class ReconstructionOptions(Contract):
     """How to reconstruct, apart from what."""
 
     rows: SteppedRows | None = Field(
-        None, description="Rows to reconstruct, one slice each: A:B, or every STEP-th of them, A:B:STEP; null: all."
+        None,
+        description="Detector rows to reconstruct, one slice each: A:B, the first included, the last not, or every "
+        "STEP-th of them, A:B:STEP. By default all.",
     )
-    views: Annotated[int, Field(ge=3)] | None = Field(None, description="Use every (total / views)-th view; null: all.")
-    method: ReconstructionMethod = ReconstructionMethod.FBP
-    filter: FilterName = FilterName.HANN
+    views: Annotated[int, Field(ge=3)] | None = Field(
+        None, description="Use every (total / views)-th view, each with its own angle. By default all."
+    )
+    method: ReconstructionMethod = Field(
+        ReconstructionMethod.FBP, description="`auto` chooses by the scan's views and noise."
+    )
+    filter: FilterName = Field(FilterName.HANN, description="Window on the ramp.")
     frequency_scaling: Annotated[float, Field(gt=0, le=1)] = Field(
         1.0, description="Cut-off as a fraction of the Nyquist frequency."
     )
@@ -43,7 +49,7 @@ class ReconstructionOptions(Contract):
         (0.0, 0.0),
         description="(x, y) of the field's middle; a region of interest lies off the rotation centre.",
     )
-    alpha: Positive | None = Field(None, description="Of `tikhonov`, in mm²; null: chosen by alpha_rule.")
+    alpha: Positive | None = Field(None, description="Of `tikhonov`, in mm². By default chosen by alpha_rule.")
     alpha_rule: AlphaRule = Field(AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha.")
     sigma: Positive | None = Field(
         None,

@@ -1,0 +1,168 @@
+"""How every command reads its line: what is missing, what is misspelt, and what a shell completes."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from sawmill_service.cli import main
+from sawmill_worker.commands.from_contract import Bounds
+from sawmill_worker.contracts.calibrations import CalibrationOptions, PaperOptions
+from sawmill_worker.contracts.plans import PlanOptions
+from sawmill_worker.contracts.preparing import PrepareOptions
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+
+SAWMILL = Path(sys.executable).with_name("sawmill")
+
+
+@pytest.fixture
+def scan(tmp_path):
+    path = tmp_path / "scan.h5"
+    path.write_text("whoever reads this finds that it is no scan")
+    return path
+
+
+def options_of(command: str):
+    return {parameter.name: parameter for parameter in typer.main.get_command(main).commands[command].params}
+
+
+@pytest.mark.parametrize(
+    ("command", "contract", "prefix"),
+    [
+        ("calibrate", CalibrationOptions, ""),
+        ("calibrate", PaperOptions, "paper_"),
+        ("calibrate", PrepareOptions, ""),
+        ("drift", PrepareOptions, ""),
+        ("reconstruct", ReconstructionOptions, ""),
+    ],
+)
+def test_every_field_of_a_contract_is_a_flag_with_its_description(command, contract, prefix):
+    options = options_of(command)
+    fields = {name: field for name, field in contract.model_fields.items() if name != "paper"}
+    for name, field in fields.items():
+        flag = options[prefix + name]
+        assert f"--{(prefix + name).replace('_', '-')}" in flag.opts
+        assert field.description
+        assert flag.help.replace("\\[", "[") == field.description
+
+
+@pytest.mark.parametrize(
+    ("contract", "name", "words"),
+    [
+        (PlanOptions, "noise", "above 0 and at most 1"),
+        (CalibrationOptions, "views", "at least 3"),
+        (CalibrationOptions, "seed", "at least 0 and at most 4294967295"),
+        (ReconstructionOptions, "sigma", "above 0"),
+        (ReconstructionOptions, "method", ""),
+    ],
+)
+def test_bounds_are_a_contract_s(contract, name, words):
+    assert str(Bounds.of(contract, name)) == words
+
+
+def test_all_that_is_missing_is_named_at_once(wrong_use, scan):
+    assert (
+        "Missing option '--data' <counts|line-integrals> (What the numbers are; never guessed), "
+        "option '--source-to-cor-mm' <float> (r_S, source to centre of rotation) and "
+        "option '--phantom' NAME|FILE (l-shape, rectangle-with-hole, a drawing FILE.json"
+    ) in wrong_use("calibrate", scan)
+
+
+def test_arguments_choices_between_flags_and_what_a_flag_needs_are_named_too(wrong_use, scan):
+    missing = wrong_use("reconstruct")
+    for each in ("argument 'SCAN'", "option '--data'", "option '--output' / '-o' OUT", "'--theta' or '--calibration'"):
+        assert each in missing
+    needed = wrong_use("reconstruct", scan, "--theta", "1,700,3,4,0")
+    assert "option '--data'" in needed
+    assert "option '--source-to-cor-mm'" in needed
+    assert "--calibration'" not in needed
+
+
+def test_what_is_wrong_is_named_before_what_is_missing(wrong_use, scan):
+    assert "'counted' is not one of" in wrong_use("calibrate", scan, "--data", "counted")
+
+
+@pytest.mark.parametrize(
+    ("line", "suggestion"),
+    [
+        (("calibrat",), "Did you mean 'calibrate'?"),
+        (("phantom", "darw"), "Did you mean 'draw'?"),
+        (("calibrate", "scan.h5", "--dta", "counts"), "--data"),
+        (("serve", "--prot", "80"), "--port"),
+        (("calibrate", "scan.h5", "--data", "line-integral"), "Did you mean 'line-integrals'?"),
+        (("calibrate", "scan.h5", "--without", "blur", "--without", "outlier"), "Did you mean 'outliers'?"),
+        (("calibrate", "scan.h5", "--phantom", "l-shap"), "Did you mean 'l-shape'?"),
+        (("simulate", "log-with-fantom"), "Did you mean 'log-with-phantom'?"),
+        (("export", "--to", "astro"), "Did you mean 'astra'?"),
+    ],
+)
+def test_a_misspelt_name_gets_the_nearest_one(wrong_use, scan, monkeypatch, line, suggestion):
+    monkeypatch.chdir(scan.parent)
+    complaint = wrong_use(*line)
+    assert suggestion in complaint
+    assert "Value error" not in complaint
+
+
+def test_a_name_that_is_near_to_nothing_gets_no_suggestion(wrong_use, scan):
+    assert "Did you mean" not in wrong_use("calibrate", scan, "--data", "x")
+
+
+def completed(shell: str, line: str) -> set[str]:
+    """What the installed command answers to a shell's question for the last word of a line."""
+    words = line.split(" ")
+    bash = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+    asked = {"bash": bash, "zsh": {"_TYPER_COMPLETE_ARGS": line}}[shell]
+    environment = os.environ | asked | {"_SAWMILL_COMPLETE": f"complete_{shell}"}
+    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    if shell == "bash":
+        return set(done.stdout.split())
+    return {line.split('"')[1] for line in done.stdout.splitlines() if '"' in line}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+@pytest.mark.parametrize(
+    ("line", "choices"),
+    [
+        ("sawmill re", {"reconstruct"}),
+        ("sawmill phantom ", {"plan", "draw"}),
+        ("sawmill calibrate scan.h5 --paper-o", {"--paper-objective"}),
+        ("sawmill reconstruct --filter ha", {"hamming", "hann"}),
+        ("sawmill calibrate --phantom ", {"l-shape", "rectangle-with-hole"}),
+        ("sawmill phantom draw rect", {"rectangle-with-hole"}),
+        ("sawmill simulate lo", {"log", "log-with-phantom"}),
+    ],
+)
+def test_a_shell_completes_commands_flags_values_and_phantoms(shell, line, choices):
+    assert completed(shell, line) == choices
+
+
+def test_zsh_offers_files_where_nothing_else_fits():
+    environment = os.environ | {"_SAWMILL_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": "sawmill calibrate sc"}
+    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == "_files"
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")
+def test_the_script_for_bash_completes_in_bash():
+    script = (
+        f'PATH="{SAWMILL.parent}:$PATH"\n'
+        'eval "$(_SAWMILL_COMPLETE=source_bash sawmill)"\n'
+        "COMP_WORDS=(sawmill export --to a)\nCOMP_CWORD=3\n"
+        '"$(complete -p sawmill | sed "s/.*-F \\([^ ]*\\) .*/\\1/")" sawmill\n'
+        'echo "${COMPREPLY[@]}"\n'
+    )
+    done = subprocess.run(["bash", "--norc", "-c", script], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout.strip() == "astra", done.stderr
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_completion_is_installed_for_a_shell(shell, tmp_path):
+    environment = os.environ | {"HOME": str(tmp_path), "_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
+    command = [SAWMILL, "--install-completion", shell]
+    subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=True)
+    scripts = [path.read_text() for path in tmp_path.rglob("*sawmill*") if path.is_file()]
+    assert any("_SAWMILL_COMPLETE" in script for script in scripts)
