@@ -128,3 +128,13 @@ def test_the_glossary_has_every_term_once_in_order():
     assert terms == sorted(set(terms), key=str.lower)
     meanings = [meaning for *_, meaning in rows[1:]]
     assert all(meaning.endswith(". ") and not re.search(r"\. [A-Z]", meaning) for meaning in meanings)
+
+
+LONGEST_LINE = 120
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_lines_are_short_outside_tables_and_code(page):
+    lines = [line for line in prose(page.read_text()).splitlines() if not line.startswith("|")]
+    without_addresses = (re.sub(r"https?://\S+", "", line) for line in lines)
+    assert not [line for line in without_addresses if len(line) > LONGEST_LINE]

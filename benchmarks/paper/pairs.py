@@ -33,15 +33,15 @@ class Marker:
 
 
 MARKERS = {
-    "ridge's twins": Marker("the runs' twins", "o", 3.0, pictures.SKY, filled=False),
-    "ridge": Marker("paper, {runs} runs", "o", 4.0, pictures.ORANGE, filled=False),
+    "curve's twins": Marker("the runs' twins", "o", 3.0, pictures.SKY, filled=False),
+    "curve": Marker("paper, {runs} runs", "o", 4.0, pictures.ORANGE, filled=False),
     "found": Marker("default", "s", 6.0, pictures.BLUE, filled=True),
     "twin": Marker("default's twin", "D", 5.0, pictures.BLUE, filled=False),
     "truth": Marker("truth", "+", 11.0, pictures.BLACK, filled=True),
 }
 
 
-def ridge_units(plan: Plan, views: int) -> list[Unit]:
+def curve_units(plan: Plan, views: int) -> list[Unit]:
     """The `paper` method's runs."""
     runs = plan.dense_runs if views == plan.dense_views else plan.sparse_runs
     return [paper_unit(plan, PHANTOM, default_source(), views, seed) for seed in range(runs)]
@@ -65,7 +65,7 @@ def units(plan: Plan) -> list[Unit]:
         for unit in (
             *cloud_units(plan, views),
             _one(views),
-            *ridge_units(plan, views),
+            *curve_units(plan, views),
         )
     ]
 
@@ -82,7 +82,7 @@ def twins(points: FloatArray) -> FloatArray:
 
 
 def pair_grid(points: dict[str, FloatArray], path: Path, title: str) -> None:
-    """Every pair of theta: `ridge`, its twins, `found`, `twin` and `truth`, each (points, 5)."""
+    """Every pair of theta: `curve`, its twins, `found`, `twin` and `truth`, each (points, 5)."""
     drawn = pictures.figure(9.0, 8.6)
     grid = drawn.subplots(4, 4, squeeze=False)
     for row in range(4):
@@ -114,13 +114,13 @@ def _pair(axes: Axes, points: dict[str, FloatArray], x: int, y: int, *, last: bo
         axes.set_ylabel(LABELS[y], fontsize=8)
 
 
-def ridge_points(plan: Plan, results: Results, views: int) -> dict[str, FloatArray]:
+def curve_points(plan: Plan, results: Results, views: int) -> dict[str, FloatArray]:
     """What `pair_grid` draws."""
     found = results[_one(views).name]
-    ridge = thetas(results, ridge_units(plan, views))
+    curve = thetas(results, curve_units(plan, views))
     return {
-        "ridge": ridge,
-        "ridge's twins": twins(ridge),
+        "curve": curve,
+        "curve's twins": twins(curve),
         "found": np.array([found["theta"]]),
         "twin": np.array([found["twin"]]),
         "truth": TRUE_THETA.to_vector()[None],
@@ -170,7 +170,7 @@ def _spread(plan: Plan, results: Results, views: int) -> list[list[str]]:
     source = default_source()
     rows = []
     for name, made in (
-        (f"`paper`, {source} scan", ridge_units(plan, views)),
+        (f"`paper`, {source} scan", curve_units(plan, views)),
         (f"`default`, {source} scan", [_one(views)]),
         ("`default`, simulated, 2 % noise", cloud_units(plan, views)),
     ):
@@ -190,11 +190,11 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     rows: list[list[str]] = []
     for views in (plan.dense_views, plan.sparse_views):
         title = f"L-phantom ({source}), {views} views"
-        pair_grid(ridge_points(plan, results, views), folder / f"pairs-{views}.png", title)
+        pair_grid(curve_points(plan, results, views), folder / f"pairs-{views}.png", title)
         rows += _spread(plan, results, views)
     _close_up(plan, results, folder / "pairs-close.png")
-    ridge = np.array([results[unit.name]["frame"] for unit in ridge_units(plan, plan.dense_views)])
-    column, ratio = ridge[:, 3], ridge[:, 2] / ridge[:, 1]
+    curve = np.array([results[unit.name]["frame"] for unit in curve_units(plan, plan.dense_views)])
+    column, ratio = curve[:, 3], curve[:, 2] / curve[:, 1]
     return {
         "dense_runs": str(plan.dense_runs),
         "sparse_runs": str(plan.sparse_runs),
@@ -216,4 +216,4 @@ def section(plan: Plan, results: Results, folder: Path) -> Values:
     }
 
 
-EXPERIMENT = Experiment("pairs", "The ridge and the point", units, section)
+EXPERIMENT = Experiment("pairs", "A curve of answers and one answer", units, section)
