@@ -31,15 +31,10 @@ from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import Floats, Images
-from sawmill_worker.tomography.iterative.penalised import (
-    Inside,
-    Objective,
-    Prior,
-    descend,
-    mean_along_rays,
-    typical_attenuation,
-    widely,
-)
+from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
+from sawmill_worker.tomography.iterative.penalised import Objective, continuation, descend
+from sawmill_worker.tomography.iterative.priors import CauchyPrior, Prior, TotalVariationPrior
+from sawmill_worker.tomography.iterative.support_region import SupportRegion
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
 from sawmill_worker.tomography.projector import Image, Projector
@@ -149,55 +144,55 @@ class Reference:
     truth: Image
 
     @cached_property
-    def inside(self) -> Inside:
+    def support(self) -> SupportRegion:
         """The pixels around the log."""
-        return Inside.of(self.projector, self.lines)
+        return SupportRegion.of(self.projector, self.lines)
 
     @cached_property
     def wood(self) -> float:
         """The wood's attenuation."""
-        return float(typical_attenuation(mean_along_rays(self.inside.projector, self.lines))[0])
+        return float(typical_attenuation(mean_along_rays(self.support.projector, self.lines))[0])
 
     def errors(self, images: Images) -> Floats:
         """Relative error of each."""
         return np.array([relative_error(image, self.truth) for image in images])
 
-    def descend(self, projector: Projector, sigmas: Floats, prior: Prior, start: Images, *, widened: bool) -> Images:
-        """Side by side, sigma as a multiple of the noise; through the widened prior first, where that is asked for."""
+    def descend(self, projector: Projector, sigmas: Floats, prior: Prior, start: Images, *, continued: bool) -> Images:
+        """Side by side, sigma as a multiple of the noise; with continuation first, where that is asked for."""
         weights = 1.0 / (self.noise * sigmas[:, None, None]) ** 2
         weights = np.broadcast_to(weights, (sigmas.size, *self.lines.shape[1:])).astype(np.float32)
         objective = Objective(projector, self.lines, weights, prior)
-        if widened:
-            start = widely(objective, start, non_negative=True, tolerance=1e-4)
+        if continued:
+            start = continuation(objective, start, non_negative=True, tolerance=1e-4)
         return descend(objective, start, non_negative=True, iterations=200, tolerance=1e-4).images
 
     def best_pair(self) -> tuple[float, float, float]:
         """Lowest relative error, and its sigma and beta."""
-        near = self.inside.projector
+        near = self.support.projector
         images, tried = np.repeat(mean_along_rays(near, self.lines), SIGMAS.size, axis=0), []
         for beta in BETAS:
             prior = self.cauchy(np.full(SIGMAS.size, beta))
-            images = self.descend(near, SIGMAS, prior, images, widened=beta == BETAS[0])
-            whole = self.inside.whole(images)
+            images = self.descend(near, SIGMAS, prior, images, continued=beta == BETAS[0])
+            whole = self.support.embedded(images)
             tried += list(zip(self.errors(whole), SIGMAS, np.full(SIGMAS.size, beta), whole, strict=True))
         _, sigma, beta, image = min(tried, key=itemgetter(0))
         steps = np.array([-1.0, 0.0, 1.0])
         sigmas, betas = (grid.ravel() for grid in np.meshgrid(sigma * NEAR_SIGMA**steps, beta * NEAR_BETA**steps))
         start = np.repeat(image[None], sigmas.size, axis=0)
-        errors = self.errors(self.descend(self.projector, sigmas, self.cauchy(betas), start, widened=False))
+        errors = self.errors(self.descend(self.projector, sigmas, self.cauchy(betas), start, continued=False))
         best = int(np.argmin(errors))
         return float(errors[best]), float(sigmas[best]), float(betas[best])
 
-    def cauchy(self, betas: Floats) -> Prior:
+    def cauchy(self, betas: Floats) -> CauchyPrior:
         """With shares of the wood's attenuation."""
-        return Prior("cauchy", betas * self.wood, np.full(betas.size, STRENGTH), betas * self.wood)
+        return CauchyPrior(betas * self.wood, np.full(betas.size, STRENGTH), betas * self.wood)
 
     def best_weight(self) -> tuple[float, float]:
         """Lowest relative error of total variation, and its weight."""
         wood = np.full(WEIGHTS.size, self.wood)
-        prior = Prior("total-variation", SMOOTHING_SHARE * wood, WEIGHTS / wood, wood)
+        prior = TotalVariationPrior(SMOOTHING_SHARE * wood, WEIGHTS / wood, wood)
         start = np.repeat(mean_along_rays(self.projector, self.lines), WEIGHTS.size, axis=0)
-        errors = self.errors(self.descend(self.projector, np.ones(WEIGHTS.size), prior, start, widened=True))
+        errors = self.errors(self.descend(self.projector, np.ones(WEIGHTS.size), prior, start, continued=True))
         best = int(np.argmin(errors))
         return float(errors[best]), float(WEIGHTS[best])
 
@@ -215,7 +210,8 @@ def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
     sinogram = simulate_sinogram(log, geometry, noise=noise, seed=index)
     truth = log.rasterise(size, FIELD_MM)
     chosen, seconds = timed(cauchy_map, projector, sinogram)
-    _, given_seconds = timed(cauchy_map, projector, sinogram, sigma=chosen.sigma, beta=float(chosen.beta[0]))
+    sigma_found, beta_found = (float(chosen.parameters[name][0]) for name in ("sigma", "beta"))
+    _, given_seconds = timed(cauchy_map, projector, sinogram, sigma=sigma_found, beta=beta_found)
     yardstick = total_variation(projector, sinogram)
     lines = projector.block(sinogram)
     reference = Reference(projector, lines, chosen.noise, truth)
@@ -226,8 +222,8 @@ def row(seed: int, index: int, size: int) -> tuple[str, float, float]:
     wood = reference.wood
     text = (
         f"{index:3d}  {geometry.angles_rad.size:5d}  {noise:.3f}  {error:.4f} {best:.4f} {ratio:.3f}  "
-        f"{chosen.sigma / chosen.noise:.2f} {sigma:.2f}  {chosen.beta[0] / wood:.2f} {beta:.2f}  "
-        f"{error_tv:.4f} {best_tv:.4f} {ratio_tv:.3f}  {yardstick.weight[0] * wood:4.1f} {weight:4.1f}  "
+        f"{sigma_found / chosen.noise:.2f} {sigma:.2f}  {beta_found / wood:.2f} {beta:.2f}  "
+        f"{error_tv:.4f} {best_tv:.4f} {ratio_tv:.3f}  {yardstick.parameters['weight'][0] * wood:4.1f} {weight:4.1f}  "
         f"{seconds:.2f} {given_seconds:.2f}  {scores(chosen.image, truth)}  {scores(yardstick.image, truth)}"
     )
     return text, ratio, ratio_tv

@@ -2,7 +2,7 @@
 
 256 x 256 from 20 views of the published log where it is found (see SAWMILL_PUBLISHED_DATA), of a simulated one
 elsewhere; sigma and beta given. The best objective known is the lowest that any of the runs reached: the density has
-many valleys close together, and solvers end in different ones. Prints
+many minima close together, and solvers end in different ones. Prints
 
 - our descent as `cauchy_map` ends it, for one slice and for a block of 16 unlike ones (a simulated log at 16 heights,
   each beside the lowest objective that a far longer descent finds), and SciPy's seconds to within 1e-4 of its own end;
@@ -28,15 +28,15 @@ from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices, minimise
+from sawmill_worker.tomography.iterative.first_image import mean_along_rays
 from sawmill_worker.tomography.iterative.penalised import (
-    WIDE_ITERATIONS,
-    WIDENING,
-    Curvature,
+    CONTINUATION_FACTOR,
+    CONTINUATION_ITERATIONS,
+    InverseCurvature,
     Objective,
-    Prior,
-    mean_along_rays,
-    widely,
+    continuation,
 )
+from sawmill_worker.tomography.iterative.priors import CauchyPrior
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.simulate import simulate_sinogram
@@ -46,7 +46,7 @@ VIEWS, SIZE, FIELD_MM, BLOCK = 20, 256, 400.0, 16
 WITHIN = 1e-4
 # Shares of the sinogram's RMS and of the wood: near the best for either log.
 SIGMA_SHARE, BETA_SHARE = 0.013, 0.3
-# Of the longer descents that show where valleys end.
+# Of the longer descents that show how low the minima are.
 LONG = {"iterations": 400, "tolerance": 1e-9}
 Track = list[tuple[float, float]]
 
@@ -94,12 +94,12 @@ def tracked(call: Callable[[Images, Indices], tuple[Floats, Images]], track: Tra
 
 
 def peer(objective: Objective, start: Images, iterations: int) -> Track:
-    """SciPy's L-BFGS-B through the same widened priors; the sharp prior's values."""
+    """SciPy's L-BFGS-B with the same continuation; the values of the objective itself."""
     started = time.perf_counter()
     x, track = start.ravel().astype(np.float64), []
-    for factor in (WIDENING, 1.0):
+    for factor in (CONTINUATION_FACTOR, 1.0):
         last = factor == 1.0
-        prior = objective.prior.widened(factor)
+        prior = objective.prior.rescaled(factor)
         call = Objective(objective.projector, objective.lines, objective.weights, prior)
         found = minimize(
             tracked(call, track if last else [], started),
@@ -107,7 +107,12 @@ def peer(objective: Objective, start: Images, iterations: int) -> Track:
             jac=True,
             method="L-BFGS-B",
             bounds=[(0.0, None)] * x.size,
-            options={"maxiter": iterations if last else WIDE_ITERATIONS, "maxcor": 6, "ftol": 1e-10, "gtol": 0.0},
+            options={
+                "maxiter": iterations if last else CONTINUATION_ITERATIONS,
+                "maxcor": 6,
+                "ftol": 1e-10,
+                "gtol": 0.0,
+            },
         )
         x = found.x
     return track
@@ -134,9 +139,9 @@ def unlike_slices(projector: Projector) -> Images:
 
 
 def quasi_newton(objective: Objective, start: Images) -> Tracked:
-    """Our descent with the sharp prior, tracked."""
-    call, guess = Tracked(objective), Curvature(objective)
-    minimise(call, start, lower=0.0, **LONG, guess=guess)
+    """Our descent with the prior itself, tracked."""
+    call, preconditioner = Tracked(objective), InverseCurvature(objective)
+    minimise(call, start, lower=0.0, **LONG, preconditioner=preconditioner)
     return call
 
 
@@ -152,8 +157,8 @@ RIVALS: dict[str, Callable[[Objective, Images], Tracked]] = {
 
 
 def compare(objective: Objective, start: Images) -> dict[str, Tracked]:
-    """Each rival from where the widened prior leads."""
-    near = widely(objective, start, non_negative=True, tolerance=LONG["tolerance"])
+    """Each rival from the image of the continuation."""
+    near = continuation(objective, start, non_negative=True, tolerance=LONG["tolerance"])
     found = {}
     for label, rival in RIVALS.items():
         counted = Counted(objective.projector.geometry, objective.projector.grid)
@@ -182,7 +187,7 @@ def main() -> None:
         laps["one slice"].append(middle - started)
         laps["block"].append((time.perf_counter() - middle) / BLOCK)
     sigma, beta = settings["sigma"], settings["beta"]
-    prior = Prior("cauchy", np.array([beta]), np.array([STRENGTH]), np.array([beta]))
+    prior = CauchyPrior(np.array([beta]), np.array([STRENGTH]), np.array([beta]))
     weights = np.full(lines.shape, 1.0 / sigma**2, np.float32)
     start = mean_along_rays(ours, lines)
     rivals = compare(Objective(ours, lines, weights, prior), start)
@@ -204,7 +209,7 @@ def main() -> None:
         f"{np.median(above):.1e} above each slice's best in the median, {above.max():.1e} at most, "
         f"{many.iterations.min()} to {many.iterations.max()} iterations"
     )
-    # It mostly ends in another valley: it is timed by its own.
+    # It mostly ends in another minimum: it is timed by its own.
     their_lowest = min(value for _, value in track)
     peer_seconds = seconds_to(track, their_lowest * (1.0 + WITHIN))
     print(
@@ -212,7 +217,7 @@ def main() -> None:
         f"{their_lowest / best - 1.0:.1e} above the best; {track[-1][0]:.3f} s and {len(track)} evaluations in all"
     )
     print("  ratio: " + ", ".join(f"{label} {peer_seconds / np.median(lap):.1f}" for label, lap in laps.items()))
-    print("On our projector, from where the widened prior leads:")
+    print("On our projector, from the image of the continuation:")
     print(f"  {'':35s}{'to 1e-3':>20s}{'to 1e-4':>20s}{'lowest, above the best':>25s}")
     for label, found in rivals.items():
         cells = [arrival(found, best * (1.0 + within)) for within in (10.0 * WITHIN, WITHIN)]

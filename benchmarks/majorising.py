@@ -1,8 +1,8 @@
 """Majorise-minimise rivals of the quasi-Newton descent: both lower the quadratic that touches the objective from above.
 
 At an image the prior is majorised by the quadratic whose curvature over a difference d is that of a reweighted one,
-stiffest / (1 + |d|^2 / scale^2) (half-quadratic, Geman and Reynolds 1992). Both rivals have the first guess of the
-inverse curvature that the quasi-Newton descent has, hold pixels at the bound as it does, and bend and shorten their
+stiffest / (1 + |d|^2 / scale^2) (half-quadratic, Geman and Reynolds 1992). Both rivals have the preconditioner
+of the quasi-Newton descent, keep pixels at the bound as it does, and bend and shorten their
 steps as it does; they differ in how the step is found.
 """
 
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sawmill_worker.tomography.iterative.descent import ARMIJO, ROUNDING, SHORTEST, SHRINK, Floats, Images, Indices
-from sawmill_worker.tomography.iterative.penalised import Curvature, Objective
+from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
 from sawmill_worker.tomography.projector import Projector
 
 ONE = np.zeros(1, np.int64)
@@ -64,7 +64,7 @@ class Tracked:
 
 
 class _Majorant:
-    """The quadratic's matrix at an image, A^T W A + G^T C G, the corner's hold left out."""
+    """The quadratic's matrix at an image, A^T W A + G^T C G, the corner's term left out."""
 
     def __init__(self, objective: Objective, image: Images) -> None:
         self.objective = objective
@@ -91,13 +91,13 @@ class _Majorant:
 
 def reweighted(objective: Objective, start: Images, *, iterations: int, inner: int) -> Tracked:
     """Iteratively reweighted least squares, each solved by preconditioned conjugate gradients, `inner` at most."""
-    call, guess = Tracked(objective), Curvature(objective)
+    call, preconditioner = Tracked(objective), InverseCurvature(objective)
     call.started = time.perf_counter()
 
     def step(x: Images, gradient: Images, residual: Images, free: Images) -> Images:  # noqa: ARG001
-        majorant, shares = _Majorant(objective, x), guess.shares(x, ONE) * free
+        majorant, shares = _Majorant(objective, x), preconditioner.scaling(x, ONE) * free
         found, r = np.zeros_like(x), -gradient * free
-        z = shares * guess.smoothed(shares * r, ONE)
+        z = shares * preconditioner.smoothed(shares * r, ONE)
         p, rz = z, float(np.vdot(r, z))
         limit = INNER_TOLERANCE**2 * rz
         for _ in range(inner):
@@ -107,7 +107,7 @@ def reweighted(objective: Objective, start: Images, *, iterations: int, inner: i
             length = np.float32(rz / np.vdot(p, hp))
             found += length * p
             r -= length * hp
-            z = shares * guess.smoothed(shares * r, ONE)
+            z = shares * preconditioner.smoothed(shares * r, ONE)
             following = float(np.vdot(r, z))
             p, rz = z + np.float32(following / rz) * p, following
         return found
@@ -121,7 +121,7 @@ def memory_gradient(objective: Objective, start: Images, *, iterations: int, mem
 
     Chouzenoux, Idier and Moussaoui 2011, with a preconditioner; `memory` steps are remembered.
     """
-    call, guess = Tracked(objective), Curvature(objective)
+    call, preconditioner = Tracked(objective), InverseCurvature(objective)
     call.started = time.perf_counter()
     steps: list[tuple[Images, Images]] = []
     before: list[tuple[Images, Images]] = []
@@ -132,8 +132,8 @@ def memory_gradient(objective: Objective, start: Images, *, iterations: int, mem
             steps.append((x - last_x, residual - last_residual))
             del steps[:-memory]
         before.append((x, residual))
-        majorant, shares = _Majorant(objective, x), guess.shares(x, ONE) * free
-        steepest = -shares * guess.smoothed(shares * gradient, ONE)
+        majorant, shares = _Majorant(objective, x), preconditioner.scaling(x, ONE) * free
+        steepest = -shares * preconditioner.smoothed(shares * gradient, ONE)
         plane = [(steepest, objective.projector.forward(steepest)), *steps]
         matrix = np.array([[majorant.product(a, b, la, lb) for b, lb in plane] for a, la in plane])
         slopes = np.array([float(np.vdot(gradient, a)) for a, _ in plane])

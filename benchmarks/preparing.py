@@ -85,12 +85,12 @@ def rings() -> None:
     for seed in (1, 2, 3):
         body = LogModel.random(seed).slice_at(60.0)
         clean = analytic.project(body, cells, geometry.frame, geometry.angles_rad, rays_per_cell=4).astype(np.float32)
-        truth = fbp(projector, clean)
+        truth = fbp(projector, clean).image
         for share in (0.0, 0.002, 0.005, 0.01):
             stripes = np.random.default_rng(seed).standard_normal(768) * share * clean.max()
             striped = clean + stripes.astype(np.float32)
             errors = [
-                np.linalg.norm(fbp(projector, sinogram) - truth) / np.linalg.norm(truth)
+                np.linalg.norm(fbp(projector, sinogram).image - truth) / np.linalg.norm(truth)
                 for sinogram in (striped, remove_rings(striped))
             ]
             print(

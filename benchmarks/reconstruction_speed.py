@@ -35,7 +35,7 @@ from sawmill_worker.tomography import analytic, cost
 from sawmill_worker.tomography._fbp_numba import back_project_block
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
-from sawmill_worker.tomography.fbp import Preparation, fbp, fbp_block
+from sawmill_worker.tomography.fbp import Preparation, fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
@@ -143,7 +143,7 @@ def from_counts(project: Projector, slices: int) -> Callable[[], object]:
     counts = np.random.default_rng(2).integers(5_000, 60_000, (views, slices, cells)).astype(np.float32)
 
     def run() -> object:
-        return fbp_block(project, -np.log(counts / np.float32(60_000.0)))
+        return fbp(project, -np.log(counts / np.float32(60_000.0)).transpose(1, 0, 2)).image
 
     return run
 
@@ -179,15 +179,15 @@ def fit() -> None:
 
             def run(project: Projector = project, stack: NDArray[np.float32] = stack, path: Path = path) -> None:
                 shape = (stack.shape[1], project.grid.size, project.grid.size)
-                step, abreast = layout(project, shape[0])
+                step, concurrent = layout(project, shape[0])
                 with new_reconstruction(path, shape, **UNTOLD) as volume:
 
                     def reconstruct(start: int, stop: int) -> Iterator[None]:
-                        block = fbp_block(project, stack[:, start:stop])
+                        block = fbp(project, stack[:, start:stop].transpose(1, 0, 2)).image
                         yield
                         volume.write(start, block)
 
-                    reconstruct_stack(shape[0], reconstruct, step=step, abreast=abreast)
+                    reconstruct_stack(shape[0], reconstruct, step=step, abreast=concurrent)
 
             laps.append(in_turns({"stack": run}, 3)["stack"].processor / CORES / slices)
         rows.append((views * cells, views * size**2, size**2))
@@ -257,8 +257,8 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
 def whole_log() -> None:
     """Print the time and the largest memory of a log of SLICES slices, from file to file."""
     print(f"a log of {VIEWS} x {SLICES} x {CELLS}, {4 * VIEWS * SLICES * CELLS / 1e9:.2f} GB")
-    step, abreast = layout(projector(VIEWS, CELLS, SIZE), SLICES)
-    bound = abreast * cost.block_bytes(VIEWS, CELLS, SIZE, step)
+    step, concurrent = layout(projector(VIEWS, CELLS, SIZE), SLICES)
+    bound = concurrent * cost.block_bytes(VIEWS, CELLS, SIZE, step)
     with tempfile.TemporaryDirectory() as folder:
         scan, volume = Path(folder) / "scan.h5", Path(folder) / "volume.h5"
         for task in ("--make", "--reconstruct"):

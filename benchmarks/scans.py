@@ -76,7 +76,7 @@ def log_truth(source: Source) -> FloatArray:
 def log_image(source: Source, theta: Theta, rotation: Rotation = Rotation.AS_GIVEN) -> Image:
     """The log's FBP (256, 256) from all 360 views with a geometry."""
     geometry = FanBeamGeometry(SCANNER, theta, rotation.apply(ANGLES))
-    return fbp(Projector(geometry, GRID), log_sinogram(source))
+    return fbp(Projector(geometry, GRID), log_sinogram(source)).image
 
 
 @cache

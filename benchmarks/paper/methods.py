@@ -4,6 +4,7 @@ import itertools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,12 +17,13 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.searches import every_so_many
 from sawmill_worker.tomography.cauchy_map import cauchy_map
+from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray
-from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
 from sawmill_worker.tomography.tikhonov import tikhonov
 from sawmill_worker.tomography.total_variation import total_variation
@@ -38,7 +40,7 @@ MARKED = 1.2
 class Method:
     """What is called, how its curve looks, and about how many seconds a view costs on an idle core."""
 
-    reconstruct: Callable[[Projector, FloatArray], Image]
+    reconstruct: Callable[[Projector, FloatArray], Estimate]
     colour: str
     line: str
     seconds_a_view: float
@@ -46,14 +48,10 @@ class Method:
 
 METHODS: Mapping[str, Method] = {
     "fbp": Method(fbp, pictures.BLACK, "-", 0.0),
-    "tikhonov": Method(lambda projector, lines: tikhonov(projector, lines).image, pictures.SKY, "--", 0.02),
-    "cauchy_map": Method(lambda projector, lines: cauchy_map(projector, lines).image, pictures.ORANGE, "-", 0.06),
-    "cauchy_map paper": Method(
-        lambda projector, lines: cauchy_map(projector, lines, preset="paper").image, pictures.PURPLE, ":", 0.05
-    ),
-    "total_variation": Method(
-        lambda projector, lines: total_variation(projector, lines).image, pictures.BLUE, "-.", 0.07
-    ),
+    "tikhonov": Method(tikhonov, pictures.SKY, "--", 0.02),
+    "cauchy_map": Method(cauchy_map, pictures.ORANGE, "-", 0.06),
+    "cauchy_map paper": Method(partial(cauchy_map, preset="paper"), pictures.PURPLE, ":", 0.05),
+    "total_variation": Method(total_variation, pictures.BLUE, "-.", 0.07),
 }
 
 
@@ -93,7 +91,7 @@ def run(source: Source, method: str, views: int, size: int) -> Result:
     reconstruct(coarse, lines[few])
     projector = Projector(geometry, ImageGrid(size, GRID.field_mm))
     started = time.perf_counter()
-    image = reconstruct(projector, lines)
+    image = reconstruct(projector, lines).image
     seconds = time.perf_counter() - started
     log, block = truth(source, size), projector.block(lines)
     return {

@@ -5,7 +5,8 @@ from majorising import Counted, memory_gradient, reweighted
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import minimise
-from sawmill_worker.tomography.iterative.penalised import Curvature, Objective, Prior
+from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective
+from sawmill_worker.tomography.iterative.priors import CauchyPrior
 
 
 @pytest.fixture
@@ -16,13 +17,15 @@ def objective():
     image = np.zeros((1, 24, 24), np.float32)
     image[0, 6:17, 8:18] = 0.4
     lines = projector.forward(image) + np.random.default_rng(1401).standard_normal((1, 12, 64)).astype(np.float32)
-    prior = Prior("cauchy", np.array([4.0]), np.array([1.5]), np.array([4.0]))
+    prior = CauchyPrior(np.array([4.0]), np.array([1.5]), np.array([4.0]))
     return Objective(projector, lines, np.ones_like(lines), prior)
 
 
 def test_the_rivals_find_the_minimum_that_the_quasi_newton_descent_finds(objective):
     start = np.full((1, 24, 24), 0.2, np.float32)
-    lowest = minimise(objective, start, lower=0.0, iterations=300, tolerance=1e-9, guess=Curvature(objective)).values[0]
+    preconditioner = InverseCurvature(objective)
+    settings = {"iterations": 300, "tolerance": 1e-9}
+    lowest = minimise(objective, start, lower=0.0, **settings, preconditioner=preconditioner).values[0]
     for call in (
         memory_gradient(objective, start, iterations=150, memory=1),
         reweighted(objective, start, iterations=30, inner=6),

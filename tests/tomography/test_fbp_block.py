@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.fbp import fbp, fbp_block
+from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
@@ -30,10 +30,10 @@ def test_a_block_is_its_slices(projector, irregular_turn, slices):
     # 38 views: no multiple of the views that are summed at a time. 65 pixels: no multiple of a tile.
     at = projector(irregular_turn(38, 701))
     stack = noise(38, slices, 702)
-    volume = fbp_block(at, stack)
+    volume = fbp(at, stack.transpose(1, 0, 2)).image
     assert volume.shape == (slices, 65, 65)
     for n in {0, slices // 2, slices - 1}:
-        np.testing.assert_allclose(volume[n], fbp(at, stack[:, n]), atol=ROUNDING * np.abs(volume[n]).max())
+        np.testing.assert_allclose(volume[n], fbp(at, stack[:, n]).image, atol=ROUNDING * np.abs(volume[n]).max())
 
 
 @pytest.mark.parametrize("weighting", ["exact", "none"])
@@ -42,14 +42,14 @@ def test_views_a_quarter_turn_apart_are_views_like_any_other(projector, full_tur
     angles, order = sense * full_turn(40), np.random.default_rng(703).permutation(40)
     stack = noise(40, 5, 704)
     options = {"filter_name": FilterName.COSINE, "frequency_scaling": 0.8, "weighting": weighting}
-    shared = fbp(projector(angles, 64), stack[:, 0], **options)
+    shared = fbp(projector(angles, 64), stack[:, 0], **options).image
     for other in (
-        fbp(projector(angles[order], 64), stack[order, 0], **options),
-        fbp_block(projector(angles, 64), stack, **options)[0],
+        fbp(projector(angles[order], 64), stack[order, 0], **options).image,
+        fbp(projector(angles, 64), stack.transpose(1, 0, 2), **options).image[0],
     ):
         np.testing.assert_allclose(shared, other, atol=ROUNDING * np.abs(shared).max())
 
 
-def test_a_stack_of_another_shape_is_refused(projector, full_turn):
-    with pytest.raises(GeometryError, match=r"the stack has shape \(11, 5, 768\).*\(10, any, 768\)"):
-        fbp_block(projector(full_turn(10)), noise(11, 5, 705))
+def test_a_block_of_another_shape_is_refused(projector, full_turn):
+    with pytest.raises(GeometryError, match=r"the block has shape \(5, 11, 768\).*\(any, 10, 768\)"):
+        fbp(projector(full_turn(10)), noise(11, 5, 705).transpose(1, 0, 2))

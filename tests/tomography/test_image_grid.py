@@ -5,7 +5,7 @@ import pytest
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fbp import fbp, fbp_block
+from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -36,11 +36,11 @@ def test_back_projection_of_a_region_is_cut_out_of_the_whole(scanner, theta, geo
     if views == "quarter turns":
         geometry = FanBeamGeometry(scanner, theta, full_turn(60))
     sinogram = analytic.project(KNOTS, DetectorCells.of(scanner), geometry.frame, geometry.angles_rad)
-    whole = fbp(Projector(geometry, WHOLE), sinogram, weighting=weighting)[PART]
+    whole = fbp(Projector(geometry, WHOLE), sinogram, weighting=weighting).image[PART]
     region = Projector(geometry, REGION)
     # Positions on the detector are single precision: a ten-thousandth of a cell.
-    np.testing.assert_allclose(fbp(region, sinogram, weighting=weighting), whole, atol=1e-4 * whole.max())
-    block = fbp_block(region, np.stack([sinogram] * 5, axis=1), weighting=weighting)
+    np.testing.assert_allclose(fbp(region, sinogram, weighting=weighting).image, whole, atol=1e-4 * whole.max())
+    block = fbp(region, np.stack([sinogram] * 5), weighting=weighting).image
     np.testing.assert_allclose(block, np.stack([whole] * 5), atol=1e-4 * whole.max())
 
 

@@ -1,20 +1,21 @@
-"""Reconstruction by every method: what it explains, what it chooses by itself, and what stands in the volume's file."""
+"""Reconstruction by every method: the fit, the parameters that it chooses, and the contents of the volume's file."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import h5py
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.contracts.reconstructions import OptionOf, ReconstructionOptions
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta
+from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory, run_reconstruction
+from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
 
 # Off the centre, with a knot: no slice of it looks like another one turned.
 LOG = Phantom("log", (Disc((25.0, -10.0), 110.0, 0.018), Disc((60.0, 20.0), 20.0, 0.012)))
@@ -25,7 +26,7 @@ ITERATIVE = ("tikhonov", "cauchy_map", "total_variation")
 
 @pytest.fixture
 def log(constants, scanner, theta, turn):
-    """Rows of one log from so many views, with 2 % noise, and a background where wanted."""
+    """Rows of one log with 2 % noise, and a background where wanted."""
 
     def of(*, views=20, rows=1, background=0.0, counts=False, noise=0.02):
         fan = FanBeamGeometry(scanner, theta, turn(views))
@@ -84,7 +85,7 @@ def test_few_views_are_explained_better_than_filtered(log, reconstruct):
     assert errors["cauchy_map"] < 0.5 * errors["fbp"]
 
 
-def test_fbp_tells_its_misfit_too(log, reconstruct, theta):
+def test_fbp_reports_its_misfit_too(log, reconstruct, theta):
     off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
     right, _ = reconstruct(log(views=180))
     wrong, _ = reconstruct(replace(log(views=180), theta=off))
@@ -93,8 +94,8 @@ def test_fbp_tells_its_misfit_too(log, reconstruct, theta):
 
 @pytest.mark.parametrize("views", [20, 45, 90, 360])
 @pytest.mark.parametrize("noise", [0.002, 0.02])
-def test_a_good_fbp_says_nothing_alarming(log, reconstruct, views, noise):
-    """However many times the noise it misses the data: without filtering and pixels that would be 1."""
+def test_a_good_fbp_has_no_remarks(log, reconstruct, views, noise):
+    """Whatever its misfit: without filtering and pixels it would be 1."""
     good, volume = reconstruct(log(views=views, noise=noise))
     assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.5
     assert good.method.data_misfit > 1.2
@@ -103,14 +104,14 @@ def test_a_good_fbp_says_nothing_alarming(log, reconstruct, views, noise):
 
 @pytest.mark.parametrize("views", [90, 360])
 @pytest.mark.parametrize("noise", [0.002, 0.02])
-def test_fbp_says_a_geometry_that_is_far_off_once(log, reconstruct, theta, views, noise):
+def test_fbp_reports_a_geometry_that_is_far_off_once(log, reconstruct, theta, views, noise):
     off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
     wrong, _ = reconstruct(replace(log(views=views, rows=3, noise=noise), theta=off))
     (remark,) = wrong.method.remarks
     assert "check the geometry" in remark
 
 
-def test_auto_chooses_by_the_views_and_says_why(log, reconstruct):
+def test_auto_chooses_by_the_views_and_gives_the_reason(log, reconstruct):
     dense, _ = reconstruct(log(views=360), method="auto")
     sparse, _ = reconstruct(log(views=20), method="auto")
     assert (dense.method.name, sparse.method.name != "fbp") == ("fbp", True)
@@ -119,12 +120,12 @@ def test_auto_chooses_by_the_views_and_says_why(log, reconstruct):
     assert reconstruct(log(views=20), method="fbp")[0].method.reason is None
 
 
-def test_a_background_is_taken_out_before_slices_are_held_to_the_data(log, reconstruct):
+def test_a_background_is_taken_out_before_slices_are_fitted_to_the_data(log, reconstruct):
     plain, expected = reconstruct(log(), method="tikhonov")
-    told, volume = reconstruct(log(background=3.0), method="tikhonov")
+    levelled, volume = reconstruct(log(background=3.0), method="tikhonov")
     # The background is known to a hundredth of the noise: thousands of samples of air.
     assert relative(volume, expected) < 0.02
-    assert any("background" in remark for remark in told.method.remarks)
+    assert any("background" in remark for remark in levelled.method.remarks)
     assert not any("background" in remark for remark in plain.method.remarks)
 
 
@@ -139,9 +140,9 @@ def test_a_region_of_interest_is_cut_out_of_all_that_was_scanned(log, reconstruc
     assert region.method.data_misfit < 1.5
 
 
-def test_fbp_tells_a_background_that_it_leaves(log, reconstruct):
-    told, _ = reconstruct(log(views=60, background=3.0))
-    assert any("air=background" in remark for remark in told.method.remarks)
+def test_fbp_reports_a_background_that_it_leaves(log, reconstruct):
+    result, _ = reconstruct(log(views=60, background=3.0))
+    assert any("air=background" in remark for remark in result.method.remarks)
     assert not reconstruct(log(views=60))[0].method.remarks
 
 
@@ -166,7 +167,7 @@ def test_rows_wider_than_the_middle_one_keep_their_wood(log, reconstruct):
     assert relative(together[0], alone[0]) < 0.1
 
 
-def test_fbp_of_a_region_tells_no_misfit(log, reconstruct):
+def test_fbp_of_a_region_reports_no_misfit(log, reconstruct):
     region, _ = reconstruct(log(), size=20, field_mm=100.0)
     assert region.method.data_misfit is None
 
@@ -196,11 +197,11 @@ def test_slices_that_show_nothing_are_empty_and_the_others_as_without_them(log, 
     given, empty = log(rows=18), (0, 3, 16, 17)
     nothing = np.isin(np.arange(18), empty)
     _, whole = reconstruct(given, method=method, size=24)
-    told, volume = reconstruct(without(given, *empty), method=method, size=24)
+    result, volume = reconstruct(without(given, *empty), method=method, size=24)
     assert not volume[nothing].any()
     # They share the choice of the middle slice and, but for rounding, nothing else.
     assert relative(volume[~nothing], whole[~nothing]) < 1e-3
-    report = told.method
+    report = result.method
     assert np.isfinite([report.noise, report.data_misfit, report.worst_data_misfit]).all()
     assert report.worst_data_misfit > 0.0
     assert report.unconverged_slices == 0
@@ -209,9 +210,11 @@ def test_slices_that_show_nothing_are_empty_and_the_others_as_without_them(log, 
 @pytest.mark.parametrize("method", ["cauchy_map", "total_variation"])
 def test_settings_are_not_chosen_from_a_middle_slice_that_shows_nothing(log, reconstruct, method):
     given = replace(without(log(rows=5), 2), rows=(100, 110), row_step=2)
-    with pytest.raises(JobFailure, match=f"row 104, the middle one, from which {method} chooses its settings") as told:
+    with pytest.raises(
+        JobFailure, match=f"row 104, the middle one, from which {method} chooses its settings"
+    ) as failure:
         reconstruct(given, method=method, size=24)
-    assert told.value.code == "empty-slice"
+    assert failure.value.code == "empty-slice"
     setting = {"cauchy_map": {"sigma": 0.05}, "total_variation": {"weight": 50.0}}[method]
     _, volume = reconstruct(given, method=method, size=24, **setting)
     assert volume.any(axis=(1, 2)).tolist() == [True, True, False, True, True]
@@ -231,9 +234,9 @@ def test_the_curve_is_that_of_the_slice_nearest_to_the_middle_that_shows_anythin
 
 
 def test_a_scan_that_shows_nothing_at_all_is_an_empty_volume(log, reconstruct):
-    told, volume = reconstruct(without(log(rows=2), 0, 1), method="tikhonov", size=24)
+    result, volume = reconstruct(without(log(rows=2), 0, 1), method="tikhonov", size=24)
     assert not volume.any()
-    assert (told.method.noise, told.method.data_misfit, told.method.alpha) == (0.0, 0.0, None)
+    assert (result.method.noise, result.method.data_misfit, result.method.alpha) == (0.0, 0.0, None)
 
 
 def test_counts_are_weighted_by_their_photons(log, reconstruct):
@@ -267,7 +270,7 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "message"),
     [
         ({"alpha": 1.0}, "alpha belongs to method tikhonov, not fbp"),
         ({"method": "tikhonov", "filter": "ram-lak"}, "filter belongs to method auto or fbp, not tikhonov"),
@@ -278,6 +281,34 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
         ({"method": "cauchy_map", "sigma": -1.0}, "greater than 0"),
     ],
 )
-def test_an_option_of_another_method_is_refused(options, told):
-    with pytest.raises(ValidationError, match=told):
+def test_an_option_of_another_method_is_refused(options, message):
+    with pytest.raises(ValidationError, match=message):
         ReconstructionOptions(**options)
+
+
+def test_every_method_is_in_the_table():
+    assert set(METHODS) == set(ReconstructionMethod) - {ReconstructionMethod.AUTO}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_fields_of_a_method_are_its_options_of_the_contract(name):
+    options = ReconstructionOptions.model_fields
+    marks = {option: OptionOf.on(field) for option, field in options.items()}
+    own = {option: options[option].default for option, mark in marks.items() if mark and name in mark.methods}
+    assert {field.name: field.default for field in fields(METHODS[name])} == own
+
+
+@pytest.mark.parametrize("options", [{}, {"method": "cauchy_map", "sigma": 0.05, "uncertainty": True}])
+def test_a_volume_in_memory_is_that_of_the_file(log, reconstruct, tmp_path, options):
+    given, seen = log(rows=17), []
+    result, volume = reconstruct(given, **options)
+    asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, **options)
+    in_memory = reconstruct_in_memory(given, asked, seen.append)
+    np.testing.assert_array_equal(in_memory.data, volume)
+    assert in_memory.result.model_copy(update={"time_s": result.time_s}) == result
+    assert seen[-1].seconds_left == 0.0
+    if in_memory.standard_deviation is None:
+        assert not result.has_deviation
+    else:
+        with h5py.File(tmp_path / "volume.h5") as file:
+            np.testing.assert_array_equal(in_memory.standard_deviation, file["entry/reconstruction/data_errors"][()])

@@ -36,9 +36,9 @@ def given(constants, theta, sinogram, turn):
     )
 
 
-def test_a_volume_of_several_blocks_says_its_range_and_how_long_it_takes(given, tmp_path):
-    told = []
-    result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", told.append)
+def test_a_volume_of_several_blocks_reports_its_range_and_the_time_left(given, tmp_path):
+    reported = []
+    result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", reported.append)
     with h5py.File(tmp_path / "volume.h5") as file:
         volume = file["entry/reconstruction/data"][()]
         assert file["entry/process/parameters/rows"][()] == b"100:170"
@@ -46,27 +46,27 @@ def test_a_volume_of_several_blocks_says_its_range_and_how_long_it_takes(given, 
     assert result.value_range == pytest.approx(np.percentile(volume, [0.1, 99.9]), rel=1e-6)
     # Twice the line integrals are twice the image, block after block; single precision.
     np.testing.assert_allclose(volume[-1], 3.0 * volume[0], atol=1e-3 * np.abs(volume[0]).max())
-    assert told[0].fraction == 0.0
-    assert told[0].seconds_left > 0.0
-    assert told[-1].seconds_left == 0.0
-    assert [progress.fraction for progress in told] == sorted(progress.fraction for progress in told)
+    assert reported[0].fraction == 0.0
+    assert reported[0].seconds_left > 0.0
+    assert reported[-1].seconds_left == 0.0
+    assert [progress.fraction for progress in reported] == sorted(progress.fraction for progress in reported)
 
 
 @pytest.mark.parametrize(
     ("method", "rows"), [("cauchy_map", 1), ("cauchy_map", 17), ("total_variation", 17), ("tikhonov", 1)]
 )
-def test_an_iterative_method_tells_the_time_left_before_its_first_block_is_done(given, tmp_path, method, rows):
-    told = []
+def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_done(given, tmp_path, method, rows):
+    reported = []
     given = replace(given, rows=(100, 100 + rows), counts=False)
     options = ReconstructionOptions(size=32, field_mm=420.0, method=method)
-    run_reconstruction(given, options, tmp_path / "volume.h5", told.append)
-    fractions = [progress.fraction for progress in told]
+    run_reconstruction(given, options, tmp_path / "volume.h5", reported.append)
+    fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
     # Sixteen slices are a block; the last slices are still to be written when they are done.
-    within = [progress for progress in told if 0.0 < progress.fraction < min(rows, 16) / (rows + 1)]
+    within = [progress for progress in reported if 0.0 < progress.fraction < min(rows, 16) / (rows + 1)]
     assert len(within) > 5
     assert within[-1].seconds_left is not None
-    assert told[-1].seconds_left == 0.0
+    assert reported[-1].seconds_left == 0.0
 
 
 def test_slices_lie_where_their_rows_are_in_the_scan(given, tmp_path):
@@ -101,9 +101,9 @@ def test_a_slice_larger_than_the_memory_is_refused():
     room.check_memory(10**9, 10**9)
     with pytest.raises(
         JobFailure, match=r"one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"
-    ) as told:
+    ) as failure:
         room.check_memory(3 * 10**9, 2 * 10**9)
-    assert told.value.code == "out-of-memory"
+    assert failure.value.code == "out-of-memory"
 
 
 def test_memory_is_the_machine_s_or_the_container_s(tmp_path):

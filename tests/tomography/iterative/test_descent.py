@@ -39,7 +39,7 @@ def test_coupled_pixels_reach_the_solution_of_the_linear_system():
     assert found.values[0] == pytest.approx(lowest, rel=1e-5)
 
 
-def test_running_out_of_iterations_is_said():
+def test_running_out_of_iterations_is_reported():
     def objective(images, _which):
         return np.sum((images - 1.0) ** 4, axis=(1, 2), dtype=np.float64), 4.0 * (images - 1.0) ** 3
 
@@ -50,7 +50,7 @@ def test_running_out_of_iterations_is_said():
         lower=0.0,
         iterations=3,
         tolerance=1e-9,
-        progress=lambda done, most: seen.append((done, most)),
+        on_iteration=lambda done, most: seen.append((done, most)),
     )
     assert not found.converged.any()
     assert found.iterations.tolist() == [3, 3]
@@ -74,7 +74,7 @@ def test_the_objective_never_rises(lower):
     assert values[-1] < 0.5 * values[0]
 
 
-def test_a_first_guess_of_the_curvature_saves_iterations():
+def test_a_preconditioner_saves_iterations():
     rng = np.random.default_rng(1004)
     stiffness = np.geomspace(1.0, 1e4, 64).reshape(1, 8, 8).astype(np.float32)
     centre = rng.uniform(1.0, 2.0, (1, 8, 8)).astype(np.float32)
@@ -84,16 +84,18 @@ def test_a_first_guess_of_the_curvature_saves_iterations():
         return 1.0 + np.sum(stiffness * off**2, axis=(1, 2), dtype=np.float64), 2.0 * stiffness * off
 
     class Inverse:
-        def shares(self, _images, _which):
+        def scaling(self, _images, _which):
             return np.sqrt(0.5 / stiffness)
 
         def smoothed(self, images, _which):
             return images
 
-    def found(guess):
-        return minimise(objective, np.zeros_like(centre), lower=0.0, iterations=200, tolerance=1e-6, guess=guess)
+    def found(preconditioner):
+        return minimise(
+            objective, np.zeros_like(centre), lower=0.0, iterations=200, tolerance=1e-6, preconditioner=preconditioner
+        )
 
-    # The exact inverse needs one step, and then the spell that shows that nothing is left to gain.
+    # The exact inverse needs one step, and then the iterations that show that nothing is left to gain.
     assert found(Inverse()).values[0] == pytest.approx(1.0, abs=1e-6)
     assert found(Inverse()).iterations[0] < 0.5 * found(None).iterations[0]
 

@@ -3,14 +3,13 @@ import pytest
 
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.penalised import (
-    NEAR_SHARE,
-    Inside,
-    Objective,
-    Prior,
-    descend,
-    descend_outwards,
-    mean_along_rays,
+from sawmill_worker.tomography.iterative.first_image import mean_along_rays
+from sawmill_worker.tomography.iterative.penalised import Objective, descend
+from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
+from sawmill_worker.tomography.iterative.support_region import (
+    SUPPORT_ITERATION_SHARE,
+    SupportRegion,
+    descend_from_support,
 )
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
@@ -22,7 +21,7 @@ SETTINGS = {"non_negative": True, "iterations": 200, "tolerance": 1e-5}
 
 @pytest.fixture
 def scanned(irregular_turn):
-    """Two scans of a log: the objective, the pixels inside and a first image of them."""
+    """Two scans of a log: the objective, the support region and first images on it."""
 
     def make(radius_mm):
         geometry = FanBeamGeometry(
@@ -34,55 +33,55 @@ def scanned(irregular_turn):
         log = Phantom("log with a core", (Disc((5.0, -8.0), radius_mm, 0.018), Disc((0.0, 0.0), 30.0, 0.006)))
         lines = projector.block(np.stack([simulate_sinogram(log, geometry, noise=0.02, seed=n) for n in (1, 2)]))
         # Convex: there is one lowest value, whatever the way.
-        prior = Prior("total-variation", np.full(2, 4e-4), np.full(2, 1000.0), np.full(2, 0.02))
+        prior = TotalVariationPrior(np.full(2, 4e-4), np.full(2, 1000.0), np.full(2, 0.02))
         objective = Objective(projector, lines, np.full(lines.shape, 1.0 / SIGMA**2, np.float32), prior)
-        inside = Inside.of(projector, lines)
-        return objective, inside, mean_along_rays(inside.projector, lines)
+        support = SupportRegion.of(projector, lines)
+        return objective, support, mean_along_rays(support.projector, lines)
 
     return make
 
 
-def test_from_the_inside_outwards_leads_as_low_as_everywhere_at_once(scanned):
-    objective, inside, start = scanned(80.0)
-    assert inside.is_few
-    outwards = descend_outwards(objective, inside, start, **SETTINGS, usual=40)
-    at_once = descend(objective, inside.whole(start), **SETTINGS)
-    # Both are at rest when eight iterations gain less than 1e-5; what is left to gain is some times as much.
-    np.testing.assert_allclose(outwards.values, at_once.values, rtol=1e-4)
-    assert outwards.converged.all()
-    values, _ = objective(outwards.images, np.arange(2))
-    np.testing.assert_allclose(outwards.values, values, rtol=1e-6)
+def test_the_support_region_first_leads_as_low_as_the_full_grid_at_once(scanned):
+    objective, support, start = scanned(80.0)
+    assert support.is_small
+    in_turn = descend_from_support(objective, support, start, **SETTINGS, usual=40)
+    at_once = descend(objective, support.embedded(start), **SETTINGS)
+    # Both have converged when eight iterations gain less than 1e-5; what is left to gain is some times as much.
+    np.testing.assert_allclose(in_turn.values, at_once.values, rtol=1e-4)
+    assert in_turn.converged.all()
+    values, _ = objective(in_turn.images, np.arange(2))
+    np.testing.assert_allclose(in_turn.values, values, rtol=1e-6)
     # The noise of the air is explained beside the log too.
-    outwards.images[:, *inside.part] = 0.0
-    assert (outwards.images.max(axis=(1, 2)) > 0.0).all()
+    in_turn.images[:, *support.part] = 0.0
+    assert (in_turn.images.max(axis=(1, 2)) > 0.0).all()
 
 
-def test_a_log_that_fills_the_field_is_solved_for_everywhere_at_once(scanned):
-    objective, inside, start = scanned(150.0)
-    assert not inside.is_few
-    outwards = descend_outwards(objective, inside, start, **SETTINGS, usual=40)
-    at_once = descend(objective, inside.whole(start), **SETTINGS)
-    np.testing.assert_array_equal(outwards.images, at_once.images)
-    assert outwards.iterations.tolist() == at_once.iterations.tolist()
+def test_a_log_that_fills_the_field_is_solved_for_on_the_full_grid_at_once(scanned):
+    objective, support, start = scanned(150.0)
+    assert not support.is_small
+    in_turn = descend_from_support(objective, support, start, **SETTINGS, usual=40)
+    at_once = descend(objective, support.embedded(start), **SETTINGS)
+    np.testing.assert_array_equal(in_turn.images, at_once.images)
+    assert in_turn.iterations.tolist() == at_once.iterations.tolist()
 
 
 def test_both_descents_together_keep_to_the_iterations(scanned):
-    objective, inside, start = scanned(80.0)
-    found = descend_outwards(objective, inside, start, **SETTINGS | {"iterations": 9}, usual=40)
+    objective, support, start = scanned(80.0)
+    found = descend_from_support(objective, support, start, **SETTINGS | {"iterations": 9}, usual=40)
     assert found.iterations.tolist() == [9, 9]
     assert not found.converged.any()
-    # Some are left for the air, which six near the log know nothing of.
-    near = Objective(inside.projector, objective.lines, objective.weights, objective.prior)
-    before = descend(near, start, **SETTINGS | {"iterations": int(9 * NEAR_SHARE)})
-    assert (found.values < objective(inside.whole(before.images), np.arange(2))[0]).all()
+    # Some are left for the air, which six on the support region leave as it is.
+    near = Objective(support.projector, objective.lines, objective.weights, objective.prior)
+    before = descend(near, start, **SETTINGS | {"iterations": int(9 * SUPPORT_ITERATION_SHARE)})
+    assert (found.values < objective(support.embedded(before.images), np.arange(2))[0]).all()
 
 
 @pytest.mark.parametrize("radius_mm", [80.0, 150.0])
 def test_the_share_of_the_work_only_rises(scanned, radius_mm):
-    objective, inside, start = scanned(radius_mm)
-    told = []
-    descend_outwards(objective, inside, start, **SETTINGS, usual=40, told=told.append)
-    assert told == sorted(told)
-    assert 0.0 < told[0] < 0.1
-    # What is left where it ends sooner than most is the caller's to tell.
-    assert 0.5 < told[-1] <= 1.0
+    objective, support, start = scanned(radius_mm)
+    reported = []
+    descend_from_support(objective, support, start, **SETTINGS, usual=40, on_progress=reported.append)
+    assert reported == sorted(reported)
+    assert 0.0 < reported[0] < 0.1
+    # The rest, where it ends sooner than most, is for the caller to report.
+    assert 0.5 < reported[-1] <= 1.0

@@ -1,14 +1,16 @@
-"""Reconstructions: what can be asked, and the answer."""
+"""Reconstructions: the request and the result."""
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.geometry import GivenTheta, Theta
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_worker.vocabulary import AlphaRule, FilterName, Handedness, ReconstructionMethod, Rotation
+from sawmill_worker.vocabulary import AlphaRule, FilterName, Handedness, ReconstructionMethod, Rotation, Weighting
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:
@@ -22,8 +24,30 @@ OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
 
 
+@dataclass(frozen=True)
+class OptionOf:
+    """Marks an option that belongs to some methods: with any other it must be left out.
+
+    A method's class in `sawmill_worker.tomography` has a field of the same name (docs/adding.md).
+    """
+
+    methods: tuple[ReconstructionMethod, ...]
+
+    @classmethod
+    def on(cls, field: FieldInfo) -> "OptionOf | None":
+        """The mark of a field; None for an option of all methods."""
+        return next((mark for mark in field.metadata if isinstance(mark, cls)), None)
+
+
+OfFbp = OptionOf((ReconstructionMethod.FBP, ReconstructionMethod.AUTO))
+OfTikhonov = OptionOf((ReconstructionMethod.TIKHONOV,))
+OfCauchyMap = OptionOf((ReconstructionMethod.CAUCHY_MAP,))
+OfTotalVariation = OptionOf((ReconstructionMethod.TOTAL_VARIATION,))
+OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION))
+
+
 class ReconstructionOptions(Contract):
-    """How to reconstruct, apart from what."""
+    """The rows, the grid, the method and its options."""
 
     rows: SteppedRows | None = Field(
         None,
@@ -36,55 +60,61 @@ class ReconstructionOptions(Contract):
     method: ReconstructionMethod = Field(
         ReconstructionMethod.FBP, description="`auto` chooses by the scan's views and noise."
     )
-    filter: FilterName = Field(FilterName.HANN, description="Window on the ramp.")
-    frequency_scaling: Annotated[float, Field(gt=0, le=1)] = Field(
+    filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.")
+    frequency_scaling: Annotated[float, Field(gt=0, le=1), OfFbp] = Field(
         1.0, description="Cut-off as a fraction of the Nyquist frequency."
     )
-    weighting: Literal["exact", "none"] = Field(
+    weighting: Annotated[Weighting, OfFbp] = Field(
         "exact", description="`none` is the published pipeline's: no cosine, no distance weight."
     )
     size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(256, description="Pixels along each side.")
     field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.")
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
-        description="(x, y) of the field's middle; a region of interest lies off the rotation centre.",
+        description="(x, y) of the field's centre; that of a region of interest is not the rotation centre.",
     )
-    alpha: Positive | None = Field(None, description="Of `tikhonov`, in mm². By default chosen by alpha_rule.")
-    alpha_rule: AlphaRule = Field(AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha.")
-    sigma: Positive | None = Field(
+    alpha: Annotated[Positive | None, OfTikhonov] = Field(
+        None, description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule."
+    )
+    alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
+        AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha."
+    )
+    sigma: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
-        description="Of `cauchy_map`: standard deviation of a line integral, in its unit; null: the air's noise "
-        "times a factor that a rehearsal on a made-up scan of the same log chooses.",
+        description="Of `cauchy_map`: standard deviation of a line integral, in its unit. By default a multiple of "
+        "the noise in air, chosen by tuning on a synthetic scan of the same log.",
     )
-    beta: Positive | None = Field(
+    beta: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
-        description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit; "
-        "null: chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
+        description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit. "
+        "By default chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
     )
-    preset: Literal["paper"] | None = Field(
+    preset: Annotated[Literal["paper"] | None, OfCauchyMap] = Field(
         None, description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta."
     )
-    weight: Positive | None = Field(
-        None, description="Of `total_variation`, in 1 / attenuation; null: by foretelling views and rays kept back."
+    weight: Annotated[Positive | None, OfTotalVariation] = Field(
+        None, description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation."
     )
-    non_negative: bool = Field(
+    non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero."
     )
-    uncertainty: bool = Field(
+    uncertainty: Annotated[bool, OfCauchyMap] = Field(
         default=False, description="Of `cauchy_map`: each pixel's standard deviation as a second volume."
     )
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
-        for method, names in OPTIONS_OF.items():
-            for name in names:
-                given = getattr(self, name) != type(self).model_fields[name].default
-                if given and self.method not in method:
-                    owners = " or ".join(sorted(owner.value for owner in method))
-                    msg = (
-                        f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
-                    )
-                    raise ValueError(msg)
+        for name, field in type(self).model_fields.items():
+            mark = OptionOf.on(field)
+            if mark is None or self.method in mark.methods or getattr(self, name) == field.default:
+                continue
+            owners = " or ".join(sorted(mark.methods))
+            msg = f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
+            raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _agree(self) -> "ReconstructionOptions":
         if self.alpha is not None and self.alpha_rule is not AlphaRule.DISCREPANCY:
             msg = "alpha is given, so alpha_rule has nothing to choose: give one of them"
             raise ValueError(msg)
@@ -94,18 +124,8 @@ class ReconstructionOptions(Contract):
         return self
 
 
-# The options that only some methods know.
-OPTIONS_OF: dict[frozenset[ReconstructionMethod], tuple[str, ...]] = {
-    frozenset({ReconstructionMethod.FBP, ReconstructionMethod.AUTO}): ("filter", "frequency_scaling", "weighting"),
-    frozenset({ReconstructionMethod.TIKHONOV}): ("alpha", "alpha_rule"),
-    frozenset({ReconstructionMethod.CAUCHY_MAP}): ("sigma", "beta", "preset", "uncertainty"),
-    frozenset({ReconstructionMethod.TOTAL_VARIATION}): ("weight",),
-    frozenset({ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION}): ("non_negative",),
-}
-
-
 class ReconstructionAsked(ReconstructionOptions):
-    """What was asked for, as it is kept: an earlier version took what `ReconstructionAsk` refuses."""
+    """A request as it is stored: an earlier version accepted values that `ReconstructionAsk` refuses."""
 
     scan_id: Identifier = Field(examples=["example"])
     calibration_id: Identifier | None = Field(
@@ -133,28 +153,28 @@ class ReconstructionAsk(ReconstructionAsked):
 
 
 class MethodReport(Contract):
-    """What the method did, and how well its slices explain the data. Of several slices, the median."""
+    """The method's parameters, and how well its slices explain the data. Of several slices, the median."""
 
-    name: ReconstructionMethod = Field(description="Never `auto`: what that chose.")
+    name: ReconstructionMethod = Field(description="The method used; never `auto`, but the one that it chose.")
     reason: str | None = Field(None, description="Why `auto` chose it.")
     noise: float = Field(description="Standard deviation of a line integral, in its unit.")
     data_misfit: float | None = Field(
-        description="RMS of what the slices miss the data by, against the noise: near 1 for an iterative method with "
-        "the right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right "
-        "geometry anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold "
-        "all that was scanned."
+        description="RMS of the residual (A x - y), relative to the noise: near 1 for an iterative method with the "
+        "right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right geometry "
+        "anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold all of "
+        "the log."
     )
-    worst_data_misfit: float | None = Field(description="Of the slices looked at: all of them, but five for `fbp`.")
-    alpha: float | None = Field(None, description="Taken by `tikhonov`, in mm².")
-    sigma: float | None = Field(None, description="Taken by `cauchy_map`, in the unit of a line integral.")
-    beta: float | None = Field(None, description="Taken by `cauchy_map`, in the volume's unit.")
-    weight: float | None = Field(None, description="Taken by `total_variation`, in 1 / attenuation.")
-    unconverged_slices: int = Field(0, description="Slices that were still improving when the iterations ran out.")
-    remarks: list[str] = Field([], description="What a user should know of the data and the fit.")
+    worst_data_misfit: float | None = Field(description="Of all slices; for `fbp`, of five.")
+    alpha: float | None = Field(None, description="Used by `tikhonov`, in mm².")
+    sigma: float | None = Field(None, description="Used by `cauchy_map`, in the unit of a line integral.")
+    beta: float | None = Field(None, description="Used by `cauchy_map`, in the volume's unit.")
+    weight: float | None = Field(None, description="Used by `total_variation`, in 1 / attenuation.")
+    unconverged_slices: int = Field(0, description="Slices that had not converged when the iterations ran out.")
+    remarks: list[str] = Field([], description="What to know of the data and the fit.")
 
 
 class ReconstructionResult(Contract):
-    """The answer beside the volume."""
+    """The result beside the volume."""
 
     shape: tuple[int, int, int] = Field(description="(slice, x, y)")
     pixel_mm: float
@@ -165,17 +185,19 @@ class ReconstructionResult(Contract):
     handedness: Handedness
     views: int
     rows: tuple[int, int]
-    row_step: int = Field(1, description="Every so many of the rows was reconstructed.")
+    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.")
     time_s: float
     software_version: str
     input_sha256: str
-    preparation: list[str] = Field([], description="What was done to the scan's data before.")
-    method: MethodReport | None = Field(None, description="Null: from an earlier version, whose method was fbp.")
+    preparation: list[str] = Field([], description="The steps that prepared the scan's data.")
+    method: MethodReport | None = Field(
+        None, description="Null for a result of an earlier version, whose method was fbp."
+    )
     has_deviation: bool = Field(default=False, description="Whether each pixel's standard deviation is in the volume.")
 
 
 class ReconstructionLinks(Contract):
-    """Where its files are."""
+    """Links to its files."""
 
     self: str
     job: str
@@ -186,7 +208,7 @@ class ReconstructionLinks(Contract):
 
 
 class Reconstruction(Stamped):
-    """A reconstruction as it stands."""
+    """A reconstruction and its state."""
 
     state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
     scanner_id: Identifier

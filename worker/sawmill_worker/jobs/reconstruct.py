@@ -19,19 +19,19 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.object_extent import seen_radius_mm
 from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
+from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER, MOST_FITTED_IMAGES, may_fit
 from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.use_cases.solving import IMAGES_A_DESCENT, IMAGES_OF_A_BASIS, ITERATED_TOGETHER, TRIALS
-from sawmill_worker.vocabulary import DataKind, Handedness, ReconstructionMethod, Rotation
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
 
-# Of each slice that iterates, in single precision: the data, residuals and trial steps.
+# Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
 LINES_A_SLICE = 40
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    """Write volume.h5 and answer with what it holds."""
+    """Write volume.h5 and return the result."""
     store = attempt.store
     asked = store.reconstructions.get(attempt.job.subject_id)
     options = asked.options
@@ -60,7 +60,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 
 def needs(attempt: Attempt) -> Needs:
-    """Of the rows that are reconstructed together, the images that iterate together, and the volume."""
+    """Of the rows that are reconstructed together, the images that are fitted together, and the volume."""
     asked = attempt.store.reconstructions.get(attempt.job.subject_id)
     options, shape = asked.options, shape_of(usable_scan(attempt.store, asked.scan_id))
     slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows)])
@@ -69,22 +69,21 @@ def needs(attempt: Attempt) -> Needs:
     at_work = max(
         cost.MEMORY_BYTES,
         cost.block_bytes(shape.views, shape.detector, options.size, 1),
-        0 if options.method is ReconstructionMethod.FBP else _iterating(attempt, options, asked.scanner_id, shape),
+        _fitting(attempt, options, asked.scanner_id, shape) if may_fit(options.method) else 0,
     )
     return Needs(PROCESS_BYTES + int(at_work / MEMORY_SHARE), file_bytes)
 
 
-def _iterating(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, shape: ScanShape) -> int:
-    """By the method that takes most, on a grid that holds all that the detector can see."""
+def _fitting(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, shape: ScanShape) -> int:
+    """Of the method that needs most, on a grid that holds all that the detector can see."""
     constants = attempt.store.scanners.get(scanner_id).constants
     theta, _, _ = _geometry_of(attempt.store, options)
     geometry = FanBeamGeometry(to_scanner(constants), to_theta(theta), np.zeros(1))
     grid, _ = ImageGrid(options.size, options.field_mm, options.field_centre_mm).around(seen_radius_mm(geometry))
     # A larger grid is refused.
     pixels = min(grid.size, LARGEST_SIZE) ** 2
-    images = max(IMAGES_OF_A_BASIS, IMAGES_A_DESCENT * max(TRIALS, ITERATED_TOGETHER))
-    images += get_num_threads() * BLOCK
-    lines = LINES_A_SLICE * ITERATED_TOGETHER * shape.views * shape.detector
+    images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
+    lines = LINES_A_SLICE * FITTED_TOGETHER * shape.views * shape.detector
     return 4 * (images * pixels + lines)
 
 

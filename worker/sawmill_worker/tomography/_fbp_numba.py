@@ -25,7 +25,7 @@ _UNSIGNED = np.uint32(0x7FFFFFFF)
 def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g):
     """Write the cells under pixels so many steps along x and y from the one at (x, y) to [g]."""
     big_r, c_tau, s_tau, scale, offset, top, pixel, power = frame
-    # q = Rot(-beta) (x, y) + (0, R), its x component and its component along the detector normal.
+    # q = Rot(-source_angle) (x, y) + (0, R), its x component and its component along the detector normal.
     qx = c * x + s * y
     qy = c * y - s * x + big_r
     across, across_x, across_y = np.float32(qx) * scale, np.float32(c * pixel) * scale, np.float32(s * pixel) * scale
@@ -56,11 +56,11 @@ def _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power):
 
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
-def back_project(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
+def back_project(pairs, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
     """One slice out [x, y]; pairs (views, cells + 2) uint64 hold a cell's float32 and its right neighbour's."""
     views, padded = pairs.shape
     flat = pairs.ravel()
-    cosine, sine = np.cos(beta), np.sin(beta)
+    cosine, sine = np.cos(source_angle), np.sin(source_angle)
     frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
     size = out.shape[0]
     y = low_y + 0.5 * pixel
@@ -96,14 +96,14 @@ def back_project(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, 
 
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
-def back_project_quarters(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
+def back_project_quarters(pairs, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
     """The same where view k + n views / 4 is n quarter turns after view k; out [quarter, x, y] is seen from view k.
 
-    The four share cells and weights. beta needs only the angles of the first quarter.
+    The four share cells and weights. source_angle needs only the angles of the first quarter.
     """
     views, padded = pairs.shape
     flat = pairs.ravel()
-    cosine, sine = np.cos(beta), np.sin(beta)
+    cosine, sine = np.cos(source_angle), np.sin(source_angle)
     frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
     size = out.shape[1]
     y = low_y + 0.5 * pixel
@@ -140,11 +140,11 @@ def back_project_quarters(pairs, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y
 
 
 @njit(parallel=True, cache=True, nogil=True, fastmath=_FAST)
-def back_project_block(rows, beta, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
+def back_project_block(rows, source_angle, big_r, sdd, u_c, tau, pitch, low_x, low_y, pixel, power, out):
     """Slices out [slice, x, y] from rows (views, cells + 2, lanes); lanes beyond the slices fill up vectors."""
     views, padded, lanes = rows.shape
     flat = rows.ravel()
-    cosine, sine = np.cos(beta), np.sin(beta)
+    cosine, sine = np.cos(source_angle), np.sin(source_angle)
     frame = _frame(padded, big_r, sdd, u_c, tau, pitch, pixel, power)
     slices, size = out.shape[0], out.shape[1]
     across = (size + _TILE - 1) // _TILE

@@ -1,121 +1,92 @@
 """The most probable image under independent noise and Cauchy-distributed differences: flat wood, sharp edges."""
 
 import math
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices, Progress
-from sawmill_worker.tomography.iterative.holding_out import bottom, hold_out
-from sawmill_worker.tomography.iterative.penalised import (
-    WIDE_ITERATIONS,
-    Inside,
-    Objective,
-    Prior,
-    descend_outwards,
-    mean_along_rays,
-    typical_attenuation,
-    widely,
+from sawmill_worker.tomography.iterative.cross_validation import cross_validate, parabola_minimum
+from sawmill_worker.tomography.iterative.descent import Floats, Images, OnIteration
+from sawmill_worker.tomography.iterative.edge_preserving import (
+    EdgePreservingMethod,
+    Problem,
+    Settings,
+    reconstruct_with_prior,
 )
-from sawmill_worker.tomography.iterative.posterior import posterior_deviation
-from sawmill_worker.tomography.iterative.rehearsing import ITERATIONS as TRIAL_ITERATIONS
-from sawmill_worker.tomography.iterative.rehearsing import Rehearsal
-from sawmill_worker.tomography.iterative.telling import Phases, Told, descending, part_of, side_by_side
-from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
-from sawmill_worker.tomography.object_extent import check_shown
+from sawmill_worker.tomography.iterative.first_image import typical_attenuation
+from sawmill_worker.tomography.iterative.penalised import Objective
+from sawmill_worker.tomography.iterative.priors import CauchyPrior
+from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, counting_iterations, part_of
+from sawmill_worker.tomography.iterative.synthetic_tuning import ITERATIONS as TUNING_ITERATIONS
+from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
+from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.total_variation import choose_weight, total_variation
 
-# The density's exponent in the plane (design page, section 4).
+# The exponent of the Cauchy density in the plane (docs/reconstruction.md).
 STRENGTH = 1.5
-# Of the attenuation that a blurred first image mostly has, over the square root of the pixels across the log: with
-# smaller pixels slopes differ less from one to the next, edges as much as ever. This and all that follows was found on
-# simulated logs (benchmarks/choosing.py).
+# Beta over the typical attenuation, times the square root of the pixels across the log: with smaller pixels the
+# differences on a slope are smaller, those at an edge as large as ever. This and the numbers of the choice below were
+# found on simulated logs (benchmarks/choosing.py).
 BETA_SHARE = 4.7
-# Sigma as multiples of the noise that are tried with it, when it is not given.
+# Candidates for sigma at the usual beta, as multiples of the noise.
 SIGMA_FACTORS = np.geomspace(0.6, 3.0, 5)
-# Betas that are tried, as multiples of that share, and the power of beta with which the best sigma goes about.
+# Candidates for beta, as multiples of the usual one, and the power of beta with which the best sigma varies.
 BETA_STEPS = 8.0 ** np.linspace(-0.75, 0.25, 5)
-RIDGE = 0.6
-# Multiples of the sigma so foretold that are tried with each.
+SIGMA_POWER = 0.6
+# Candidates for sigma at each beta, as multiples of the sigma that this power predicts.
 NEAR_FACTORS = np.geomspace(0.7, 1.0 / 0.7, 3)
-# A beta is judged by the edges in views kept back, too: the exponent of their frequencies, how many times the logarithm
-# of what is missed counts beside that of the rehearsal's squared distances, and the iterations of those images. By so
-# much more, times the logarithm of the step, must a beta other than the usual one be better.
-EDGES, TRUST, FORETELLING_ITERATIONS = 1.5, 30.0, 8
-HANDICAP = 0.4
-# The image that is compared with need not be at rest.
-KNOWN_TOLERANCE = 1e-3
+# Beta is also judged by the edges in validation views: the exponent of their frequencies, the weight of the logarithm
+# of that error beside the error of the synthetic tuning, and the iterations of those images.
+EDGE_EXPONENT, VALIDATION_WEIGHT, VALIDATION_ITERATIONS = 1.5, 30.0, 8
+# The penalty on a beta other than the usual one, times the logarithm of the step.
+STEP_PENALTY = 0.4
+# The reference image need not converge further.
+REFERENCE_TOLERANCE = 1e-3
 ITERATIONS = 400
 TOLERANCE = 2e-5
-# Iterations after which most logs are at rest.
+# Iterations after which most logs have converged (benchmarks/iterative.py).
 USUAL_ITERATIONS = 40
-# What choosing sigma and beta costs, and each slice's uncertainty, in iterations on one slice.
-CHOOSING_COST, DEVIATION_COST = 800.0, 270.0
-# Of choosing: the weight of total variation, its image, and what is tried. Measured on 256 x 256 pixels from 20 views.
-WEIGHT_COST, KNOWN_COST, SIGMA_COST, BETA_COST, FORETOLD_COST = 0.29, 0.02, 0.07, 0.41, 0.21
+# The cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
+# variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views
+# (benchmarks/choosing.py).
+CHOOSING_COST = 800.0
+WEIGHT_COST, REFERENCE_COST, SIGMA_COST, BETA_COST, VALIDATION_COST = 0.29, 0.02, 0.07, 0.41, 0.21
 
 
 @dataclass(frozen=True)
 class Preset:
-    """Settings taken together; a boundary is the scale that holds the corner pixel."""
+    """Settings that belong together; `corner` is the scale of the penalty on the corner pixel."""
 
     sigma: float
     beta: float
-    boundary: float
+    corner: float
     iterations: int
     non_negative: bool
 
 
 # As published for logs from few views (arXiv 2206.14444): in the unit of that log, whose wood is about 0.4.
-PRESETS = {"paper": Preset(sigma=0.3, beta=0.01, boundary=0.1, iterations=150, non_negative=False)}
+PRESETS = {"paper": Preset(sigma=0.3, beta=0.01, corner=0.1, iterations=150, non_negative=False)}
 
 
-@dataclass(frozen=True, eq=False)
-class CauchyMap:
-    """The reconstruction and what led to it.
+@dataclass(frozen=True)
+class NoiseMultiple:
+    """A sigma that follows the noise of each ray."""
 
-    Attributes
-    ----------
-    image : (size, size) or (slices, size, size) float32
-        [x, y], in the sinogram's unit per mm.
-    sigma : float
-        Root mean square over the rays of the standard deviation that the density took.
-    beta : (slices,) float64
-        Scale of the differences between neighbouring pixels, in the image's unit.
-    objective : (slices,) float64
-        1/2 sum ((A x - y) / sigma)^2 + 3/2 sum log(1 + |d|^2 / beta^2): zero for a flat image that explains the data.
-    iterations, converged : (slices,)
-        Of the descent with the sharp prior.
-    noise : float
-        Root mean square of the data's noise, given or estimated.
-    misfit : (slices,) float64
-        Root mean square of (A x - y) / noise: near 1 where geometry and noise are right, far above where not.
-    deviation : like image, or None
-        Standard deviation of each pixel, where asked for.
-    remarks : tuple of str
-    """
-
-    image: Image
-    sigma: float
-    beta: Floats
-    objective: Floats
-    iterations: Indices
-    converged: NDArray[np.bool_]
-    noise: float
-    misfit: Floats
-    deviation: Image | None
-    remarks: tuple[str, ...]
+    factor: float
 
 
 def cauchy_map(
     projector: Projector,
     sinogram: ArrayLike,
     *,
-    sigma: ArrayLike | None = None,
+    sigma: ArrayLike | NoiseMultiple | None = None,
     beta: float | None = None,
     noise: ArrayLike | None = None,
     preset: Literal["paper"] | None = None,
@@ -123,9 +94,13 @@ def cauchy_map(
     uncertainty: bool = False,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
-    progress: Told | None = None,
-) -> CauchyMap:
-    """Reconstruct one slice or a block of slices (design page, section 4).
+    on_progress: OnProgress | None = None,
+) -> Estimate:
+    """Reconstruct one slice or a block of slices with a Cauchy prior (docs/reconstruction.md).
+
+    The objective is 1/2 sum ((A x - y) / sigma)^2 + 3/2 sum log(1 + |d|^2 / beta^2): zero for a flat image that
+    explains the data. The estimate's parameters are `sigma`, (1,), the root mean square over all rays, and `beta`,
+    (slices,).
 
     Parameters
     ----------
@@ -133,9 +108,9 @@ def cauchy_map(
         Geometry and image grid; any angles.
     sinogram : (views, detector) or (slices, views, detector) float
         Line integrals whose air stands at 0.
-    sigma : float or (views, detector), optional
+    sigma : float or (views, detector) or NoiseMultiple, optional
         Standard deviation that the density takes, in the sinogram's unit. By default a multiple of the noise, the
-        same for all slices, which `choose` takes for the middle one.
+        same for all slices, which `choose_sigma_and_beta` takes for the middle one.
     beta : float, optional
         Scale of the differences between neighbouring pixels, in attenuation; by default chosen together with sigma,
         or a share of the wood's where sigma is given.
@@ -147,175 +122,132 @@ def cauchy_map(
     non_negative : bool
         Attenuation is at least 0.
     uncertainty : bool
-        Whether each pixel's standard deviation is wanted too (see `posterior_deviation`).
+        Whether to compute each pixel's standard deviation (see `posterior_deviation`).
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
-    progress : callable, optional
-        Told the share of all the work that is done, which rises to 1, after each iteration.
+    on_progress : callable, optional
+        Called with the share of the work that is done, which rises to 1, after each iteration.
 
     Raises
     ------
     GeometryError
         If shapes do not fit, a value is not positive, or a slice is 0 in every ray.
     """
-    lines = projector.block(sinogram)
-    check_shown(lines)
-    noises = noise_of_each_ray(noise, lines)
     corner = None
     if preset is not None:
-        settings = PRESETS[preset]
-        sigma, beta, corner = settings.sigma, settings.beta, settings.boundary
-        iterations, non_negative = settings.iterations, settings.non_negative
-    # The bound leaves little to find in the air around the log: only the last descent looks there.
-    inside = Inside.of(projector, lines, non_negative=non_negative)
-    alone = sigma is None and len(lines) == 1
-    phases = Phases(
-        progress,
-        choose=CHOOSING_COST if sigma is None else 0.0,
-        widened=0.0 if alone or preset is not None else WIDE_ITERATIONS * side_by_side(len(lines)),
-        sharp=USUAL_ITERATIONS * side_by_side(len(lines)),
-        deviation=DEVIATION_COST * len(lines) if uncertainty else 0.0,
+        published = PRESETS[preset]
+        sigma, beta, corner = published.sigma, published.beta, published.corner
+        iterations, non_negative = published.iterations, published.non_negative
+
+    def settings(problem: Problem, choice: SigmaAndBeta | None) -> Settings:
+        if choice is not None:
+            return _settings(problem, choice.sigma, choice.beta, corner)
+        return _settings(problem, sigma, beta, corner)
+
+    method = EdgePreservingMethod(
+        choose=partial(choose_sigma_and_beta, beta=beta, non_negative=non_negative) if sigma is None else None,
+        settings=settings,
+        choosing_cost=CHOOSING_COST,
+        usual_iterations=USUAL_ITERATIONS,
+        as_published=preset is not None,
     )
-    if sigma is None:
-        middle = len(lines) // 2
-        choice = choose(
-            inside.projector,
-            lines[middle],
-            beta=beta,
-            noise=np.broadcast_to(noises, lines.shape)[middle],
-            non_negative=non_negative,
-            progress=phases.of("choose"),
-        )
-        sigmas, betas = choice.factor * noises, np.full(len(lines), choice.beta)
-        start = choice.image[None] if alone else mean_along_rays(inside.projector, lines)
-    else:
-        start = mean_along_rays(inside.projector, lines)
-        sigmas, betas = noise_of_each_ray(sigma, lines), _betas(beta, start)
-    weights = np.broadcast_to(1.0 / sigmas**2, lines.shape).astype(np.float32)
-    prior = _prior(betas, corner)
-    if preset is None and not alone:
-        near = Objective(inside.projector, lines, weights, prior)
-        reporting = phases.descent("widened", WIDE_ITERATIONS)
-        start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
-    found = descend_outwards(
-        Objective(projector, lines, weights, prior),
-        inside,
-        start,
-        non_negative=non_negative,
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    return reconstruct_with_prior(
+        method,
+        problem,
         iterations=iterations,
         tolerance=tolerance,
-        usual=USUAL_ITERATIONS,
-        # The published iterations end long before the objective is at rest, and where they end is the method.
-        guided=preset is None,
-        told=phases.of("sharp"),
-    )
-    images = found.images
-    misfit = data_misfit(projector, images, lines, noises)
-    deviation = None
-    if uncertainty:
-        deviation = posterior_deviation(
-            projector, weights, prior, images, non_negative=non_negative, told=phases.of("deviation")
-        )
-    phases.of("deviation")(1.0)
-    shape = images.shape if np.ndim(sinogram) == 3 else images.shape[1:]
-    return CauchyMap(
-        image=images.reshape(shape),
-        sigma=float(np.sqrt(np.mean(sigmas**2))),
-        beta=betas,
-        objective=found.values,
-        iterations=found.iterations,
-        converged=found.converged,
-        noise=float(np.sqrt(np.mean(noises**2))),
-        misfit=misfit,
-        deviation=None if deviation is None else deviation.reshape(shape),
-        remarks=(found.remarks if preset is None else ()) + remarks_on(misfit, lines, noises),
+        uncertainty=uncertainty,
+        on_progress=on_progress,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
-    """What suits one slice.
+class SigmaAndBeta:
+    """Sigma and beta for one slice.
 
     Attributes
     ----------
-    factor : float
-        Sigma as a multiple of the noise.
+    sigma : NoiseMultiple
     beta : float
     image : (size, size) float32
-        Near to what they lead to.
+        Near to the image with both.
     """
 
-    factor: float
+    sigma: NoiseMultiple
     beta: float
     image: Image
 
 
-def choose(
+def choose_sigma_and_beta(
     projector: Projector,
     sinogram: ArrayLike,
     *,
     beta: float | None = None,
     noise: ArrayLike | None = None,
     non_negative: bool = True,
-    progress: Told | None = None,
-) -> Choice:
+    on_progress: OnProgress | None = None,
+) -> SigmaAndBeta:
     """Sigma and beta for a sinogram (views, detector).
 
-    How smooth an image is best, sigma and beta together, shows a rehearsal on what total variation makes of the slice
-    (`Rehearsal`); whether by many small steps or by few large ones, beta, views that are kept back (`hold_out`).
+    The best smoothness, sigma and beta together, is found by tuning on a synthetic scan of what total variation makes
+    of the slice (`SyntheticTuning`); beta, many small steps or few large ones, by cross-validation.
 
     Parameters as of `cauchy_map`; a given beta stays.
     """
-    lines = projector.block(sinogram)
-    check_shown(lines)
-    noises = noise_of_each_ray(noise, lines)
-    inside = Inside.of(projector, lines, non_negative=non_negative)
-    near, line = inside.projector, lines[0]
-    middle = float(_betas(beta, mean_along_rays(near, lines))[0])
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    noises, support, line = problem.noises, problem.support, problem.lines[0]
+    usual_beta = float(_betas(beta, problem)[0])
     open_beta = beta is None
     phases = Phases(
-        progress,
+        on_progress,
         weight=WEIGHT_COST,
-        known=KNOWN_COST,
+        reference=REFERENCE_COST,
         sigma=SIGMA_COST,
         beta=BETA_COST if open_beta else 0.0,
-        foretold=FORETOLD_COST if open_beta else 0.0,
+        validation=VALIDATION_COST if open_beta else 0.0,
     )
-    smooth = choose_weight(near, line, noise=noises[0], non_negative=non_negative, progress=phases.of("weight"))
-    known = total_variation(
-        near,
+    smooth = choose_weight(
+        support.projector, line, noise=noises[0], non_negative=non_negative, on_progress=phases.of("weight")
+    )
+    reference = total_variation(
+        support.projector,
         line,
         weight=smooth.weight,
         noise=noises[0],
         non_negative=non_negative,
-        tolerance=KNOWN_TOLERANCE,
-        progress=phases.of("known"),
+        tolerance=REFERENCE_TOLERANCE,
+        on_progress=phases.of("reference"),
+    ).image
+    tuning = SyntheticTuning.of(support.projector, line, noises[0], reference, non_negative=non_negative)
+    at_usual_beta = _best_sigma(
+        tuning, noises, usual_beta, SIGMA_FACTORS, None, phases.descent("sigma", TUNING_ITERATIONS)
     )
-    rehearsal = Rehearsal.of(near, line, noises[0], known.image, non_negative=non_negative)
-    first = _best_sigma(rehearsal, noises, middle, SIGMA_FACTORS, None, phases.descent("sigma", TRIAL_ITERATIONS))
     if not open_beta:
-        return Choice(first.factor, middle, inside.whole(first.images[:1])[0])
-    betas = middle * BETA_STEPS
-    ridge = _ridge(rehearsal, noises, betas, first, phases.of("beta"))
-    factors = np.array([best.factor for best in ridge])
-    foretold = hold_out(
-        Objective(near, lines, _weights(factors, noises, lines), _prior(betas)),
+        return SigmaAndBeta(
+            NoiseMultiple(at_usual_beta.factor), usual_beta, support.embedded(at_usual_beta.images[:1])[0]
+        )
+    betas = usual_beta * BETA_STEPS
+    pairs = _best_sigmas(tuning, noises, betas, at_usual_beta, phases.of("beta"))
+    factors = np.array([pair.factor for pair in pairs])
+    validation = cross_validate(
+        Objective(support.projector, problem.lines, _weights(factors, noises, problem.lines), _prior(betas)),
         noises[0],
         smooth.images,
-        exponent=EDGES,
-        iterations=FORETELLING_ITERATIONS,
+        exponent=EDGE_EXPONENT,
+        iterations=VALIDATION_ITERATIONS,
         non_negative=non_negative,
-        told=phases.of("foretold"),
+        on_progress=phases.of("validation"),
     )
-    away = HANDICAP * np.abs(np.log(BETA_STEPS))
-    errors = np.array([best.error for best in ridge]) + TRUST * np.log(foretold.in_views) + away
-    found, _ = bottom(betas, errors)
+    penalty = STEP_PENALTY * np.abs(np.log(BETA_STEPS))
+    errors = np.array([pair.error for pair in pairs]) + VALIDATION_WEIGHT * np.log(validation.in_views) + penalty
+    found, _ = parabola_minimum(betas, errors)
     factor = math.exp(np.interp(math.log(found), np.log(betas), np.log(factors)))
-    return Choice(factor, found, inside.whole(ridge[np.argmin(errors)].images[:1])[0])
+    return SigmaAndBeta(NoiseMultiple(factor), found, support.embedded(pairs[np.argmin(errors)].images[:1])[0])
 
 
-class _Best(NamedTuple):
-    """The best sigma for a beta, as a multiple of the noise, its error and its images (2, n, n) as of `Tried`."""
+class _BestSigma(NamedTuple):
+    """The best sigma for a beta, as a multiple of the noise, its error and its images (2, n, n) of `TuningErrors`."""
 
     factor: float
     error: float
@@ -323,23 +255,30 @@ class _Best(NamedTuple):
 
 
 def _best_sigma(
-    rehearsal: Rehearsal, noises: Floats, beta: float, factors: Floats, start: Images | None, progress: Progress
-) -> _Best:
-    weights = _weights(factors, noises, rehearsal.lines[:1])
-    tried = rehearsal.try_out(weights, _prior(np.full(factors.size, beta)), start, progress)
-    return _Best(*bottom(factors, tried.errors), tried.images[np.argmin(tried.errors)])
+    tuning: SyntheticTuning,
+    noises: Floats,
+    beta: float,
+    factors: Floats,
+    start: Images | None,
+    on_iteration: OnIteration,
+) -> _BestSigma:
+    weights = _weights(factors, noises, tuning.lines[:1])
+    found = tuning.errors(weights, _prior(np.full(factors.size, beta)), start, on_iteration)
+    return _BestSigma(*parabola_minimum(factors, found.errors), found.images[np.argmin(found.errors)])
 
 
-def _ridge(rehearsal: Rehearsal, noises: Floats, betas: Floats, middle: _Best, told: Told) -> list[_Best]:
-    """The best sigma for each beta, sought around where the middle one's foretells it."""
+def _best_sigmas(
+    tuning: SyntheticTuning, noises: Floats, betas: Floats, at_usual_beta: _BestSigma, on_progress: OnProgress
+) -> list[_BestSigma]:
+    """The best sigma for each beta, searched around the value predicted from that at the usual beta."""
     return [
         _best_sigma(
-            rehearsal,
+            tuning,
             noises,
             beta,
-            middle.factor * step**RIDGE * NEAR_FACTORS,
-            middle.images,
-            descending(part_of(told, index / betas.size, 1.0 / betas.size), TRIAL_ITERATIONS),
+            at_usual_beta.factor * step**SIGMA_POWER * NEAR_FACTORS,
+            at_usual_beta.images,
+            counting_iterations(part_of(on_progress, index / betas.size, 1.0 / betas.size), TUNING_ITERATIONS),
         )
         for index, (beta, step) in enumerate(zip(betas, BETA_STEPS, strict=True))
     ]
@@ -351,18 +290,73 @@ def _weights(factors: Floats, noises: Floats, lines: Images) -> Images:
     return np.broadcast_to(each, (factors.size, *lines.shape[1:])).astype(np.float32)
 
 
-def _prior(betas: Floats, corner: float | None = None) -> Prior:
+def _prior(betas: Floats, corner: float | None = None) -> CauchyPrior:
     corners = betas if corner is None else np.full(betas.shape, corner)
-    return Prior("cauchy", betas, np.full(betas.shape, STRENGTH), corners)
+    return CauchyPrior(betas, np.full(betas.shape, STRENGTH), corners)
 
 
-def _betas(beta: float | None, start: Images) -> Floats:
-    """The scale for each slice: as given, or a share of the attenuation that its mass mostly has.
+def _settings(
+    problem: Problem, sigma: ArrayLike | NoiseMultiple | None, beta: float | None, corner: float | None
+) -> Settings:
+    if isinstance(sigma, NoiseMultiple):
+        sigmas = sigma.factor * problem.noises
+    else:
+        sigmas = noise_of_each_ray(sigma, problem.lines)
+    betas = _betas(beta, problem)
+    parameters = {"sigma": np.array([np.sqrt(np.mean(sigmas**2))]), "beta": betas}
+    return Settings(sigmas, _prior(betas, corner), parameters)
 
-    `start` shows the pixels among which the log lies (slices, n, n).
-    """
+
+def _betas(beta: float | None, problem: Problem) -> Floats:
+    """The scale for each slice: as given, or a share of its typical attenuation."""
     if beta is not None:
         if not (np.isfinite(beta) and beta > 0.0):
             raise GeometryError(f"beta must be a positive attenuation, not {beta}")
-        return np.full(len(start), float(beta))
-    return BETA_SHARE / math.sqrt(start.shape[-1]) * typical_attenuation(start)
+        return np.full(len(problem.lines), float(beta))
+    pixels_across = problem.support.projector.grid.size
+    return BETA_SHARE / math.sqrt(pixels_across) * typical_attenuation(problem.first_images)
+
+
+@dataclass(frozen=True)
+class CauchyMap(FittedMethod):
+    """`cauchy_map` as a method of the table."""
+
+    least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
+    choosing_cost_slices: ClassVar[float] = 16.0
+
+    sigma: float | NoiseMultiple | None = None
+    beta: float | None = None
+    preset: Literal["paper"] | None = None
+    non_negative: bool = True
+    uncertainty: bool = False
+
+    @property
+    def is_open(self) -> bool:
+        """Whether sigma is to be chosen, and beta with it."""
+        return self.sigma is None and self.preset is None
+
+    def chosen(self, projector: Projector, line: Image, *, counts: bool, on_progress: OnProgress) -> Self:
+        """With the sigma, a multiple of the noise, and the beta of one slice."""
+        choice = choose_sigma_and_beta(
+            projector,
+            line,
+            beta=self.beta,
+            noise=noise_of_rays(line[None], counts=counts),
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
+        return replace(self, sigma=choice.sigma, beta=choice.beta)
+
+    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+        """A block."""
+        return cauchy_map(
+            projector,
+            lines,
+            sigma=self.sigma,
+            beta=self.beta,
+            noise=noise_of_rays(lines, counts=counts),
+            preset=self.preset,
+            non_negative=self.non_negative,
+            uncertainty=self.uncertainty,
+            on_progress=on_progress,
+        )

@@ -1,9 +1,10 @@
-"""What a reconstruction by filtered back-projection costs: seconds and memory, before it is begun."""
+"""The cost of a reconstruction by filtered back-projection, in seconds and memory, before it starts."""
 
-from sawmill_worker.tomography.fbp import LANES, lanes_of
-
+# Slices in one vector of the kernels.
+LANES = 16
+# For all blocks at work. Both: benchmarks/reconstruction_speed.py.
 MEMORY_BYTES = 768 * 2**20
-# More slices a block bring nothing but memory.
+# A block of more slices takes more memory and is no faster.
 MOST_SLICES = 32
 
 # Fitted by `make bench-fbp` on two cores; docs/performance.md has the fit beside the machine's limits.
@@ -27,8 +28,13 @@ def seconds(views: int, cells: int, size: int, slices: int) -> float:
 
 
 def seconds_left(elapsed: float, done: float, slices: int) -> float:
-    """By the pace so far; `seconds` foretells until there is one."""
+    """From the pace so far."""
     return elapsed / done * (slices - done)
+
+
+def lanes_of(slices: int) -> int:
+    """Slices rounded up to whole vectors, as the kernels keep them."""
+    return -(-slices // LANES) * LANES
 
 
 def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
@@ -38,17 +44,17 @@ def block_bytes(views: int, cells: int, size: int, slices: int) -> int:
 
 
 def blocks(views: int, cells: int, size: int, slices: int, memory_bytes: int, threads: int) -> tuple[int, int]:
-    """Slices a block, in whole vectors where there are several, and how many blocks at a time.
+    """Slices a block, in whole vectors where there are several, and the number of concurrent blocks.
 
-    One for each thread where there is enough to share out, as long as all of them stay within the memory.
+    One block for each thread where there are slices enough, as long as all blocks fit into the memory.
     """
     vectors = -(-slices // LANES)
     counts = (*range(1, LANES), *range(LANES, MOST_SLICES + 1, LANES))
-    for abreast in range(min(threads, vectors), 0, -1):
-        share = LANES * -(-vectors // abreast)
-        fitting = [n for n in counts if n <= share and abreast * block_bytes(views, cells, size, n) <= memory_bytes]
-        if fitting and (abreast == 1 or fitting[-1] >= LANES):
-            return fitting[-1], abreast
+    for concurrent in range(min(threads, vectors), 0, -1):
+        share = LANES * -(-vectors // concurrent)
+        fitting = [n for n in counts if n <= share and concurrent * block_bytes(views, cells, size, n) <= memory_bytes]
+        if fitting and (concurrent == 1 or fitting[-1] >= LANES):
+            return fitting[-1], concurrent
     return 1, 1
 
 

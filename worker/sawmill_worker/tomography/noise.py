@@ -10,23 +10,20 @@ from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.tomography.projector import Image, Projector
 
-# No scan is better than this share of its RMS once pixels stand for a log: noise-free data are taken to be so noisy.
+# The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
 LEAST_SHARE = 0.002
-# Cells over which a line integral is averaged to know its noise.
+# Cells over which a line integral is averaged to estimate its noise.
 SMOOTHED = 9
-# Noise alone gives 1, pixels up to 1.3 in the published log's case; a tape's errors of theta give 3 and more.
+# Noise alone gives 1, pixels up to 1.3 for the published log; errors of theta as by a measuring tape give 3 and more
+# (tests/tomography/test_cauchy_map.py, tests/use_cases/test_methods.py).
 MISFIT_OF_A_GOOD_FIT = 2.0
-# FBP does not fit the data. From so many views and with the right geometry, filter and pixels leave at most 9 % of them
-# (phantoms and logs, frequency scaling from 0.05, 16 to 2048 pixels), and it turns noise into at most 3.7 times itself.
-# Rays that are off by 8 mm leave 13 to 17 %. From 20 views a right and a wrong geometry leave as much as each other.
-FBP_VIEWS, FBP_SHARE, FBP_NOISE = 90, 0.1, 4.0
 
 
 def estimated_noise(sinogram: NDArray[np.float32]) -> float:
     """Standard deviation of one sample of a sinogram (views, detector), in its unit.
 
     From the air beside the object; where the object covers the detector, from second differences along it, whose
-    median magnitude ignores edges.
+    median magnitude is insensitive to edges.
     """
     air = find_air(sinogram)
     if air is not None:
@@ -54,6 +51,20 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
         raise GeometryError(f"air_counts must be positive counts, not {counts.min():g}")
     smooth = uniform_filter1d(np.asarray(sinogram, np.float64), SMOOTHED, axis=-1, mode="nearest")
     return np.exp(0.5 * np.clip(smooth, 0.0, None)) / np.sqrt(counts)
+
+
+def noise_of_rays(lines: Image, *, counts: bool) -> FloatArray:
+    """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
+
+    Parameters
+    ----------
+    lines : (slices, views, detector) float32
+        Line integrals whose air stands at 0.
+    counts : bool
+        Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
+    """
+    air = noise_of_each_ray(None, lines)
+    return photon_noise(lines, 1.0 / air**2) if counts else air
 
 
 def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
@@ -104,24 +115,3 @@ def remarks_on(misfit: FloatArray, lines: Image, noise: FloatArray) -> tuple[str
         if abs(level) > 0.5 * scatter and abs(level) > 5.0 * scatter / math.sqrt(air.level.size * int(air.cells.sum())):
             remarks.append(f"the air stands at {level:.3g}, not at 0: take the background out first")
     return tuple(remarks)
-
-
-def remark_on_filtered(misfit: float, line: NDArray[np.float32], noise: float) -> str | None:
-    """What a user should know of the misfit of an FBP; None where it says nothing of the geometry.
-
-    Parameters
-    ----------
-    misfit : float
-        Of the slice, against the noise.
-    line : (views, detector) float32
-        Its line integrals.
-    noise : float
-        Standard deviation of a line integral.
-    """
-    missed, size = misfit * noise, float(np.sqrt(np.mean(np.square(line, dtype=np.float64))))
-    if len(line) < FBP_VIEWS or misfit < FBP_NOISE or missed < FBP_SHARE * size:
-        return None
-    return (
-        f"the image misses the data by more than {FBP_SHARE:.0%} of them and {FBP_NOISE:.0f} times their noise, which "
-        "filtering alone does not: check the geometry, or whether the object moved during the scan"
-    )

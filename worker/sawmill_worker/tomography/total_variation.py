@@ -1,71 +1,52 @@
-"""Smoothed total variation: convex, and the yardstick that other edge-preserving methods are measured with."""
+"""Smoothed total variation: convex, and the yardstick for other edge-preserving methods."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.iterative.descent import Floats, Indices
-from sawmill_worker.tomography.iterative.holding_out import bottom, hold_out, shown_without
-from sawmill_worker.tomography.iterative.penalised import (
-    WIDE_ITERATIONS,
-    Inside,
-    Objective,
-    Prior,
-    descend_outwards,
-    mean_along_rays,
-    typical_attenuation,
-    widely,
+from sawmill_worker.tomography.iterative.cross_validation import (
+    cross_validate,
+    first_images_of_folds,
+    parabola_minimum,
 )
-from sawmill_worker.tomography.iterative.telling import Phases, Told, side_by_side
-from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
-from sawmill_worker.tomography.object_extent import check_shown
+from sawmill_worker.tomography.iterative.descent import Floats
+from sawmill_worker.tomography.iterative.edge_preserving import (
+    EdgePreservingMethod,
+    Problem,
+    Settings,
+    reconstruct_with_prior,
+)
+from sawmill_worker.tomography.iterative.first_image import typical_attenuation
+from sawmill_worker.tomography.iterative.penalised import Objective
+from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
+from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
+from sawmill_worker.tomography.noise import noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
 
-# Differences below this share of the wood's attenuation are smoothed quadratically.
+# Differences below this share of the wood's attenuation are smoothed quadratically. This and the numbers below were
+# found on simulated logs (benchmarks/choosing.py).
 SMOOTHING_SHARE = 0.02
-# Weights tried when none is given, times the typical attenuation: what a difference as large as wood costs.
+# Candidates for the weight, times the typical attenuation: the penalty of a difference as large as the wood.
 WEIGHTS = np.geomspace(1.1, 60.0, 5)
-# Times the weight that foretells best: with all views and rays among them again the data weigh more, and an image is
-# nearest to its log where it is somewhat smoother than foretells views best. Found on simulated logs
-# (benchmarks/choosing.py).
+# The weight taken over the one of the best prediction. With the validation data included again the data weigh more, and
+# an image is nearest to its log where it is somewhat smoother than the one that predicts views best.
 SMOOTHER = 1.55
-TRIAL_ITERATIONS = 8
-# What the widened prior costs beside the weights tried.
-WIDENED_COST = 0.25
+CANDIDATE_ITERATIONS = 8
+# The cost of the folds' first images relative to that of the candidates.
+FIRST_IMAGES_COST = 0.25
 ITERATIONS = 300
 TOLERANCE = 1e-4
-# Iterations after which most logs are at rest.
+# Iterations after which most logs have converged (benchmarks/iterative.py).
 USUAL_ITERATIONS = 30
-# What choosing the weight costs, in iterations on one slice; measured on 256 x 256 pixels from 20 views.
+# The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
+# (benchmarks/choosing.py).
 CHOOSING_COST = 210.0
-
-
-@dataclass(frozen=True, eq=False)
-class TotalVariation:
-    """The reconstruction and what led to it.
-
-    Attributes
-    ----------
-    image : (size, size) or (slices, size, size) float32
-        [x, y], in the sinogram's unit per mm.
-    weight : (slices,) float64
-        Of the variation, in 1 / attenuation.
-    objective : (slices,) float64
-        1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s).
-    iterations, converged, noise, misfit, remarks
-        As of `CauchyMap`.
-    """
-
-    image: Image
-    weight: Floats
-    objective: Floats
-    iterations: Indices
-    converged: NDArray[np.bool_]
-    noise: float
-    misfit: Floats
-    remarks: tuple[str, ...]
 
 
 def total_variation(
@@ -77,18 +58,20 @@ def total_variation(
     non_negative: bool = True,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
-    progress: Told | None = None,
-) -> TotalVariation:
+    on_progress: OnProgress | None = None,
+) -> Estimate:
     """Reconstruct one slice or a block of slices by penalising the sum of differences (Rudin, Osher and Fatemi 1992).
+
+    The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameter is
+    `weight`, (slices,).
 
     Parameters
     ----------
     sinogram : (views, detector) or (slices, views, detector) float
         Line integrals whose air stands at 0.
     weight : float, optional
-        In 1 / attenuation; by default somewhat more than that by which views and rays kept back from the middle slice
-        are foretold best.
-    noise, non_negative, iterations, tolerance, progress
+        In 1 / attenuation; by default chosen from the middle slice by cross-validation.
+    noise, non_negative, iterations, tolerance, on_progress
         As of `cauchy_map`.
 
     Raises
@@ -98,72 +81,41 @@ def total_variation(
     """
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
-    lines = projector.block(sinogram)
-    check_shown(lines)
-    noises = noise_of_each_ray(noise, lines)
-    weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
-    inside = Inside.of(projector, lines, non_negative=non_negative)
-    start = mean_along_rays(inside.projector, lines)
-    typical = typical_attenuation(start)
-    alone = weight is None and len(lines) == 1
-    phases = Phases(
-        progress,
-        choose=CHOOSING_COST if weight is None else 0.0,
-        widened=0.0 if alone else WIDE_ITERATIONS * side_by_side(len(lines)),
-        sharp=USUAL_ITERATIONS * side_by_side(len(lines)),
+
+    def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
+        typical = typical_attenuation(problem.first_images)
+        weights = np.full(typical.shape, weight if choice is None else choice.weight)
+        return Settings(problem.noises, _prior(typical, weights), {"weight": weights})
+
+    method = EdgePreservingMethod(
+        choose=partial(choose_weight, non_negative=non_negative) if weight is None else None,
+        settings=settings,
+        choosing_cost=CHOOSING_COST,
+        usual_iterations=USUAL_ITERATIONS,
     )
-    if weight is None:
-        middle = len(lines) // 2
-        noise_here = np.broadcast_to(noises, lines.shape)[middle]
-        choice = choose_weight(
-            inside.projector, lines[middle], noise=noise_here, non_negative=non_negative, progress=phases.of("choose")
-        )
-        weight = choice.weight
-        start = choice.images.mean(axis=0, keepdims=True) if alone else start
-    strengths = np.full(typical.shape, weight)
-    prior = _prior(typical, strengths)
-    if not alone:
-        near = Objective(inside.projector, lines, weights, prior)
-        reporting = phases.descent("widened", WIDE_ITERATIONS)
-        start = widely(near, start, non_negative=non_negative, tolerance=tolerance, progress=reporting)
-    found = descend_outwards(
-        Objective(projector, lines, weights, prior),
-        inside,
-        start,
-        non_negative=non_negative,
-        iterations=iterations,
-        tolerance=tolerance,
-        usual=USUAL_ITERATIONS,
-        told=phases.of("sharp"),
-    )
-    images = found.images
-    misfit = data_misfit(projector, images, lines, noises)
-    phases.of("sharp")(1.0)
-    return TotalVariation(
-        image=images.reshape(images.shape if np.ndim(sinogram) == 3 else images.shape[1:]),
-        weight=strengths,
-        objective=found.values,
-        iterations=found.iterations,
-        converged=found.converged,
-        noise=float(np.sqrt(np.mean(noises**2))),
-        misfit=misfit,
-        remarks=found.remarks + remarks_on(misfit, lines, noises),
-    )
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
 
 
 @dataclass(frozen=True, eq=False)
 class WeightChoice:
-    """What suits one slice.
+    """The weight for one slice.
 
     Attributes
     ----------
     weight : float
-    images : (rounds, size, size) float32
-        Near to what it finds without what each round keeps back.
+    images : (folds, size, size) float32
+        Near to its images without the validation data of each fold.
     """
 
     weight: float
     images: Image
+
+    @property
+    def image(self) -> Image:
+        """Near to its image, (size, size)."""
+        mean: Image = self.images.mean(axis=0)
+        return mean
 
 
 def choose_weight(
@@ -172,40 +124,78 @@ def choose_weight(
     *,
     noise: ArrayLike | None = None,
     non_negative: bool = True,
-    progress: Told | None = None,
+    on_progress: OnProgress | None = None,
 ) -> WeightChoice:
-    """The weight that `total_variation` takes by itself for a sinogram (views, detector).
+    """The weight that `total_variation` chooses for a sinogram (views, detector), by cross-validation.
 
     Parameters as of `total_variation`, for one sinogram.
     """
-    lines = projector.block(sinogram)
-    check_shown(lines)
-    noises = noise_of_each_ray(noise, lines)
-    inside = Inside.of(projector, lines, non_negative=non_negative)
-    start = mean_along_rays(inside.projector, lines)
-    typical = typical_attenuation(start)
-    tried = WEIGHTS / typical
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
+    lines, noises, support = problem.lines, problem.noises, problem.support
+    typical = typical_attenuation(problem.first_images)
+    candidates = WEIGHTS / typical
     weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
-    objective = Objective(inside.projector, lines, weights, _prior(np.broadcast_to(typical, tried.shape), tried))
-    phases = Phases(progress, widened=WIDENED_COST, tried=1.0)
-    # What the widened prior shows is much the same for all weights: the middle one's serves them.
-    shown = shown_without(
-        objective.only(tried.size // 2), start[0], non_negative=non_negative, told=phases.of("widened")
+    prior = _prior(np.broadcast_to(typical, candidates.shape), candidates)
+    objective = Objective(support.projector, lines, weights, prior)
+    phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
+    # Continuation leads to much the same image for all candidates: that of the middle one serves them.
+    starts = first_images_of_folds(
+        objective.only(candidates.size // 2),
+        problem.first_images[0],
+        non_negative=non_negative,
+        on_progress=phases.of("first_images"),
     )
-    outcome = hold_out(
+    validation = cross_validate(
         objective,
         noises[0],
-        shown,
+        starts,
         exponent=1.0,
-        iterations=TRIAL_ITERATIONS,
+        iterations=CANDIDATE_ITERATIONS,
         non_negative=non_negative,
-        told=phases.of("tried"),
+        on_progress=phases.of("candidates"),
     )
-    errors = np.log(outcome.in_views) + np.log(outcome.in_rays)
-    weight, _ = bottom(tried, errors)
-    return WeightChoice(SMOOTHER * weight, inside.whole(outcome.images[:, np.argmin(errors)]))
+    errors = np.log(validation.in_views) + np.log(validation.in_rays)
+    weight, _ = parabola_minimum(candidates, errors)
+    return WeightChoice(SMOOTHER * weight, support.embedded(validation.images[:, np.argmin(errors)]))
 
 
-def _prior(typical: Floats, strengths: Floats) -> Prior:
-    scale = SMOOTHING_SHARE * typical
-    return Prior("total-variation", scale, strengths, typical)
+def _prior(typical: Floats, weights: Floats) -> TotalVariationPrior:
+    return TotalVariationPrior(SMOOTHING_SHARE * typical, weights, typical)
+
+
+@dataclass(frozen=True)
+class TotalVariation(FittedMethod):
+    """`total_variation` as a method of the table."""
+
+    least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
+    choosing_cost_slices: ClassVar[float] = 5.0
+
+    weight: float | None = None
+    non_negative: bool = True
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the weight is to be chosen."""
+        return self.weight is None
+
+    def chosen(self, projector: Projector, line: Image, *, counts: bool, on_progress: OnProgress) -> Self:
+        """With the weight of one slice."""
+        choice = choose_weight(
+            projector,
+            line,
+            noise=noise_of_rays(line[None], counts=counts),
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
+        return replace(self, weight=choice.weight)
+
+    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+        """A block."""
+        return total_variation(
+            projector,
+            lines,
+            weight=self.weight,
+            noise=noise_of_rays(lines, counts=counts),
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )

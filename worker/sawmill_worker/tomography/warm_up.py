@@ -15,7 +15,7 @@ from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.fbp import fbp, fbp_block
+from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
@@ -40,7 +40,7 @@ def _slices() -> None:
     sinogram = np.ones((64, SCANNER.num_detector_pixels))
     projector = Projector(geometry, ImageGrid(16, 400.0))
     fbp(projector, sinogram)
-    fbp_block(projector, sinogram[:, None])
+    fbp(projector, sinogram[None])
     # A view less, and none is a quarter turn from another.
     fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
 

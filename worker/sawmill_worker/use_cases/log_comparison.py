@@ -80,7 +80,7 @@ def _image(
     angles = calibration.rotation.apply(given.angles_rad)
     try:
         fan = FanBeamGeometry(to_scanner(calibration.scanner), to_theta(calibration.theta), angles)
-        return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram)
+        return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram).image
     except GeometryError:
         return None
 

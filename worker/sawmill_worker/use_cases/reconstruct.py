@@ -1,4 +1,4 @@
-"""A reconstruction from rows to a volume's file, block by block: what the job and the command line share."""
+"""A reconstruction from rows to a volume, block by block: what the job, the command line and Python users share."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -15,30 +15,31 @@ from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.choosing import recommend
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.method import DirectMethod
 from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
+from sawmill_worker.use_cases.block_solvers import BlockSolver, LogTask, Slices, method_of, solver_of
 from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 from sawmill_worker.use_cases.room import check_disk, memory_available
-from sawmill_worker.use_cases.solving import Work, solver_of
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation
 
-# Line integrals (views, stop - start, detector) of the slices start..stop.
+# Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
 
-# Of what is free, the blocks take at most this share: the rest is for the files' caches and for others.
+# The blocks take at most this share of the free memory: the rest is for the files' caches and for other processes.
 MEMORY_SHARE = 0.5
-# Within the first block the pace is told once this share of all is done, or so many seconds have passed.
+# Within the first block the time left is reported once this share of the work is done, or after this time.
 PACE_SHARE, PACE_SECONDS = 0.05, 2.0
-# A log tapers, bends and flares at its butt: so many rows along it are looked at for how far it reaches.
-ROWS_LOOKED_AT = 17
+# Rows along the log whose extent is determined: a log tapers, bends and flares at its butt.
+EXTENT_ROWS = 17
 
 
 @dataclass(frozen=True)
 class ReconstructionInput:
-    """What is reconstructed: line integrals, read as they are needed, and the geometry they were taken with.
+    """The input of a reconstruction: line integrals, read as they are needed, and the geometry they were taken with.
 
     Attributes
     ----------
@@ -47,9 +48,9 @@ class ReconstructionInput:
     counts : bool
         Whether they were made from counts: the volume is then in 1/mm.
     rows, row_step
-        The scan's rows, the first included, the last not, and every which of them is a slice.
+        The scan's rows, the first included, the last not; every row_step-th of them is a slice.
     preparation : tuple of str
-        What was done to the scan's data before.
+        The steps that prepared the scan's data.
     """
 
     read: ReadRows
@@ -70,10 +71,27 @@ def volume_unit(*, counts: bool) -> str:
     return "1/mm" if counts else "line integral/mm"
 
 
+@dataclass(frozen=True, eq=False)
+class ReconstructedVolume:
+    """A volume in memory.
+
+    Attributes
+    ----------
+    data : (slices, x, y) float32
+        In the result's unit.
+    standard_deviation : like data, or None
+        Of each pixel, where asked for.
+    """
+
+    data: NDArray[np.float32]
+    standard_deviation: NDArray[np.float32] | None
+    result: ReconstructionResult
+
+
 def run_reconstruction(
     given: ReconstructionInput, options: ReconstructionOptions, output: Path, report: ProgressCallback
 ) -> ReconstructionResult:
-    """Reconstruct each row into the volume's file, which is there when all of it is; and the answer beside it.
+    """Reconstruct each row into the volume's file, which exists once it is complete; return the result beside it.
 
     Raises
     ------
@@ -82,32 +100,10 @@ def run_reconstruction(
     OSError
         The file cannot be written.
     """
-    started = time.perf_counter()
-    angles = given.rotation.apply(given.angles_rad)
-    grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
-    projector = Projector(FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles), grid)
-    slices = len(range(*given.rows, given.row_step))
-    shape = (slices, options.size, options.size)
+    run = _Run(given, options, report)
     volumes = 2 if options.uncertainty else 1
-    check_disk(output.parent, shape, volumes * cost.volume_bytes(options.size, slices))
-    reporting = _Reporting(slices, report)
-    sample = np.ascontiguousarray(given.read(slices // 2, slices // 2 + 1)[:, 0])
-    method, reason = _method(options, projector, sample)
-    reporting.foretell(_predicted(projector, slices, method))
-    work = Work(
-        options=options,
-        projector=projector,
-        sample=sample,
-        radius_mm=_radius_mm(given.read, projector.geometry, slices),
-        slices=slices,
-        middle_row=given.rows[0] + slices // 2 * given.row_step,
-        counts=given.counts,
-        memory_bytes=int(MEMORY_SHARE * memory_available()),
-        reason=reason,
-        told=reporting.within,
-    )
-    solver = solver_of(method, work)
-    seen = ValueRange(slices, options.size)
+    check_disk(output.parent, run.shape, volumes * cost.volume_bytes(options.size, run.slices))
+    solver = run.solver()
     origin = VolumeOrigin(
         given.scanner,
         given.theta,
@@ -118,98 +114,160 @@ def run_reconstruction(
         given.preparation,
         given.row_step,
     )
-    unit = volume_unit(counts=given.counts)
-    with new_volume(output, shape, origin, options, unit=unit, views=angles.size) as volume:
+    views = given.angles_rad.size
+    with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
 
-        def reconstruct(start: int, stop: int) -> Iterator[None]:
+        def write(start: int, block: Slices) -> None:
+            volume.write(start, block.images)
+            if block.deviation is not None:
+                volume.write_deviation(start, block.deviation)
+
+        result = run.reconstruct(solver, write)
+        assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
+        volume.note_method(result.method.model_dump(mode="json", exclude_none=True))
+        if solver.curve is not None:
+            volume.note_alpha_curve(solver.curve)
+    return result.model_copy(update={"time_s": run.elapsed_s})
+
+
+def reconstruct_in_memory(
+    given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback
+) -> ReconstructedVolume:
+    """Reconstruct each row into arrays; as `run_reconstruction`, without a file."""
+    run = _Run(given, options, report)
+    data = np.empty(run.shape, np.float32)
+    deviation = np.empty(run.shape, np.float32) if options.uncertainty else None
+
+    def keep(start: int, block: Slices) -> None:
+        stop = start + len(block.images)
+        data[start:stop] = block.images
+        if deviation is not None and block.deviation is not None:
+            deviation[start:stop] = block.deviation
+
+    return ReconstructedVolume(data, deviation, run.reconstruct(run.solver(), keep))
+
+
+class _Run:
+    """One reconstruction: its geometry and grid, the solver, and the blocks through it."""
+
+    def __init__(self, given: ReconstructionInput, options: ReconstructionOptions, report: ProgressCallback) -> None:
+        self._started = time.perf_counter()
+        self._given, self._options = given, options
+        angles = given.rotation.apply(given.angles_rad)
+        grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
+        self._projector = Projector(FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles), grid)
+        self.slices = len(range(*given.rows, given.row_step))
+        self.shape = (self.slices, options.size, options.size)
+        self._reporting = _Reporting(self.slices, report)
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.perf_counter() - self._started
+
+    def solver(self) -> BlockSolver:
+        """The method that was asked for, or that `auto` chooses from the middle slice."""
+        given, middle = self._given, self.slices // 2
+        sample = np.ascontiguousarray(given.read(middle, middle + 1)[:, 0])
+        name, reason = _method(self._options, self._projector, sample)
+        method = method_of(name, self._options)
+        self._reporting.predict(
+            method.seconds(self._projector, self.slices) if isinstance(method, DirectMethod) else None
+        )
+        task = LogTask(
+            options=self._options,
+            projector=self._projector,
+            sample=sample,
+            radius_mm=_radius_mm(given.read, self._projector.geometry, self.slices),
+            slices=self.slices,
+            middle_row=given.rows[0] + middle * given.row_step,
+            counts=given.counts,
+            memory_bytes=int(MEMORY_SHARE * memory_available()),
+            on_progress=self._reporting.within_block,
+        )
+        return solver_of(name, task, reason)
+
+    def reconstruct(self, solver: BlockSolver, write: Callable[[int, Slices], None]) -> ReconstructionResult:
+        """All blocks; `write` takes the number of a block's first slice and the block."""
+        given, options = self._given, self._options
+        seen = ValueRange(self.slices, options.size)
+
+        def reconstruct_block(start: int, stop: int) -> Iterator[None]:
             rows = given.read(start, stop)
             yield
             block = solver(start, rows)
             yield
-            volume.write(start, block.images)
+            write(start, block)
             seen.add(block.images)
-            if block.deviation is not None:
-                volume.write_deviation(start, block.deviation)
 
-        reconstruct_stack(slices, reconstruct, step=solver.step, abreast=solver.abreast, done=reporting)
-        done = solver.report()
-        volume.note_method(done.model_dump(mode="json", exclude_none=True))
-        if solver.curve is not None:
-            volume.note_alpha_curve(solver.curve)
-    return ReconstructionResult(
-        shape=shape,
-        pixel_mm=grid.pixel_mm,
-        unit=unit,
-        value_range=seen.percentiles(),
-        theta=given.theta,
-        rotation=given.rotation,
-        handedness=given.handedness,
-        views=int(angles.size),
-        rows=given.rows,
-        row_step=given.row_step,
-        time_s=time.perf_counter() - started,
-        software_version=version("sawmill-calibration"),
-        input_sha256=given.input_sha256,
-        preparation=list(given.preparation),
-        method=done,
-        has_deviation=options.uncertainty,
-    )
+        reconstruct_stack(
+            self.slices, reconstruct_block, step=solver.step, abreast=solver.concurrent, done=self._reporting
+        )
+        return ReconstructionResult(
+            shape=self.shape,
+            pixel_mm=self._projector.grid.pixel_mm,
+            unit=volume_unit(counts=given.counts),
+            value_range=seen.percentiles(),
+            theta=given.theta,
+            rotation=given.rotation,
+            handedness=given.handedness,
+            views=int(given.angles_rad.size),
+            rows=given.rows,
+            row_step=given.row_step,
+            time_s=self.elapsed_s,
+            software_version=version("sawmill-calibration"),
+            input_sha256=given.input_sha256,
+            preparation=list(given.preparation),
+            method=solver.report(),
+            has_deviation=options.uncertainty,
+        )
 
 
 def _method(
     options: ReconstructionOptions, projector: Projector, sample: NDArray[np.float32]
 ) -> tuple[ReconstructionMethod, str | None]:
-    """The method asked for; or the one that suits a sinogram of the scan, and why."""
+    """The method asked for; or the one that `auto` recommends for a sinogram of the scan, and why."""
     if options.method is not ReconstructionMethod.AUTO:
         return options.method, None
     recommended = recommend(projector.geometry, sample)
-    return ReconstructionMethod(recommended.method), recommended.reason
+    return recommended.method, recommended.reason
 
 
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
     """Of the disc that holds what rows all along the log show, the first and the last included."""
-    looked_at = {round(n) for n in np.linspace(0, slices - 1, ROWS_LOOKED_AT)}
-    return max(object_radius_mm(geometry, read(n, n + 1)[:, 0]) for n in sorted(looked_at))
-
-
-def _predicted(projector: Projector, slices: int, method: ReconstructionMethod) -> float | None:
-    """Seconds, where they are known beforehand: an iterative method takes as many steps as the scan asks for."""
-    if method is not ReconstructionMethod.FBP:
-        return None
-    views, cells = projector.geometry.sinogram_shape
-    return cost.seconds(views, cells, projector.grid.size, slices)
+    rows = {round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}
+    return max(object_radius_mm(geometry, read(n, n + 1)[:, 0]) for n in sorted(rows))
 
 
 class _Reporting:
-    """Turns slices done into progress with the time left."""
+    """Turns the number of slices done into progress with the time left."""
 
     def __init__(self, slices: int, report: ProgressCallback) -> None:
         self._started, self._slices, self._report = time.perf_counter(), slices, report
         self._done = 0
 
-    def foretell(self, seconds_left: float | None) -> None:
-        """Say how long all of it will take, where that is known."""
-        self._tell(0.0, seconds_left)
+    def predict(self, seconds: float | None) -> None:
+        """Report the predicted time of all the work, where it is known."""
+        self._send(0.0, seconds)
 
-    def within(self, more: float) -> None:
-        """So many slices' worth is done beyond those that are."""
+    def within_block(self, more: float) -> None:
+        """Report work on a block, in slices beyond those that are done."""
         done = self._done + more
-        paced = done >= PACE_SHARE * self._slices or (done > 0.0 and self._elapsed >= PACE_SECONDS)
-        self._tell(done, self._left(done) if paced else None)
+        paced = done >= PACE_SHARE * self._slices or (done > 0.0 and self._elapsed_s >= PACE_SECONDS)
+        self._send(done, self._left(done) if paced else None)
 
     def __call__(self, done: int) -> None:
-        """So many slices are done."""
+        """Report the number of slices that are done."""
         self._done = done
-        self._tell(done, self._left(done))
+        self._send(done, self._left(done))
 
     @property
-    def _elapsed(self) -> float:
+    def _elapsed_s(self) -> float:
         return time.perf_counter() - self._started
 
     def _left(self, done: float) -> float:
-        return cost.seconds_left(self._elapsed, done, self._slices)
+        return cost.seconds_left(self._elapsed_s, done, self._slices)
 
-    def _tell(self, done: float, left: float | None) -> None:
+    def _send(self, done: float, left: float | None) -> None:
         # The last slices are still to be written when they are done.
         fraction = done / (self._slices + 1)
         rounded = None if left is None else round(left, 1)

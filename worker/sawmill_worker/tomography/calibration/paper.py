@@ -109,7 +109,7 @@ class PaperObjective:
             self._data,
             filter_name=self._options.filter_name,
             weighting=self._options.weighting,
-        )
+        ).image
         return {h: (reference, image) for h, reference in self._references.items()}
 
     def _sinogram_pairs(self, theta: Theta) -> dict[Handedness, Pair]:

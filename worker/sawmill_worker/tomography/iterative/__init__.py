@@ -1,1 +1,1 @@
-"""What the iterative methods share: the objective, its descent, and what is chosen by holding out."""
+"""Shared by the iterative methods: the objective and its priors, the descent, and the choice of parameters."""

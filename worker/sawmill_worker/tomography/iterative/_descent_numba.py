@@ -1,7 +1,7 @@
 """Kernels of the projected quasi-Newton descent: several problems side by side, (problem, pixel), one thread each.
 
-`which` names the problems that a call is about; arrays (named, pixels) have a row for each of them, arrays (problems,
-pixels) one for every problem there is. A pixel is held where it is at the bound and its gradient pushes outwards.
+`which` holds the indices of the problems of a call; arrays (named, pixels) have a row for each of them, arrays
+(problems, pixels) one for every problem. A pixel stays where it is at the bound and its gradient pushes outwards.
 """
 
 import numpy as np
@@ -22,15 +22,15 @@ def _add_then_dot(q, factor, vector, other):
 
 
 @njit(inline="always")
-def _held(x, gradient, low):
+def _at_bound(x, gradient, low):
     return x <= low and gradient > np.float32(0.0)
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def towards_first_guess(which, x, gradient, lower, shares, steps, changes, products, used, newest, taken, out):
-    """The first half of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times shares, into out.
+def first_recursion(which, x, gradient, lower, scaling, steps, changes, products, used, newest, taken, out):
+    """The first loop of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times scaling, into out.
 
-    x, gradient and shares are (problems, pixels), out (named, pixels); the histories steps and changes (problems,
+    x, gradient and scaling are (problems, pixels), out (named, pixels); the histories steps and changes (problems,
     memory, pixels) are rings, with products (problems, memory) = s . y. Fills taken (problems, memory).
     """
     memory = steps.shape[1]
@@ -40,7 +40,7 @@ def towards_first_guess(which, x, gradient, lower, shares, steps, changes, produ
         w = which[b]
         q, s, y = out[b], steps[w], changes[w]
         for p in range(q.size):
-            q[p] = np.float32(0.0) if _held(x[w, p], gradient[w, p], low) else gradient[w, p]
+            q[p] = np.float32(0.0) if _at_bound(x[w, p], gradient[w, p], low) else gradient[w, p]
         count = used[w]
         h = newest[w]
         dot = _add_then_dot(q, 0.0, q, s[h])
@@ -51,12 +51,12 @@ def towards_first_guess(which, x, gradient, lower, shares, steps, changes, produ
             dot = _add_then_dot(q, -taken[w, h], y[h], following)
             h = previous
         for p in range(q.size):
-            q[p] *= shares[w, p]
+            q[p] *= scaling[w, p]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def directions(which, x, gradient, lower, shares, scales, steps, changes, products, used, newest, taken, out):
-    """The second half, in place, from what the first guess of H made of the first half: -H g, zero where held."""
+def second_recursion(which, x, gradient, lower, scaling, scales, steps, changes, products, used, newest, taken, out):
+    """The second loop, in place, after the preconditioner: -H g, zero at the bound."""
     memory = steps.shape[1]
     low = np.float32(lower)
     for bb in prange(which.size):
@@ -68,14 +68,14 @@ def directions(which, x, gradient, lower, shares, scales, steps, changes, produc
         scale = np.float32(scales[w])
         dot = 0.0
         for p in range(q.size):
-            q[p] *= scale * shares[w, p]
+            q[p] *= scale * scaling[w, p]
             dot += q[p] * y[h, p]
         for _ in range(count):
             following = (h + 1) % memory
             dot = _add_then_dot(q, taken[w, h] - dot / products[w, h], s[h], y[following])
             h = following
         for p in range(q.size):
-            q[p] = np.float32(0.0) if _held(x[w, p], gradient[w, p], low) else -q[p]
+            q[p] = np.float32(0.0) if _at_bound(x[w, p], gradient[w, p], low) else -q[p]
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)

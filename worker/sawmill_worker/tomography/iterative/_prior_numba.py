@@ -23,8 +23,8 @@ def _ratios(x, row, n, inverse, out):
 
 
 @njit(inline="always")
-def _pull(x, i, n, weight, here, before, g):
-    """Add to row i what the differences that start in it and those that end in it pull, each over its divisor."""
+def _add_gradient(x, i, n, weight, here, before, g):
+    """Add to row i the gradient of the differences that start or end in it, each over its divisor."""
     if i < n - 1:
         for j in range(n - 1):
             g[i, j] -= weight * (x[i + 1, j] + x[i, j + 1] - np.float32(2.0) * x[i, j]) / here[j]
@@ -62,7 +62,7 @@ def cauchy(images, scales, strengths, gradient, values):
                     for q in range(TOGETHER):
                         product *= here[group + q]
                     total += math.log(product)
-            _pull(x, i, n, weight, here, before, g)
+            _add_gradient(x, i, n, weight, here, before, g)
             before, here = here, before
         values[s, band] = strengths[s] * total
 
@@ -90,13 +90,13 @@ def total_variation(images, scales, strengths, gradient, values):
                 for j in range(n):
                     here[j] = math.sqrt(here[j])
                     total += here[j] - 1.0
-            _pull(x, i, n, weight, here, before, g)
+            _add_gradient(x, i, n, weight, here, before, g)
             before, here = here, before
         values[s, band] = strengths[s] * scales[s] * total
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def shares(images, scales, stiffest, data, power, out):
+def scaling(images, scales, stiffest, data, power, out):
     """Fill out with sqrt((data + 4 stiffest) / (data + diagonal)), the diagonal of the prior's reweighted quadratic.
 
     A difference d is as stiff as stiffest * (1 + |d|^2 / scale^2)^-power, power 1 or 1/2; scales, stiffest and data are

@@ -14,26 +14,26 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 # Objective (named,) and gradient (named, n, n) of images (named, n, n); the indices say which problems they belong to.
 Objective = Callable[[Images, Indices], tuple[Floats, Images]]
-# Called after each iteration with the number done and the most there may be.
-Progress = Callable[[int, int], None]
+# Called after each iteration with the number done and the largest number allowed.
+OnIteration = Callable[[int, int], None]
 
 MEMORY = 6
-# A step must gain this share of what the slope promises (Nocedal and Wright 2006, section 3.1) ...
+# A step must gain this share of what the slope predicts (Nocedal and Wright 2006, section 3.1) ...
 ARMIJO = 1e-4
-# ... less what single precision makes of the objective.
+# ... less the rounding of the objective in single precision.
 ROUNDING = 1e-7
 SHRINK = 0.4
 SHORTEST = 1e-8
-# Slow steps come in spells: an objective is at rest when this many iterations together gain too little.
-SPELL = 8
-# Iterations after which the first guess of the inverse curvature follows the images.
+# Slow steps come in runs: a descent has converged when this many iterations together gain too little.
+WINDOW = 8
+# Iterations after which the preconditioner is updated to the images. This and WINDOW: benchmarks/iterative.py.
 REFRESH = 4
 
 
-class FirstGuess(Protocol):
-    """What is known of an objective's inverse curvature beforehand: shares * smoothed(shares * gradient)."""
+class Preconditioner(Protocol):
+    """An approximation of an objective's inverse Hessian: scaling * smoothed(scaling * gradient)."""
 
-    def shares(self, images: Images, which: Indices) -> Images:
+    def scaling(self, images: Images, which: Indices) -> Images:
         """A factor for each pixel at these images (named, n, n); positive."""
 
     def smoothed(self, images: Images, which: Indices) -> Images:
@@ -61,7 +61,7 @@ class Minimum:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What to do about problems that were still improving."""
+        """The cure for problems that had not converged."""
         late = int((~self.converged).sum())
         if not late:
             return ()
@@ -77,20 +77,20 @@ class _History:
         self.changes = np.zeros_like(self.steps)
         self.products = np.ones((problems, MEMORY))
         self.taken = np.zeros((problems, MEMORY))
-        # The first guess of the inverse curvature, its shares and a scale for each problem.
-        self.shares = np.ones((problems, n * n), np.float32)
+        # The preconditioner's scaling, and a factor for each problem.
+        self.scaling = np.ones((problems, n * n), np.float32)
         self.scales = np.ones(problems)
         self.used = np.zeros(problems, np.int64)
         self.newest = np.full(problems, MEMORY - 1, np.int64)
 
-    def scale(self, guess: FirstGuess | None, which: Indices) -> None:
-        """Bring the first guess to the size that the last change of gradient shows, s . y / y . H y."""
+    def scale(self, preconditioner: Preconditioner | None, which: Indices) -> None:
+        """Scale the preconditioner to the size that the last change of gradient shows, s . y / y . H y."""
         known = which[self.used[which] > 0]
-        change = self.changes[known, self.newest[known]] * self.shares[known]
-        if guess is None:
+        change = self.changes[known, self.newest[known]] * self.scaling[known]
+        if preconditioner is None:
             product = np.einsum("bp,bp->b", change, change, dtype=np.float64)
         else:
-            smoothed = guess.smoothed(change.reshape(-1, self.n, self.n), known).reshape(change.shape)
+            smoothed = preconditioner.smoothed(change.reshape(-1, self.n, self.n), known).reshape(change.shape)
             product = np.einsum("bp,bp->b", change, smoothed, dtype=np.float64)
         self.scales[known] = self.products[known, self.newest[known]] / product
 
@@ -102,20 +102,20 @@ def minimise(
     lower: float,
     iterations: int,
     tolerance: float,
-    guess: FirstGuess | None = None,
-    progress: Progress | None = None,
+    preconditioner: Preconditioner | None = None,
+    on_iteration: OnIteration | None = None,
 ) -> Minimum:
     """Minimise each problem's objective over images with every pixel at or above `lower` (-inf for no bound).
 
-    Pixels at the bound whose gradient pushes outwards are held, the others take a quasi-Newton step that is bent
+    Pixels at the bound whose gradient pushes outwards stay there, the others take a quasi-Newton step that is bent
     along the bound (Bertsekas 1982, two-metric projection). Each problem has its own history, step length and end.
 
     Parameters
     ----------
     start : (problems, n, n) float32
     tolerance : float
-        A problem is done when SPELL iterations together lower its objective by less than this share of it.
-    guess : FirstGuess, optional
+        A problem is done when WINDOW iterations together lower its objective by less than this share of it.
+    preconditioner : Preconditioner, optional
         By default the identity.
     """
     problems, n, _ = start.shape
@@ -123,28 +123,30 @@ def minimise(
     every = np.arange(problems, dtype=np.int64)
     values, gradient = _evaluate(objective, x, every, n)
     history = _History(problems, n)
-    if guess is None:
+    if preconditioner is None:
         # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
         steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)
         history.scales = np.maximum(1e-3 * np.abs(values), 1e-6 * np.sqrt(steepness)) / steepness
-    past = np.full((SPELL, problems), np.inf)
+    past = np.full((WINDOW, problems), np.inf)
     done = np.zeros(problems, np.int64)
     converged = np.zeros(problems, bool)
     for iteration in range(iterations):
         active = every[~converged]
         if active.size == 0:
             break
-        past[iteration % SPELL] = values
-        if guess is not None and iteration % REFRESH == 0:
-            history.shares[active] = guess.shares(x[active].reshape(-1, n, n), active).reshape(active.size, -1)
-        if guess is None or iteration % REFRESH == 0:
-            history.scale(guess, active)
-        _step(objective, guess, history, x, gradient, values, active, lower)
+        past[iteration % WINDOW] = values
+        if preconditioner is not None and iteration % REFRESH == 0:
+            history.scaling[active] = preconditioner.scaling(x[active].reshape(-1, n, n), active).reshape(
+                active.size, -1
+            )
+        if preconditioner is None or iteration % REFRESH == 0:
+            history.scale(preconditioner, active)
+        _step(objective, preconditioner, history, x, gradient, values, active, lower)
         done[active] = iteration + 1
-        earlier = past[(iteration + 1) % SPELL, active]
+        earlier = past[(iteration + 1) % WINDOW, active]
         converged[active] = earlier - values[active] < tolerance * np.abs(values[active])
-        if progress is not None:
-            progress(iteration + 1, iterations)
+        if on_iteration is not None:
+            on_iteration(iteration + 1, iterations)
     return Minimum(x.reshape(start.shape), values, done, converged)
 
 
@@ -155,7 +157,7 @@ def _evaluate(objective: Objective, x: Images, which: Indices, n: int) -> tuple[
 
 def _step(
     objective: Objective,
-    guess: FirstGuess | None,
+    preconditioner: Preconditioner | None,
     history: _History,
     x: Images,
     gradient: Images,
@@ -166,18 +168,20 @@ def _step(
     """One accepted step of each active problem, to new images, gradients and values."""
     rings = history.steps, history.changes, history.products, history.used, history.newest, history.taken
     direction = np.empty((active.size, x.shape[1]), np.float32)
-    kernels.towards_first_guess(active, x, gradient, lower, history.shares, *rings, direction)
-    if guess is not None:
-        direction = guess.smoothed(direction.reshape(-1, history.n, history.n), active).reshape(direction.shape)
-    kernels.directions(active, x, gradient, lower, history.shares, history.scales, *rings, direction)
+    kernels.first_recursion(active, x, gradient, lower, history.scaling, *rings, direction)
+    if preconditioner is not None:
+        direction = preconditioner.smoothed(direction.reshape(-1, history.n, history.n), active).reshape(
+            direction.shape
+        )
+    kernels.second_recursion(active, x, gradient, lower, history.scaling, history.scales, *rings, direction)
     lengths = np.ones(active.size)
     trying = np.arange(active.size)
     while trying.size:
         which = active[trying]
         trial = np.empty((trying.size, x.shape[1]), np.float32)
-        promised = kernels.move(which, trying, x, direction, gradient, lengths[trying], lower, trial)
+        predicted = kernels.move(which, trying, x, direction, gradient, lengths[trying], lower, trial)
         value, slope = _evaluate(objective, trial, which, history.n)
-        enough = values[which] + ARMIJO * promised + ROUNDING * np.abs(values[which])
+        enough = values[which] + ARMIJO * predicted + ROUNDING * np.abs(values[which])
         lengths[trying] *= SHRINK
         short = (value > enough) & (lengths[trying] > SHORTEST)
         taken = np.flatnonzero(~short)

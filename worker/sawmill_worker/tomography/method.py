@@ -1,0 +1,77 @@
+"""What a reconstruction method declares: its options, its memory, and how it reconstructs a block.
+
+A method's fields are its options, by the names of the request's fields (docs/adding.md).
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar, Self
+
+from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.iterative.progress import OnProgress
+from sawmill_worker.tomography.projector import Image, Projector
+
+# Images that a descent keeps for each slice, and the candidates that a choice reconstructs side by side.
+IMAGES_OF_A_DESCENT, CANDIDATES_AT_ONCE = 24, 10
+
+
+@dataclass(frozen=True)
+class DirectMethod(ABC):
+    """Computes the field's image from the data in one pass, with no step towards explaining them.
+
+    It needs no pixels outside the field. Several blocks are reconstructed concurrently.
+    """
+
+    @abstractmethod
+    def reconstruct(self, projector: Projector, lines: Image) -> Estimate:
+        """Reconstruct a block (slices, views, detector) of any strides."""
+
+    def seconds(self, _projector: Projector, _slices: int) -> float | None:
+        """The time from rows to the volume's file, where it is known beforehand."""
+        return None
+
+    def remark_on(self, _misfit: float, _line: Image, _noise: float) -> str | None:
+        """What a slice's misfit, against the noise of its line integrals (views, detector), shows; None if nothing."""
+        return None
+
+
+@dataclass(frozen=True)
+class FittedMethod(ABC):
+    """Fits an image to the measured rays, so that it needs pixels wherever there is wood, beyond the field too.
+
+    Attributes
+    ----------
+    least_images : int
+        Images of float32 that are in memory at once for a single slice.
+    choosing_cost_slices : float
+        The cost of `chosen` relative to a slice of a block.
+    """
+
+    least_images: ClassVar[int]
+    choosing_cost_slices: ClassVar[float] = 0.0
+
+    @property
+    def is_open(self) -> bool:
+        """Whether parameters are to be chosen from one slice of the log, the same for all."""
+        return False
+
+    def chosen(self, _projector: Projector, _line: Image, *, counts: bool, on_progress: OnProgress) -> Self:  # noqa: ARG002 - of methods with open parameters
+        """The method with the parameters chosen from a slice (views, detector)."""
+        return self
+
+    @abstractmethod
+    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+        """Reconstruct a block.
+
+        Parameters
+        ----------
+        lines : (slices, views, detector) float32
+            Line integrals whose air stands at 0; none is 0 in every ray.
+        counts : bool
+            Whether they were made from counts, so that dark rays are noisier than bright ones.
+        on_progress : callable
+            Called with the share of the block that is done.
+        """
+
+
+Method = DirectMethod | FittedMethod
