@@ -11,7 +11,7 @@ relative error, how far the edges are off in mm, and SSIM of both.
 The best pair is sought on five sigmas by four betas, each descended to from the next larger beta, on the pixels
 around the log, and then on three by three around the best of them, on all pixels; what the rule finds counts as well.
 The rules were tuned on the logs of seeds from 7000 to 9700 at 128 and 256 pixels; those of 9800 (128) and 9900 (256)
-were not looked at before.
+were not used before.
 
     python benchmarks/choosing.py [--logs 14] [--size 128] [--seed 9800]
 """
@@ -169,13 +169,13 @@ class Reference:
     def best_pair(self) -> tuple[float, float, float]:
         """Lowest relative error, and its sigma and beta."""
         near = self.support.projector
-        images, tried = np.repeat(mean_along_rays(near, self.lines), SIGMAS.size, axis=0), []
+        images, found = np.repeat(mean_along_rays(near, self.lines), SIGMAS.size, axis=0), []
         for beta in BETAS:
             prior = self.cauchy(np.full(SIGMAS.size, beta))
             images = self.descend(near, SIGMAS, prior, images, continued=beta == BETAS[0])
             whole = self.support.embedded(images)
-            tried += list(zip(self.errors(whole), SIGMAS, np.full(SIGMAS.size, beta), whole, strict=True))
-        _, sigma, beta, image = min(tried, key=itemgetter(0))
+            found += list(zip(self.errors(whole), SIGMAS, np.full(SIGMAS.size, beta), whole, strict=True))
+        _, sigma, beta, image = min(found, key=itemgetter(0))
         steps = np.array([-1.0, 0.0, 1.0])
         sigmas, betas = (grid.ravel() for grid in np.meshgrid(sigma * NEAR_SIGMA**steps, beta * NEAR_BETA**steps))
         start = np.repeat(image[None], sigmas.size, axis=0)

@@ -147,7 +147,7 @@ def memory_gradient(objective: Objective, start: Images, *, iterations: int, mem
 def _descend(
     call: Tracked, start: Images, iterations: int, step: Callable[[Images, Images, Images, Images], Images]
 ) -> None:
-    """Steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, held ones 0."""
+    """Steps bent along the bound 0 and shortened until they gain enough; free pixels are 1, those at the bound 0."""
     x = start
     value, gradient, residual = call.with_residual(x)
     for _ in range(iterations):

@@ -42,7 +42,7 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_abreast, reconstruct_stack
 from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
-from sawmill_worker.vocabulary import FilterName, Handedness, Rotation
+from sawmill_worker.vocabulary import FilterName, Handedness, Progress, Rotation
 
 THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 VIEWS, CELLS, SIZE, SLICES = 360, 768, 256, 2500
@@ -245,13 +245,12 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
             input_sha256="0" * 64,
             counts=True,
         )
-        promised: list[float] = []
-        result = run_reconstruction(
-            given, ReconstructionOptions(size=SIZE), volume, lambda told: promised.append(told.seconds_left or 0.0)
-        )
+        reported: list[Progress] = []
+        result = run_reconstruction(given, ReconstructionOptions(size=SIZE), volume, reported.append)
+    predicted = [progress.seconds_left or 0.0 for progress in reported]
     each = Lap(result.time_s / SLICES, (time.process_time() - used) / CORES / SLICES)
     print(f"  {result.time_s:.1f} s, {each} a slice from file to file, shared by {CORES} cores; ", end="")
-    print(f"{promised[0]:.1f} s promised at first, {promised[len(promised) // 2]:.1f} s half-way")
+    print(f"{predicted[0]:.1f} s predicted at first, {predicted[len(predicted) // 2]:.1f} s half-way")
 
 
 def whole_log() -> None:

@@ -20,7 +20,7 @@ def scan(angles, noise):
 
 
 @pytest.mark.parametrize(
-    ("views", "turn", "noise", "method", "says"),
+    ("views", "turn", "noise", "method", "reason"),
     [
         (360, TAU, 0.01, ReconstructionMethod.FBP, "360 views all round with 1"),
         (45, TAU, 0.01, ReconstructionMethod.TOTAL_VARIATION, "45 views are fewer than the 180"),
@@ -28,10 +28,10 @@ def scan(angles, noise):
         (200, 0.6 * TAU, 0.01, ReconstructionMethod.TOTAL_VARIATION, "the 200 views leave a gap"),
     ],
 )
-def test_views_gaps_and_noise_decide_and_the_reason_is_said(views, turn, noise, method, says):
+def test_views_gaps_and_noise_decide_and_the_reason_is_given(views, turn, noise, method, reason):
     chosen = recommend(*scan(np.arange(views) * turn / views, noise))
     assert chosen.method is method
-    assert says in chosen.reason
+    assert reason in chosen.reason
 
 
 def test_noise_is_estimated_with_and_without_air():

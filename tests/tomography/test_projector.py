@@ -233,11 +233,11 @@ def test_what_does_not_fit_is_refused(projector):
 
 
 @pytest.mark.parametrize(
-    ("size", "field", "says"),
+    ("size", "field", "message"),
     [(0, 400.0, "at least one pixel"), (16, 0.0, "positive number of millimetres"), (16, math.nan, "positive")],
 )
-def test_a_grid_without_pixels_is_refused(size, field, says):
-    with pytest.raises(GeometryError, match=says):
+def test_a_grid_without_pixels_is_refused(size, field, message):
+    with pytest.raises(GeometryError, match=message):
         ImageGrid(size, field)
 
 

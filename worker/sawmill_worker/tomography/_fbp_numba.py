@@ -1,4 +1,4 @@
-"""Kernels of the back-projection. Symbols are those of the source frame (section 3 of the design page).
+"""Kernels of the back-projection. Symbols are those of docs/conventions.md#source-frame.
 
 All of them sum filtered rows at u(x, k), over (n.(x - S))**power. Rows carry one zero cell at either end: what the
 detector does not see adds nothing. Cell m is centred at (m + 1/2 - n/2) pitch and stands at index m + 1.
@@ -23,7 +23,7 @@ _UNSIGNED = np.uint32(0x7FFFFFFF)
 
 @njit(inline="always")
 def _tabulate(x, y, along_x, along_y, c, s, base, live, frame, at, left, right, g):
-    """Write the cells under pixels so many steps along x and y from the one at (x, y) to [g]."""
+    """Write to [g] the cells under the pixels that are some steps along x and y from the one at (x, y)."""
     big_r, c_tau, s_tau, scale, offset, top, pixel, power = frame
     # q = Rot(-source_angle) (x, y) + (0, R), its x component and its component along the detector normal.
     qx = c * x + s * y

@@ -12,7 +12,7 @@ _FAST = ("contract", "nsz", "reassoc")
 
 
 class Lanes(types.Type):
-    """So many float32 side by side."""
+    """A vector of float32."""
 
     def __init__(self, width):
         self.width = width

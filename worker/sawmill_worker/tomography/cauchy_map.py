@@ -29,7 +29,7 @@ from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.total_variation import choose_weight, total_variation
 
-# The exponent of the Cauchy density in the plane (docs/reconstruction.md).
+# The exponent of the Cauchy density in the plane (docs/reconstruction.md#methods).
 STRENGTH = 1.5
 # Beta over the typical attenuation, times the square root of the pixels across the log: with smaller pixels the
 # differences on a slope are smaller, those at an edge as large as ever. This and the numbers of the choice below were
@@ -96,7 +96,7 @@ def cauchy_map(
     tolerance: float = TOLERANCE,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices with a Cauchy prior (docs/reconstruction.md).
+    """Reconstruct one slice or a block of slices with a Cauchy prior (docs/reconstruction.md#methods).
 
     The objective is 1/2 sum ((A x - y) / sigma)^2 + 3/2 sum log(1 + |d|^2 / beta^2): zero for a flat image that
     explains the data. The estimate's parameters are `sigma`, (1,), the root mean square over all rays, and `beta`,

@@ -18,8 +18,9 @@ class Recommendation:
     reason: str
 
 
-# Where a prior no longer pays for taking a thousand times longer. On the published log, 2 per cent noise, the relative
-# error of FBP against total variation is 0.51 to 0.13 at 20 views, 0.20 to 0.10 at 90, 0.15 to 0.09 at 180.
+# From here a prior gains too little for a thousand times the time. On the published log, 2 per cent noise, the relative
+# error of FBP against that of total variation is 0.51 to 0.13 from 20 views, 0.20 to 0.10 from 90, 0.15 to 0.09 from
+# 180 (benchmarks/paper/methods.py).
 ENOUGH_VIEWS = 180
 MUCH_NOISE = 0.03
 
@@ -28,7 +29,7 @@ def recommend(geometry: FanBeamGeometry, sinogram: ArrayLike) -> Recommendation:
     """The method for a sinogram (views, detector), by its views and its noise.
 
     Filtered back-projection where the views are dense all round and the noise small, since it takes milliseconds;
-    otherwise total variation, whose error was the lowest on every log tried (benchmarks/choosing.py).
+    otherwise total variation, whose error was the lowest on every simulated log (benchmarks/choosing.py).
     """
     data = np.ascontiguousarray(sinogram, np.float32)
     views = geometry.angles_rad.size

@@ -37,7 +37,7 @@ def fbp(
     frequency_scaling: float = 1.0,
     weighting: Weighting = "exact",
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices (docs/geometry.md; from Kak and Slaney 1988, chapter 3).
+    """Reconstruct one slice or a block of slices (docs/geometry.md#reconstruction; from Kak and Slaney 1988, chapter 3).
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class Preparation:
     def of(
         cls, projector: Projector, weighting: Weighting, filter_name: FilterName, frequency_scaling: float
     ) -> "Preparation":
-        """Of a geometry and a grid (docs/geometry.md)."""
+        """Of a geometry and a grid (docs/geometry.md#reconstruction)."""
         geometry, grid = projector.geometry, projector.grid
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad

@@ -12,7 +12,7 @@ from sawmill_worker.vocabulary import FilterName
 
 def _window(name: FilterName, f: FloatArray) -> FloatArray:
     """Window at frequencies f relative to the cut-off, zero beyond it."""
-    inside = np.abs(f) <= 1.0
+    passed = np.abs(f) <= 1.0
     match name:
         case FilterName.RAM_LAK:
             value = np.ones_like(f)
@@ -24,7 +24,7 @@ def _window(name: FilterName, f: FloatArray) -> FloatArray:
             value = 0.54 + 0.46 * np.cos(np.pi * f)
         case FilterName.HANN:
             value = 0.5 + 0.5 * np.cos(np.pi * f)
-    return np.where(inside, value, 0.0)
+    return np.where(passed, value, 0.0)
 
 
 def ramp_response(

@@ -18,7 +18,7 @@ Quarters = NDArray[np.int64]
 
 # Slices that share one table of lengths: one vector register of the widest machines, and a block that fits a cache.
 BLOCK = 16
-# So few slices are faster as the quarters of the views see them, where the views repeat after a quarter turn.
+# Fewer slices are faster as the quarters of the views see them, where the views repeat after a quarter turn.
 _FEW = BLOCK // 2
 # The kernels' widths of a vector.
 _LANES = (1, 4, BLOCK)
@@ -129,9 +129,7 @@ class Projector:
         """
         shown: NDArray[np.bool_] = self.forward(np.ones((self.grid.size, self.grid.size), np.float32)) > 0.0
         if not shown.any():
-            raise GeometryError(
-                "no measured ray crosses the field: check theta, the field's size and where its middle lies"
-            )
+            raise GeometryError("no measured ray crosses the field: check theta, the field's size and its centre")
         return shown
 
     @cached_property

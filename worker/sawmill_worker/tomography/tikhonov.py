@@ -69,7 +69,7 @@ def tikhonov(
     iterations: int = ITERATIONS,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices (docs/reconstruction.md).
+    """Reconstruct one slice or a block of slices (docs/reconstruction.md#alpha-of-tikhonov).
 
     Golub-Kahan bidiagonalisation, the iteration inside LSQR (Paige and Saunders 1982), does not depend on the weight:
     each weight is solved for in the small problem that it leaves (Hansen 1998, section 6.3). The estimate's parameter
