@@ -37,7 +37,7 @@ def fbp(
     frequency_scaling: float = 1.0,
     weighting: Weighting = "exact",
 ) -> Estimate:
-    """Reconstruct one slice or a block of slices (docs/geometry.md#reconstruction; from Kak and Slaney 1988, chapter 3).
+    """Reconstruct one slice or a block of slices (docs/geometry.md#reconstruction; Kak and Slaney 1988, chapter 3).
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ class Prior(ABC):
 
 
 class CauchyPrior(Prior):
-    """strength * sum log(1 + |d|^2 / scale^2): not convex; flat wood and sharp edges (docs/reconstruction.md#methods)."""
+    """strength * sum log(1 + |d|^2 / scale^2): not convex; flat wood, sharp edges (docs/reconstruction.md#methods)."""
 
     power = 1.0
     kernel = staticmethod(kernels.cauchy)
