@@ -20,8 +20,8 @@ from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, SourceFrame, Theta, ThetaBounds
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
-from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import line_integrals
+from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_worker.vocabulary import AirCorrection, Handedness, Rotation
 
 RAYS, FRAMES, DARK_LEVEL, DARK_NOISE, GAIN_SPREAD = 8, 10, 200.0, 5.0, 0.03
@@ -154,8 +154,8 @@ class CountedScan:
     def task(self, *, remove_rings: bool = False) -> CalibrationTask:
         """The scan prepared as the product prepares counts."""
         stack = line_integrals(*(taken.astype(np.float32) for taken in (self.counts, self.flats, self.darks))).stack
-        measures = Measures(AirCorrection.VIEWS, remove_rings=remove_rings)
-        Preparation(measures, 1, CELLS.count).treat(stack)
+        corrections = Corrections(AirCorrection.VIEWS, remove_rings=remove_rings)
+        RowCorrector(corrections, 1, CELLS.count).correct(stack)
         return CalibrationTask(SCANNER, self.phantom, stack[:, 0].astype(np.float64), self.angles_rad, from_counts=True)
 
 

@@ -22,7 +22,7 @@ from sawmill_worker.tomography.drift import ConjugateFit, DriftError
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 KINDS = ("off centre", "exactly centred", "counts", "gain of each view 1 %", "faulty cells and views")

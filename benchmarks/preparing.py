@@ -18,10 +18,10 @@ from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.matched_rows import shifts_by_features
-from sawmill_worker.tomography.preparing.missing_rows import RowsError, RowShifts
 from sawmill_worker.tomography.preparing.ring_removal import remove_rings
-from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
+from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts
+from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
+from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
 from sawmill_worker.tomography.projector import Projector
 
 Stack = NDArray[np.float32]

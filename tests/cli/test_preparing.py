@@ -46,7 +46,7 @@ def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path)
     air, rings, aligned = answer["preparation"]
     assert air.endswith("0.2 in the mean")
     assert rings.startswith("rings removed by sorting")
-    assert aligned.startswith(f"views laid over one another by their profile: {rows} of 40 rows are in all")
+    assert aligned.startswith(f"views aligned by their profile: {rows} of 40 rows are in all")
     with h5py.File(output) as file:
         assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
 

@@ -24,9 +24,9 @@ from sawmill_worker.readers.contents import Projections, held
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.missing_rows import RowsError
+from sawmill_worker.tomography.preparing.row_shifts import RowsError
+from sawmill_worker.use_cases import capacity
 from sawmill_worker.use_cases import prepare as preparing
-from sawmill_worker.use_cases import room
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.prepare import prepare_scan
 from sawmill_worker.vocabulary import DataKind
@@ -61,7 +61,7 @@ def exposed(scanner, theta, turn):
 
 @pytest.fixture
 def prepare(turn, tmp_path):
-    """Prepare counts (with flats) or line integrals as said, and read the file that is made."""
+    """Prepare counts (with flats) or line integrals as asked, and read the file that is made."""
 
     def of(parts, window=2**20, *, together=(1, 1), rows_missing=False, **options):
         projections, flats, darks = (*parts, None, None)[:3]
@@ -110,7 +110,7 @@ def test_a_bridged_cell_has_no_counts_of_its_own(prepare, exposed):
     assert prepared.stack[:, 3, 64].min() > 0.5
 
 
-def test_views_that_lost_rows_are_laid_over_one_another(prepare, exposed):
+def test_views_that_lost_rows_are_aligned(prepare, exposed):
     counts, flats, darks = exposed
     lost = np.full_like(counts, np.nan)
     top, bottom = np.random.default_rng(63).integers(0, LOST, (2, VIEWS))
@@ -124,39 +124,39 @@ def test_views_that_lost_rows_are_laid_over_one_another(prepare, exposed):
     same = whole[:, top.max() : ROWS - bottom.max()]
     # The air of a row is measured over other views than before: a constant of the size of its noise.
     assert np.abs(mended.stack - same).max() < 0.02
-    assert "views laid over one another by their profile: " in mended.remarks[-1]
+    assert "views aligned by their profile: " in mended.remarks[-1]
     assert "whole rows" in mended.remarks[-1]
     np.testing.assert_array_equal(mended.row_shifts, top - top.min())
 
 
-def test_features_that_are_not_there_are_said_to_be_missing(prepare, exposed):
+def test_missing_features_are_reported(prepare, exposed):
     with pytest.raises(RowsError, match="align the rows by their profile"):
         prepare(exposed, align_rows="features")
 
 
 @pytest.fixture
 def upload(store, spec):
-    """Accept line integrals (views, rows, detector) of one scanner's, to be prepared as said."""
+    """Accept line integrals (views, rows, detector) of one scanner's, to be prepared as asked."""
     scanner = store.scanners.create(spec(), scanner_id="line-2")
 
-    def accept(stack, **said):
+    def accept(stack, **asked):
         buffer = io.BytesIO()
         np.save(buffer, stack.astype(np.float32))
         received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        told = ScanSpec(scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **said)
-        return store.scans.accept(told, received)
+        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg="5:10", **asked)
+        return store.scans.accept(spec, received)
 
     return accept
 
 
-def test_an_upload_is_prepared_as_said_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):
+def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):
     raw = prepare(exposed, air="off", faulty_cells="keep").stack
     raw[3, 0] = np.nan
     upload(raw, align_rows="profile", air="background")
     reading = attempt(JobKind.INGEST)
     result = run(reading)
     assert result["shape"]["rows"] == ROWS - 1
-    assert result["remarks"][-1].startswith("views laid over one another by their profile: 43 of 44 rows are in all")
+    assert result["remarks"][-1].startswith("views aligned by their profile: 43 of 44 rows are in all")
     with h5py.File(reading.output / "scan.h5") as file:
         np.testing.assert_array_equal(file["entry/provenance/row_shifts"], np.zeros(VIEWS))
         assert file["entry/provenance/remarks"][()].decode().splitlines() == result["remarks"]
@@ -169,7 +169,7 @@ def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
 ):
     upload(exposed[0])
     reading = attempt(JobKind.INGEST)
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000, total=total))
+    monkeypatch.setattr(capacity.shutil, "disk_usage", lambda _: SimpleNamespace(free=100_000, total=total))
     with pytest.raises(
         JobFailure, match=r"a scan of 36 x 44 x 128 needs up to 0.000811 GB and 0.0001 GB are free"
     ) as full:
@@ -178,15 +178,15 @@ def test_a_scan_that_does_not_fit_on_the_disk_is_refused_before_it_is_read(
 
 
 def test_reading_tells_how_far_it_is(upload, attempt, exposed, monkeypatch):
-    told = []
+    reported = []
     monkeypatch.setattr(preparing, "_within", lambda _, shape: max(1, 2**19 // (4 * math.prod(shape))))
     upload(exposed[0], align_rows="profile", air="background")
     with pytest.raises(JobFailure):
-        run(attempt(JobKind.INGEST, told))
-    fractions = [progress.fraction for progress in told]
+        run(attempt(JobKind.INGEST, reported))
+    fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
-    assert {progress.stage for progress in told} == {"read", "align rows"}
-    assert len(told) >= 4
+    assert {progress.stage for progress in reported} == {"read", "align rows"}
+    assert len(reported) >= 4
 
 
 # A row of all views is 18 KiB, a view 22 KiB. The pieces say how the file can be read: row by row, or view by view.
@@ -205,12 +205,12 @@ def test_block_by_block_a_scan_becomes_what_it_becomes_at_once(prepare, exposed,
     counts[:, 3, 64] = 60_000.0
     counts[5, 7, 30] = 0.0
     flats[:, 9, 20] = 0.0
-    said = {"rings": "sorting", "align_rows": align_rows, "rows_missing": align_rows != "off"}
+    asked = {"rings": "sorting", "align_rows": align_rows, "rows_missing": align_rows != "off"}
     if align_rows != "off":
         counts[1::2, :3] = 0.0
         counts[::2, -2:] = 0.0
-    whole = prepare(exposed, **said)
-    apart = prepare(exposed, window, together=together, **said)
+    whole = prepare(exposed, **asked)
+    apart = prepare(exposed, window, together=together, **asked)
     np.testing.assert_array_equal(apart.stack, whole.stack)
     np.testing.assert_array_equal(apart.air_level, whole.air_level)
     np.testing.assert_array_equal(apart.row_shifts, whole.row_shifts)
@@ -254,10 +254,10 @@ def test_memory_holds_the_window_and_not_the_scan(tmp_path):
             return numpy.ones((at.stop - at.start, rows.stop - rows.start, 768), "f4")
         angles = numpy.arange(100.0) / 16.0
         read = CanonicalScan(Projections(shape, views, (1, 1000)), angles, True, flats, None, 1.0, None, "hdf5", ())
-        told, before = [], largest()
+        reported, before = [], largest()
         prepare_scan(read, PrepareOptions(air="off", faulty_cells="keep"), Path({str(tmp_path / "scan.h5")!r}),
-                     detector_pitch_mm=1.0, report=told.append, window_bytes=32 * 2**20)
-        print(len(told), largest() - before)
+                     detector_pitch_mm=1.0, report=reported.append, window_bytes=32 * 2**20)
+        print(len(reported), largest() - before)
         """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True, check=True, timeout=120

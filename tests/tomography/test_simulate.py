@@ -9,7 +9,7 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 
 

@@ -7,7 +7,7 @@ from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.calibrations import CalibrationOptions
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
-from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
 from sawmill_worker.use_cases.conversion import to_frame

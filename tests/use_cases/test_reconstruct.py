@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
-from sawmill_worker.use_cases import room
+from sawmill_worker.use_cases import capacity
 from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
@@ -90,7 +90,7 @@ def test_rows_that_cannot_be_read_leave_no_volume(given, tmp_path):
 
 
 def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, monkeypatch):
-    monkeypatch.setattr(room.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5, total=10**9))
+    monkeypatch.setattr(capacity.shutil, "disk_usage", lambda _: SimpleNamespace(free=10**5, total=10**9))
     with pytest.raises(JobFailure, match=r"70 x 32 x 32 needs up to 0\.000287 GB and 0\.0001 GB are free") as failure:
         run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)
     assert failure.value.code == "disk-full"
@@ -98,25 +98,25 @@ def test_a_volume_larger_than_the_disk_is_refused(given, tmp_path, monkeypatch):
 
 
 def test_a_slice_larger_than_the_memory_is_refused():
-    room.check_memory(10**9, 10**9)
+    capacity.check_memory(10**9, 10**9)
     with pytest.raises(
         JobFailure, match=r"one slice needs 3 GB of memory where 2 GB may be used: ask for a smaller size"
     ) as failure:
-        room.check_memory(3 * 10**9, 2 * 10**9)
+        capacity.check_memory(3 * 10**9, 2 * 10**9)
     assert failure.value.code == "out-of-memory"
 
 
 def test_memory_is_the_machine_s_or_the_container_s(tmp_path):
     meminfo = tmp_path / "meminfo"
     meminfo.write_text("MemTotal:       16000 kB\nMemAvailable:    8000 kB\n")
-    assert room.memory_available(meminfo, tmp_path) == 8000 * 1024
+    assert capacity.memory_available(meminfo, tmp_path) == 8000 * 1024
     (tmp_path / "memory.max").write_text("max\n")
-    assert room.memory_available(meminfo, tmp_path) == 8000 * 1024
+    assert capacity.memory_available(meminfo, tmp_path) == 8000 * 1024
     (tmp_path / "memory.max").write_text("5000000\n")
     (tmp_path / "memory.current").write_text("1500000\n")
     # The kernel gives up what it only caches of files.
     (tmp_path / "memory.stat").write_text("anon 900000\ninactive_file 500000\nactive_file 100000\n")
-    assert room.memory_available(meminfo, tmp_path) == 4_000_000
+    assert capacity.memory_available(meminfo, tmp_path) == 4_000_000
 
 
 def test_the_range_of_a_large_volume_comes_from_a_sample_of_bounded_size():

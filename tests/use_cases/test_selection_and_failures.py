@@ -8,7 +8,7 @@ from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.phantom import PhantomError
-from sawmill_worker.tomography.preparing.preprocess import CountsError
+from sawmill_worker.tomography.preparing.line_integrals import CountsError
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 

@@ -70,7 +70,7 @@ class RingRemoval(StrEnum):
 
 
 class RowAlignment(StrEnum):
-    """How views that lost rows are laid over one another."""
+    """How views that lost rows are aligned along the log."""
 
     OFF = "off"
     PROFILE = "profile"

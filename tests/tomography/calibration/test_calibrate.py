@@ -22,7 +22,7 @@ from sawmill_worker.tomography.geometry import (
 )
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
-from sawmill_worker.tomography.preparing.preprocess import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 from sawmill_worker.tomography.tracing import trace

@@ -3,11 +3,11 @@ import pytest
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.faulty_cells import median_of_views
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.faulty_cells import middle_of_views
 from sawmill_worker.tomography.preparing.ring_removal import remove_rings, stripes
 from sawmill_worker.tomography.projector import Projector
 
@@ -33,8 +33,8 @@ def test_rings_of_unequal_cells_go_and_the_log_stays(geometry, clean):
     before, after = (float(np.linalg.norm(image - truth) / size) for image in (with_rings, without))
     # What is left is the log's own detail along the detector, which a median of 9 cells cannot tell from a stripe.
     assert after < 0.7 * before
-    assert stripes(middle_of_views(striped)) == pytest.approx(0.04, rel=0.35)
-    assert stripes(middle_of_views(remove_rings(striped))) < 0.002
+    assert stripes(median_of_views(striped)) == pytest.approx(0.04, rel=0.35)
+    assert stripes(median_of_views(remove_rings(striped))) < 0.002
 
 
 def test_what_is_alike_in_all_cells_is_left_alone():

@@ -19,9 +19,9 @@ from sawmill_worker.files.scan_reader import OpenScan, open_scan
 from sawmill_worker.readers.own_scan import is_own_scan
 from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan
-from sawmill_worker.use_cases.room import memory_available
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 

@@ -10,9 +10,9 @@ from sawmill_worker.readers.angles import parse_angles
 from sawmill_worker.readers.arrays import MAX_BYTES
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.reading import reading_scan
+from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import prepare_scan
-from sawmill_worker.use_cases.room import memory_available
 from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 

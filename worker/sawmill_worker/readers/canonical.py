@@ -128,7 +128,7 @@ class CanonicalScan:
         return UnreadableScan(
             "not-finite",
             f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lost rows, ask "
-            "for align_rows (--align-rows), which lays them over one another",
+            "for align_rows (--align-rows), which aligns them along the log",
         )
 
 

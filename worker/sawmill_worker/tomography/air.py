@@ -1,25 +1,32 @@
 """The air beside the object: where it is in a sinogram, and the level it gives each view.
 
-Beyond the object every line integral is zero. What stands there instead is the drift of the source since the flat
-fields were taken, or a constant that somebody added.
+Beyond the object every line integral is zero. What is measured there instead is the drift of the source since
+the flat fields were taken, or a constant that was added.
 """
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from sawmill_worker.tomography.preparing.faulty_cells import Sinogram, middle_of_views
+from sawmill_worker.tomography.faulty_cells import median_of_views
+from sawmill_worker.tomography.robust import noise_of_differences
 from sawmill_worker.vocabulary import AirCorrection
+
+Sinogram = NDArray[np.float32]
+# A correction that has been decided on: `auto` is resolved before, where the kind of data is known.
+DecidedAirCorrection = Literal[AirCorrection.OFF, AirCorrection.BACKGROUND, AirCorrection.VIEWS]
 
 # The outermost cells, whose median is the level that the others are compared with.
 OUTERMOST = 8
 SMOOTHED = 5
-# Smoothed air departs from that level by its noise alone, the largest of a million samples in all rows but one of 500.
+# Smoothed air departs from that level by no more than this number of its noise's standard deviations: in all rows but
+# one of 500, of a million samples each (tests/tomography/test_air.py).
 DEVIATIONS = 6.0
-# Below this share of the range an object's edge cannot be told from unequal cells, and does no harm.
+# Below this share of the range an object's edge looks like unequal cells, and does no harm.
 EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
 # The foot of an object's shadow, below the threshold, is kept out.
 MARGIN = 3
@@ -52,14 +59,14 @@ class Air:
 
     @property
     def drifts(self) -> bool:
-        """Whether the level varies between views by more than its own noise."""
+        """Whether the level varies between views by more than its own noise explains."""
         return float(self.level.var()) > DRIFTING * self.noise**2 / int(self.cells.sum())
 
-    def correction(self, wanted: AirCorrection) -> NDArray[np.float32]:
-        """What to subtract from each view (views, 1)."""
-        if wanted is AirCorrection.OFF:
+    def correction(self, correction: DecidedAirCorrection) -> NDArray[np.float32]:
+        """The level to subtract from each view (views, 1)."""
+        if correction is AirCorrection.OFF:
             return np.zeros((self.level.size, 1), np.float32)
-        by_view = wanted is AirCorrection.VIEWS and self.drifts
+        by_view = correction is AirCorrection.VIEWS and self.drifts
         level = self.level if by_view else np.full_like(self.level, self.background)
         return level.astype(np.float32)[:, None]
 
@@ -90,11 +97,11 @@ def find_air(sinogram: Sinogram) -> Air | None:
 
 
 def _run(end: Sinogram, span: float) -> tuple[int, float]:
-    """How many cells of one end, the outermost first, are air, and the standard deviation of its noise."""
+    """The number of air cells at one end, from the outermost on, and the standard deviation of their noise."""
     if end.shape[1] < OUTERMOST + MARGIN:
         return 0, 0.0
     departure = end - np.median(end[:, :OUTERMOST], axis=1, keepdims=True)
-    unequal = middle_of_views(departure)
+    unequal = median_of_views(departure)
     departure -= unequal
     noise = _noise(departure[:, : 4 * OUTERMOST])
     threshold = max(DEVIATIONS * noise * math.sqrt(1.0 / SMOOTHED + 1.57 / OUTERMOST), EDGE_SHARE * span)
@@ -107,4 +114,4 @@ def _run(end: Sinogram, span: float) -> tuple[int, float]:
 def _noise(departure: Sinogram) -> float:
     """From second differences along the detector, which see neither drift nor a smooth object."""
     second = departure[:, :-2] - 2.0 * departure[:, 1:-1] + departure[:, 2:]
-    return 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0)
+    return noise_of_differences(second, 2)

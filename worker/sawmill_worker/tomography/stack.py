@@ -1,4 +1,4 @@
-"""Whole logs: blocks of slices, several side by side, in bounded memory."""
+"""Whole logs: blocks of slices, several concurrently, in bounded memory."""
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, as_completed

@@ -1,4 +1,4 @@
-"""Each view's gain and offset, found from opposite rays: a tube or a flat field that wanders from view to view."""
+"""Each view's gain and offset, found from opposite rays: a source or flat field that drifts from view to view."""
 
 import math
 from dataclasses import dataclass
@@ -11,15 +11,16 @@ from sawmill_worker.tomography.geometry import FloatArray
 
 # Opposite rays are compared on samples this many cells apart, each a Gaussian mean this wide: nearly independent.
 SPACING_CELLS, WIDTH_CELLS = 5.0, 1.5
-# Each round takes half of what is left: the opposite rays have as much of it as the rays.
+# Each round takes half of the residual: the opposite rays have as much of it as the rays.
 ROUNDS = 8
-# So many times more than noise would explain must each view's gain and offset explain of the differences.
+# Gain and offset of the views must explain this number of times more of the differences than noise would
+# (benchmarks/unsteady.py).
 EVIDENCE = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class ViewGain:
-    """What multiplies each view, (views,), mean 1, and what is added to it then, (views,), mean 0."""
+    """Each view's gain, (views,), mean 1, and the offset added after it, (views,), mean 0."""
 
     gain: FloatArray
     offset: FloatArray
@@ -30,9 +31,9 @@ class ViewGain:
         return f"the views' gain scattered by {np.std(self.gain):.2%} and was evened out"
 
     def removed(self, sinogram: FloatArray) -> FloatArray:
-        """The sinogram (views, cells) without it."""
-        evened: FloatArray = (sinogram - self.offset[:, None]) / self.gain[:, None]
-        return evened
+        """The sinogram (views, cells) without gain and offset."""
+        corrected: FloatArray = (sinogram - self.offset[:, None]) / self.gain[:, None]
+        return corrected
 
 
 def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool) -> ViewGain | None:
@@ -53,9 +54,9 @@ def view_gain(sinogram: FloatArray, fan_rad: FloatArray, *, reversed_turn: bool)
     phase = np.exp(1j * np.outer(np.arange(len(rays) // 2 + 1), shift))
     found = ViewGain(np.ones(len(rays)), np.zeros(len(rays)))
     for done in range(ROUNDS):
-        evened = found.removed(rays)
-        opposite = irfft(rfft(evened[:, ::-1], axis=0) * phase, len(rays), axis=0)
-        gain, offset, evidence = _line(opposite, evened)
+        corrected = found.removed(rays)
+        opposite = irfft(rfft(corrected[:, ::-1], axis=0) * phase, len(rays), axis=0)
+        gain, offset, evidence = _line(opposite, corrected)
         if done == 0 and evidence < EVIDENCE:
             return None
         gain = 1.0 + 0.5 * (gain - gain.mean())
@@ -77,13 +78,13 @@ def _means(fan_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _line(x: NDArray[np.float64], y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Slope and intercept of y over x in each view, and the sum of squares that they explain beyond y = x.
 
-    It is told for each of the two unknowns, in units of what is left for each degree of freedom.
+    The sum is given for each of the two unknowns, in units of the residual for each degree of freedom.
     """
     x_mean, y_mean = x.mean(axis=1, keepdims=True), y.mean(axis=1, keepdims=True)
     spread = np.sum((x - x_mean) ** 2, axis=1)
     slope = np.sum((x - x_mean) * (y - y_mean), axis=1) / spread
     intercept = (y_mean - slope[:, None] * x_mean)[:, 0]
-    left = float(np.sum((y - slope[:, None] * x - intercept[:, None]) ** 2))
-    explained = float(np.sum((y - x) ** 2)) - left
+    residual = float(np.sum((y - slope[:, None] * x - intercept[:, None]) ** 2))
+    explained = float(np.sum((y - x) ** 2)) - residual
     freedom = (x.shape[1] - 2) / 2
-    return slope, intercept, explained / left * freedom
+    return slope, intercept, explained / residual * freedom

@@ -18,9 +18,9 @@ from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.noise import data_misfit, estimated_noise
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_abreast
+from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.method_findings import MethodFindings
-from sawmill_worker.use_cases.room import check_memory
 from sawmill_worker.vocabulary import ReconstructionMethod
 
 Images = NDArray[np.float32]

@@ -9,9 +9,9 @@ from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.phantom import PhantomError
-from sawmill_worker.tomography.preparing.missing_rows import RowsError
-from sawmill_worker.tomography.preparing.preprocess import CountsError
-from sawmill_worker.use_cases.own_memory import limit_bytes, ran_short
+from sawmill_worker.tomography.preparing.line_integrals import CountsError
+from sawmill_worker.tomography.preparing.row_shifts import RowsError
+from sawmill_worker.use_cases.process_memory import limit_bytes, ran_short
 
 
 class JobFailure(Exception):  # noqa: N818 - the contract's word

@@ -20,8 +20,8 @@ from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
 from sawmill_worker.use_cases.block_solvers import BlockSolver, LogTask, Slices, method_of, solver_of
+from sawmill_worker.use_cases.capacity import check_disk, memory_available
 from sawmill_worker.use_cases.conversion import to_scanner, to_theta
-from sawmill_worker.use_cases.room import check_disk, memory_available
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation

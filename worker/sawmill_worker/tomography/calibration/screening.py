@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
+from sawmill_worker.tomography.faulty_cells import bridge, faulty_cells
 from sawmill_worker.tomography.geometry import FloatArray
 
-# A cell whose mean over the views stands out from its neighbours' by so many robust deviations, and by this share of
-# the sinogram's range, is hot or dead.
-CELL_DEVIATIONS, CELL_SHARE = 20.0, 0.06
-NEIGHBOURS = 11
 # A view with this share of its samples outside the range of the others is corrupt.
 VIEW_SHARE = 0.01
 
@@ -59,13 +55,8 @@ class Screening:
         """The sinogram with the cells left out interpolated along the detector."""
         if self.cells.all():
             return sinogram
-        position = np.arange(self.cells.size)
-        right = np.clip(np.searchsorted(position[self.cells], position), 1, self.cells.sum() - 1)
-        low, high = position[self.cells][right - 1], position[self.cells][right]
-        share = np.clip((position - low) / (high - low), 0.0, 1.0)
-        filled: FloatArray = np.where(
-            self.cells, sinogram, (1.0 - share) * sinogram[:, low] + share * sinogram[:, high]
-        )
+        filled = sinogram.copy()
+        bridge(filled, ~self.cells)
         return filled
 
 
@@ -74,7 +65,7 @@ def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> S
     usable_views = ~_corrupt_views(sinogram) if views else np.ones(len(sinogram), bool)
     if usable_views.sum() < 3:
         usable_views[:] = True
-    usable_cells = ~_odd_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
+    usable_cells = ~_faulty_cells(sinogram[usable_views]) if cells else np.ones(sinogram.shape[1], bool)
     if usable_cells.sum() < 8:
         usable_cells[:] = True
     return Screening(usable_cells, usable_views)
@@ -92,16 +83,6 @@ def _corrupt_views(sinogram: FloatArray) -> NDArray[np.bool_]:
     return corrupt
 
 
-def _odd_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
-    varies = np.flatnonzero(np.ptp(sinogram, axis=0) > 0.0)
-    odd = np.zeros(sinogram.shape[1], bool)
-    if varies.size == 0:
-        return odd
-    # Air may be free of noise; a cell that never changes amid others that do has no signal.
-    odd[varies[0] : varies[-1] + 1] = np.ptp(sinogram, axis=0)[varies[0] : varies[-1] + 1] == 0.0
-    mean = np.median(sinogram, axis=0) + sinogram.mean(axis=0)
-    departure = np.abs(mean - median_filter(mean, NEIGHBOURS, mode="nearest"))
-    spread = 1.4826 * float(np.median(departure))
-    low, high = np.quantile(mean, [0.02, 0.98])
-    odd |= departure > max(CELL_DEVIATIONS * spread, CELL_SHARE * float(high - low))
-    return odd
+def _faulty_cells(sinogram: FloatArray) -> NDArray[np.bool_]:
+    # A phantom has no structure of single cells, and loses little with a sound cell beside a hot one.
+    return faulty_cells(sinogram, np.median(sinogram, axis=0), recheck=False, most_faulty=1.0)

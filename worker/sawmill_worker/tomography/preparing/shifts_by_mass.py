@@ -12,7 +12,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.tomography.preparing.missing_rows import (
+from sawmill_worker.tomography.preparing.row_shifts import (
     Rows,
     RowsError,
     RowShifts,
@@ -21,24 +21,25 @@ from sawmill_worker.tomography.preparing.missing_rows import (
     cubic_weights,
 )
 
-# Half of a view's rows at least must be found again in the others; fewer than so many rows have no profile.
+# A view shares at least this part of its rows with the others, and needs this number of rows for a profile
+# (benchmarks/preparing.py, as the constants below).
 SHARE_FOUND, FEWEST_ROWS = 0.5, 16
 # How much more likely (natural logarithm) a view's place must be than its next best one.
 DISTINCT = 15.0
-# Shifts that no longer move by so many rows are found.
+# The iteration ends when no shift moves by more rows than this.
 ROUNDS, SETTLED = 12, 0.002
 RIDGE = 1e-10
-# Neighbouring rows depart from the common profile together (a knot nearer to the source) over about so many rows.
+# Neighbouring rows depart from the common profile together (a knot nearer to the source) over about this number of rows.
 CORRELATED_ROWS = 8
-# A row loses weight beyond so many median departures.
+# A row loses weight beyond this number of median departures.
 OUTLYING = 3.0
-# The least eigenvalue of what directions tell of a place: half of six views round the turn; less gives none.
+# The least eigenvalue of the normal equations for a row's first moments: half of six views round the turn.
 FEWEST_TURNING = 3.0
 
 
 @dataclass(frozen=True, eq=False)
 class RowMoments:
-    """What a row's line integrals sum up to, and where along the detector.
+    """The mass and first moment of a row's line integrals.
 
     Attributes
     ----------
@@ -53,7 +54,7 @@ class RowMoments:
 
     @classmethod
     def of(cls, images: Iterable[Stack], cells: NDArray[np.bool_]) -> "RowMoments":
-        """Of all views' images (rows, cells), over some of the cells: air adds but noise."""
+        """Of all views' images (rows, cells), over some of the cells: air adds only noise."""
         over = cells.astype(np.float32)
         weights = np.stack([over, over * np.linspace(-0.5, 0.5, over.size, dtype=np.float32)], axis=1)
         sums = np.stack([image @ weights for image in images])
@@ -69,7 +70,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
     (air, the log's bend). A coarse shift by masked normalised cross-correlation (Padfield, IEEE Trans. Image Process.
     21 (2012) 2706) is refined by least squares against the mean of all views, in turns.
 
-    What lies nearer to the source weighs more, by its depth over the source's distance, once in a turn: unmended, a
+    What lies nearer to the source weighs more, by its depth over the source's distance, once in a turn: uncorrected, a
     whorl's knots at different heights would seem to move along the log. A quarter turn away depth is what the first
     moments show, so that one number for all views is left to be fitted.
 
@@ -87,7 +88,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
     longest = int(present.sum(axis=1).argmax())
     if np.ptp(mass[longest, present[longest]]) == 0.0:
         raise RowsError(
-            f"all rows of view {longest} have the same sum: nothing in them says where it lies along the log"
+            f"all rows of view {longest} have the same sum: nothing in them shows where it lies along the log"
         )
     reference = _Profile(mass[longest], present[longest], 0)
     shifts = np.zeros(len(mass))
@@ -111,7 +112,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
-    """How much mass lies how far towards the source (or away: the sign is left open) in each view's rows (views, rows).
+    """Mass times depth towards the source (or away: the sign is left open) in each view's rows (views, rows).
 
     From the part of the first moments that goes round with the log: across the rays it is the cosine and sine of the
     angle, along them the derivative.
@@ -132,7 +133,7 @@ def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: Flo
 
 
 def _share_of(depth: FloatArray, fit: "_Fit", present: Rows, shifts: FloatArray, reference: "_Profile") -> float:
-    """How much of `depth` is in what a fit left over, apart from what the fit's own terms take."""
+    """The coefficient of `depth` in a fit's residual, after the fit's own terms are projected out of both."""
     free = _fit(depth, present, shifts, reference).residual
     return float((fit.residual * free).sum() / max((free**2).sum(), np.finfo(np.float64).tiny))
 
@@ -148,7 +149,7 @@ class _Profile:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Each view against the reference: how far to move it on, its gain, offset and slope, and what is left over."""
+    """Each view against the reference: its step, gain, offset and slope, and the residual."""
 
     step: FloatArray
     standard_deviation: FloatArray
@@ -167,7 +168,7 @@ def _check_distinct(values: FloatArray, present: Rows, reference: _Profile) -> N
     if lead.min() < DISTINCT:
         raise RowsError(
             f"the place of view {int(lead.argmin())} along the log is not clear: its row sums fit elsewhere about as "
-            "well. The log varies too little along its length for its rows to be laid over one another"
+            "well. The log varies too little along its length for its views to be aligned"
         )
 
 

@@ -1,4 +1,4 @@
-"""What the machine has left, and refusing what cannot fit before any time is spent on it."""
+"""Free memory and disk, and the refusal of what does not fit before time is spent on it."""
 
 import math
 import shutil
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from sawmill_worker.contracts.jobs import FailureKind
 from sawmill_worker.use_cases.failures import JobFailure, refused
-from sawmill_worker.use_cases.own_memory import left_bytes
+from sawmill_worker.use_cases.process_memory import free_bytes
 
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")
@@ -14,10 +14,10 @@ GIGABYTE = 1e9
 
 
 def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
-    """Bytes that can be had without swapping: of the machine, the container, or this process's limit, the least."""
+    """Bytes that can be allocated without swapping: the least of the machine's, the container's and this process's."""
     machine = _of_machine(meminfo, cgroup)
-    left = left_bytes()
-    return machine if left is None else min(machine, left)
+    free = free_bytes()
+    return machine if free is None else min(machine, free)
 
 
 def _of_machine(meminfo: Path, cgroup: Path) -> int:
@@ -26,12 +26,12 @@ def _of_machine(meminfo: Path, cgroup: Path) -> int:
     limit, used = cgroup / "memory.max", cgroup / "memory.current"
     if not limit.is_file() or limit.read_text(encoding="ascii").strip() == "max":
         return machine
-    held = int(used.read_text(encoding="ascii")) - _given_back_on_demand(cgroup)
-    return min(machine, max(int(limit.read_text(encoding="ascii")) - held, 0))
+    needed = int(used.read_text(encoding="ascii")) - _reclaimable(cgroup)
+    return min(machine, max(int(limit.read_text(encoding="ascii")) - needed, 0))
 
 
-def _given_back_on_demand(cgroup: Path) -> int:
-    """Bytes of files in the cache, which `memory.current` counts and the kernel gives up when memory is asked for."""
+def _reclaimable(cgroup: Path) -> int:
+    """Bytes of the file cache, which `memory.current` counts and the kernel frees when memory is needed."""
     lines = dict(line.split() for line in (cgroup / "memory.stat").read_text(encoding="ascii").splitlines())
     return int(lines["inactive_file"])
 
@@ -49,8 +49,8 @@ def check_memory(needed_bytes: int, available_bytes: int) -> None:
 def check_disk(folder: Path, shape: tuple[int, int, int], needed_bytes: int) -> None:
     """Refuse a volume (slice, x, y) that does not fit on the disk of its folder: `disk-full`."""
     slices, size_x, size_y = shape
-    instead = "ask for fewer rows or a smaller size"
-    _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, instead)
+    remedy = "ask for fewer rows or a smaller size"
+    _check_free(folder, f"a volume of {slices} x {size_x} x {size_y}", needed_bytes, remedy)
 
 
 def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
@@ -59,13 +59,13 @@ def check_disk_for_scan(folder: Path, shape: tuple[int, int, int]) -> None:
     _check_free(folder, f"a scan of {views} x {rows} x {cells}", 4 * math.prod(shape), "give fewer rows")
 
 
-def _check_free(folder: Path, what: str, needed_bytes: int, instead: str) -> None:
+def _check_free(folder: Path, what: str, needed_bytes: int, remedy: str) -> None:
     disk = shutil.disk_usage(folder)
     if needed_bytes > disk.free:
-        # What fits once there is room waits for it; what never fits is the asker's to mend.
+        # A job that fits on the empty disk is tried again later; one that never fits is the user's to change.
         raise JobFailure(
             FailureKind.PASSING if needed_bytes <= disk.total else FailureKind.INPUT,
             "disk-full",
             f"{what} needs up to {needed_bytes / GIGABYTE:.3g} GB and {disk.free / GIGABYTE:.3g} GB are free in "
-            f"{folder}: make room, or {instead}",
+            f"{folder}: make room, or {remedy}",
         )

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.preparing.bridging import bridge
+from sawmill_worker.tomography.faulty_cells import bridge
 
 Stack = NDArray[np.float32]
 
-# A transmission below this is no measurement but a starved detector: the line integral is cut off here (13.8).
+# A transmission below this is no measurement but a starved detector: the line integral is cut off here, at 13.8.
 LEAST_TRANSMISSION = 1e-6
 # More dead cells than this share of the detector cannot be bridged from their neighbours.
 MOST_DEAD = 0.2
@@ -21,7 +21,7 @@ class CountsError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """What the flat and dark fields say of each detector cell.
+    """Each detector cell's dark signal and gain, from flat and dark fields.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class Exposure:
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
-        """From flats and darks (frames, rows, detector).
+        """From flats and darks (fields, rows, detector).
 
         Raises
         ------
@@ -75,7 +75,7 @@ class Exposure:
         Returns
         -------
         int
-            How many samples were starved.
+            The number of starved samples.
 
         Raises
         ------
@@ -97,13 +97,13 @@ class Exposure:
         return starved
 
     def remarks(self, starved: int) -> tuple[str, ...]:
-        """What was done, `starved` samples in all."""
-        told = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
+        """What was done; `starved` is the number of samples without signal."""
+        remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
         if starved:
-            told.append(f"{starved} samples without signal cut off at a line integral of 13.8")
+            remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
         if self.dead.any():
-            told.append(f"{int(self.dead.sum())} dead detector cells bridged from their neighbours")
-        return tuple(told)
+            remarks.append(f"{int(self.dead.sum())} dead detector cells bridged from their neighbours")
+        return tuple(remarks)
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class LineIntegrals:
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Line integrals of counts (views, rows, detector) with flats and darks (frames, rows, detector)."""
+    """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
     starved = exposure.to_line_integrals(stack)
     return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved))

@@ -1,7 +1,7 @@
-"""Views of one log that lost rows at the top or the bottom, each another number: laid over one another.
+"""Alignment of views of one log that lost rows at the top or the bottom, each view a different number.
 
 Rows are successive positions of a flat detector along the log, so a view is off by one shift in rows, the same
-everywhere in it. `row_mass` and `matched_rows` find the shifts, each in its own way.
+everywhere in it. `shifts_by_mass` and `shifts_by_features` find the shifts.
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,15 @@ from sawmill_worker.tomography.geometry import FloatArray
 Stack = NDArray[np.float32]
 Rows = NDArray[np.bool_]
 
-# Shifts are whole rows when they scatter about whole numbers by less; fractions of no preference scatter by 0.29.
+# Shifts are whole rows when they scatter about whole numbers by less. Uniform fractions scatter by 1 / sqrt(12) = 0.29
+# (tests/tomography/preparing/test_row_shifts.py).
 WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
-# A shift less certain than this blurs more than it mends.
+# Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
 MOST_UNCERTAIN = 0.3
 
 
 class RowsError(ValueError):
-    """Views whose rows cannot be laid over one another; the message says why."""
+    """Views that cannot be aligned; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)

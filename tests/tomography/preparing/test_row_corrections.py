@@ -5,7 +5,7 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing.preparation import Measures, Preparation
+from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_worker.vocabulary import AirCorrection
 
 VIEWS, ROWS = 60, 3
@@ -24,22 +24,22 @@ def clean(scanner, theta, full_turn):
     return np.stack(rows, axis=1).astype(np.float32)
 
 
-def prepare_rows(stack, measures):
-    preparation = Preparation(measures, *stack.shape[1:])
-    preparation.treat(stack)
-    return preparation.done()
+def corrected_rows(stack, corrections):
+    corrector = RowCorrector(corrections, *stack.shape[1:])
+    corrector.correct(stack)
+    return corrector.result()
 
 
 def noisy(clean, seed):
     return clean + NOISE * np.random.default_rng(seed).standard_normal(clean.shape).astype(np.float32)
 
 
-def test_a_drifting_source_and_faulty_cells_are_mended_and_told(clean):
+def test_a_drifting_source_and_faulty_cells_are_corrected_and_reported(clean):
     rng = np.random.default_rng(52)
     stack = noisy(clean, 53) + 0.02 * rng.standard_normal((VIEWS, ROWS, 1)).astype(np.float32)
     stack[:, 1, 300] = 9.0
     stack[:, 2, 500:502] = 13.8
-    done = prepare_rows(stack, Measures(AirCorrection.VIEWS))
+    done = corrected_rows(stack, Corrections(AirCorrection.VIEWS))
     assert np.argwhere(done.faulty).tolist() == [[1, 300], [2, 500], [2, 501]]
     error = stack - clean
     # Cells that were bridged see the log's detail, not its noise.
@@ -51,46 +51,46 @@ def test_a_drifting_source_and_faulty_cells_are_mended_and_told(clean):
     assert done.air_cells.sum() > 200
 
 
-def test_rows_are_prepared_one_by_one_as_in_the_whole_stack(clean):
+def test_rows_are_corrected_one_by_one_as_in_the_whole_stack(clean):
     stack = noisy(clean, 54) + np.float32(0.03)
     stack[:, 2, 300] = 9.0
     apart = stack.copy()
-    measures = Measures(AirCorrection.VIEWS, remove_rings=True)
-    done = prepare_rows(stack, measures)
-    preparation = Preparation(measures, *stack.shape[1:])
+    corrections = Corrections(AirCorrection.VIEWS, remove_rings=True)
+    done = corrected_rows(stack, corrections)
+    corrector = RowCorrector(corrections, *stack.shape[1:])
     for row in range(ROWS):
-        preparation.treat(apart[:, row : row + 1], row)
+        corrector.correct(apart[:, row : row + 1], row)
     np.testing.assert_array_equal(apart, stack)
-    np.testing.assert_array_equal(preparation.done().faulty, done.faulty)
-    np.testing.assert_array_equal(preparation.done().air_cells, done.air_cells)
-    assert preparation.done().remarks == done.remarks
+    np.testing.assert_array_equal(corrector.result().faulty, done.faulty)
+    np.testing.assert_array_equal(corrector.result().air_cells, done.air_cells)
+    assert corrector.result().remarks == done.remarks
 
 
 def test_missing_rows_stay_missing_and_spoil_nothing(clean):
     stack = noisy(clean, 55) + np.float32(0.05)
     stack[7, 0] = np.nan
-    done = prepare_rows(stack, Measures(AirCorrection.BACKGROUND))
+    done = corrected_rows(stack, Corrections(AirCorrection.BACKGROUND))
     assert np.isnan(stack[7, 0]).all()
     assert np.isfinite(np.delete(stack, 7, axis=0)).all()
     assert abs(float(np.nanmean(stack - clean))) < 0.001
     assert "taken out of 3 rows: 0.05 in the mean" in done.remarks[0]
 
 
-def test_a_level_that_cannot_be_air_is_kept_and_told(clean):
+def test_a_level_that_cannot_be_air_is_kept_and_reported(clean):
     stack = noisy(clean, 56) + np.float32(0.8)
     before = stack.copy()
-    done = prepare_rows(stack, Measures(AirCorrection.VIEWS, largest_air_level=0.3))
+    done = corrected_rows(stack, Corrections(AirCorrection.VIEWS, largest_air_level=0.3))
     np.testing.assert_array_equal(stack, before)
     assert done.remarks == ("3 rows without air at the detector's ends keep their level",)
 
 
-def test_rings_are_left_unless_asked_and_told_where_they_show(clean):
+def test_rings_are_left_unless_asked_and_reported_where_they_show(clean):
     unequal = 0.05 * np.random.default_rng(57).standard_normal(clean.shape[1:]).astype(np.float32)
     stack = noisy(clean, 58) + unequal
-    told = prepare_rows(stack, Measures(AirCorrection.OFF)).remarks
-    assert len(told) == 1
-    assert told[0].endswith("in 3 rows, seen as rings; rings=sorting removes them")
-    done = prepare_rows(stack, Measures(AirCorrection.OFF, remove_rings=True))
+    remarks = corrected_rows(stack, Corrections(AirCorrection.OFF)).remarks
+    assert len(remarks) == 1
+    assert remarks[0].endswith("in 3 rows, seen as rings; rings=sorting removes them")
+    done = corrected_rows(stack, Corrections(AirCorrection.OFF, remove_rings=True))
     assert done.remarks[0].startswith(
         "rings removed by sorting (Vo, Atwood and Drakopoulos 2018, algorithm 3, 9 cells)"
     )
@@ -100,7 +100,7 @@ def test_rings_are_left_unless_asked_and_told_where_they_show(clean):
 def test_a_sound_steady_row_is_hardly_touched(clean):
     stack = noisy(clean, 59)
     before = stack.copy()
-    done = prepare_rows(stack, Measures(AirCorrection.VIEWS))
+    done = corrected_rows(stack, Corrections(AirCorrection.VIEWS))
     assert not done.faulty.any()
     # One constant a row, the mean of some 20 000 samples.
     assert np.abs(stack - before).max() < 5.0 * NOISE / 100.0

@@ -2,7 +2,7 @@
 
 Knots and bark move across the detector as the log turns, and stay in their row. Features are detected, described (SIFT:
 Lowe, Int. J. Computer Vision 60 (2004) 91) and matched between views that are neighbours in angle; of the matches'
-shifts along the log the one with most followers is taken, as RANSAC does, with every match as a hypothesis.
+shifts along the log the one with most inliers is taken, as RANSAC does, with every match as a hypothesis.
 """
 
 import math
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.preparing.missing_rows import RowsError, RowShifts, Stack, check_certain, present_rows
+from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain, present_rows
 
 FEWEST_ROWS = 32
 MOST_FEATURES = 800
@@ -23,19 +23,20 @@ CONTRAST = 0.01
 SMOOTHING = 1.0
 # A match is kept where the next best one is further by this factor (Lowe 2004, section 7.1), and no further across.
 RATIO, FURTHEST_ACROSS = 0.8, 0.25
-# Matches agree on a shift within so many rows; fewer, or a smaller share, agree by chance.
+# Matches agree on a shift within this number of rows; fewer matches, or a smaller share, agree by chance
+# (benchmarks/preparing.py, as the constants below).
 AGREEING_ROWS, FEWEST_AGREEING, SHARE_AGREEING = 0.5, 6, 0.15
-# Each view is matched with so many that follow it, no further away than features stay recognisable.
+# The number of following views that each view is matched with, and the angle over which features stay recognisable.
 NEIGHBOURS, FURTHEST_RAD = 2, math.radians(20.0)
-# Pairs whose shifts scatter about whole numbers by less lost whole rows: each is taken as whole, lest errors add up.
+# Pairs whose shifts scatter about whole numbers by less lost whole rows; rounding keeps errors from adding up.
 WHOLE_SCATTER = 0.22
-# A pair that contradicts the others by more rows than this loses weight.
+# A pair that differs from the others by more rows than this loses weight.
 CONTRADICTING, ROUNDS = 0.25, 10
 
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Of one view of so many cells: positions (n, 2) as cell and row, and descriptors (n, 128)."""
+    """Of one view with a number of cells: positions (n, 2) as cell and row, and descriptors (n, 128)."""
 
     cells: int
     at: NDArray[np.float32]
@@ -44,7 +45,7 @@ class _Features:
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two views, and by how many rows the second lies further along the log than the first."""
+    """Two views, and the shift in rows of the second along the log."""
 
     first: int
     second: int
@@ -84,7 +85,7 @@ def _features(detector: "cv2.Feature2D", view: int, image: Stack) -> _Features:
 
 
 def _grey(image: Stack) -> NDArray[np.uint8]:
-    """What varies along the log (rows, cells), as grey from 0 to 255: its outline and rings say nothing of the rows."""
+    """What varies along the log (rows, cells), as grey from 0 to 255: outline and rings are the same in all rows."""
     varying = cv2.GaussianBlur(image - np.median(image, axis=0), (0, 0), SMOOTHING)
     low, high = np.quantile(varying, [0.001, 0.999])
     return np.asarray(np.clip((varying - low) * (255.0 / max(high - low, 1e-30)), 0.0, 255.0), np.uint8)
@@ -118,20 +119,18 @@ def _matched(features: list[_Features], first: int, second: int) -> _Pair | None
     if not along.size:
         return None
     agreeing = np.abs(along[:, None] - along) <= AGREEING_ROWS
-    followers = along[agreeing[agreeing.sum(axis=1).argmax()]]
-    if followers.size < max(FEWEST_AGREEING, SHARE_AGREEING * along.size):
+    inliers = along[agreeing[agreeing.sum(axis=1).argmax()]]
+    if inliers.size < max(FEWEST_AGREEING, SHARE_AGREEING * along.size):
         return None
-    # The window of agreement is itself no more than this sharp; a handful of equal shifts is no proof of more.
-    spread = max(float(followers.std()), AGREEING_ROWS / 4.0)
-    return _Pair(first, second, float(followers.mean()), spread / math.sqrt(followers.size))
+    # The window of agreement limits the precision: a handful of equal shifts proves no more.
+    spread = max(float(inliers.std()), AGREEING_ROWS / 4.0)
+    return _Pair(first, second, float(inliers.mean()), spread / math.sqrt(inliers.size))
 
 
 def _solved(pairs: list[_Pair], views: int) -> RowShifts:
     """Least squares over all pairs; the common origin is free."""
     if not pairs:
-        raise RowsError(
-            "no two views share enough features to be laid over one another: align the rows by their profile"
-        )
+        raise RowsError("no two views share enough features to be aligned: align the rows by their profile")
     ends = np.array([(pair.first, pair.second) for pair in pairs])
     _check_connected(ends, views)
     incidence = np.zeros((len(pairs), views))
@@ -162,6 +161,6 @@ def _check_connected(ends: NDArray[np.int_], views: int) -> None:
     if names.size > 1:
         alone = int(np.flatnonzero(group == names[sizes.argmin()])[0])
         raise RowsError(
-            f"view {alone} shares too few features with its neighbours to be laid over them: align the rows by their "
+            f"view {alone} shares too few features with its neighbours to be aligned with them: align the rows by their "
             "profile"
         )

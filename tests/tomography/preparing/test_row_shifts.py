@@ -10,9 +10,9 @@ from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Th
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.preparing import missing_rows
-from sawmill_worker.tomography.preparing.matched_rows import shifts_by_features
-from sawmill_worker.tomography.preparing.missing_rows import CommonRows, RowsError, RowShifts, present_rows
-from sawmill_worker.tomography.preparing.row_mass import RowMoments, shifts_by_mass
+from sawmill_worker.tomography.preparing.row_shifts import CommonRows, RowsError, RowShifts, present_rows
+from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
+from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
 from sawmill_worker.tomography.projector import Projector
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)

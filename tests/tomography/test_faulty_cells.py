@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.faulty_cells import bridge, faulty_cells, median_of_views
+
+VIEWS, CELLS = 60, 120
+CENTRE, RADIUS = 62.0, 34.0
+NOISE = 0.01
+
+
+def sinogram(seed, noise=NOISE):
+    """A disc that wobbles about the rotation centre, 3 deep."""
+    across = np.arange(CELLS) - CENTRE - 8.0 * np.sin(np.arange(VIEWS) * 2.0 * np.pi / VIEWS)[:, None]
+    depth = 3.0 / RADIUS * np.sqrt(np.maximum(RADIUS**2 - across**2, 0.0))
+    return (depth + noise * np.random.default_rng(seed).standard_normal(depth.shape)).astype(np.float32)
+
+
+def found(sinogram):
+    return faulty_cells(sinogram, median_of_views(sinogram))
+
+
+def test_a_sound_row_has_no_found():
+    assert not found(sinogram(1)).any()
+    assert not found(sinogram(1, noise=0.0)).any()
+
+
+@pytest.mark.parametrize("value", [0.0, 7.0])
+def test_cells_that_stand_still_or_stand_out_are_found(value):
+    broken = sinogram(2)
+    broken[:, 60] = value
+    broken[:, 75] += 2.0
+    assert np.flatnonzero(found(broken)).tolist() == [60, 75]
+
+
+def test_a_cell_that_only_amplifies_is_found_among_its_neighbours():
+    broken = sinogram(3)
+    broken[:, 50] *= 1.5
+    assert np.flatnonzero(found(broken)).tolist() == [50]
+
+
+def test_a_row_of_unequal_cells_is_structure_and_stays():
+    comb = sinogram(4)
+    comb[:, ::8] += 2.0
+    assert not found(comb).any()
+
+
+def test_an_empty_row_has_nothing_to_find():
+    assert not found(np.zeros((VIEWS, CELLS), np.float32)).any()
+
+
+def test_bridges_are_straight_and_ends_take_their_neighbour():
+    ramp = np.tile(np.arange(10, dtype=np.float32), (3, 1))
+    broken = ramp.copy()
+    faulty = np.isin(np.arange(10), [0, 4, 5, 9])
+    broken[:, faulty] = 99.0
+    bridge(broken, faulty)
+    expected = ramp.copy()
+    expected[:, 0], expected[:, 9] = 1.0, 8.0
+    np.testing.assert_allclose(broken, expected, atol=1e-6)
