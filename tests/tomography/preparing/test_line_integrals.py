@@ -9,8 +9,8 @@ VIEWS, ROWS, CELLS = 4, 3, 10
 DARK, AIR = 100.0, 40_000.0
 
 
-def fields(frames=2):
-    return (np.full((frames, ROWS, CELLS), level, np.float32) for level in (AIR + DARK, DARK))
+def fields(number=2):
+    return (np.full((number, ROWS, CELLS), level, np.float32) for level in (AIR + DARK, DARK))
 
 
 def counts_of(integrals):
@@ -27,7 +27,7 @@ def test_counts_become_their_line_integrals():
     assert len(result.remarks) == 1
 
 
-def test_flats_and_darks_are_averaged_over_their_frames():
+def test_flats_and_darks_are_averaged():
     integrals = np.full((VIEWS, ROWS, CELLS), 1.5)
     flats = np.stack([np.full((ROWS, CELLS), level, np.float32) for level in (AIR + DARK - 500, AIR + DARK + 500)])
     darks = np.stack([np.full((ROWS, CELLS), level, np.float32) for level in (DARK - 20, DARK + 20)])
@@ -49,7 +49,7 @@ def test_each_cell_has_its_own_gain():
     np.testing.assert_allclose(line_integrals(counts, flats, darks).stack, 2.0, atol=1e-4)
 
 
-def test_dead_cells_are_bridged_from_their_neighbours_and_said_so():
+def test_dead_cells_are_bridged_from_their_neighbours_and_reported():
     ramp = np.broadcast_to(np.linspace(1.0, 1.9, CELLS), (VIEWS, ROWS, CELLS))
     counts = counts_of(ramp)
     flats, darks = fields()
@@ -66,7 +66,7 @@ def test_dead_cells_are_bridged_from_their_neighbours_and_said_so():
     assert result.air_level[0, 4] == 0.0
 
 
-def test_starved_samples_are_cut_off_and_said_so():
+def test_starved_samples_are_cut_off_and_reported():
     counts = counts_of(np.ones((VIEWS, ROWS, CELLS)))
     counts[1, 2, 3] = DARK
     counts[2, 0, 7] = DARK - 30.0

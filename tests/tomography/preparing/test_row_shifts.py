@@ -9,7 +9,7 @@ from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.log_model import LogModel
-from sawmill_worker.tomography.preparing import missing_rows
+from sawmill_worker.tomography.preparing import row_shifts
 from sawmill_worker.tomography.preparing.row_shifts import CommonRows, RowsError, RowShifts, present_rows
 from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
 from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
@@ -179,7 +179,7 @@ class TestByFeatures:
 
     def test_an_uncertain_match_blames_the_views_and_not_the_log(self, dense, monkeypatch):
         # No shift is that certain.
-        monkeypatch.setattr(missing_rows, "MOST_UNCERTAIN", 1e-6)
+        monkeypatch.setattr(row_shifts, "MOST_UNCERTAIN", 1e-6)
         with pytest.raises(RowsError, match=r"is uncertain by .* too noisy for features: align the rows by their prof"):
             shifts_by_features(*dense)
 

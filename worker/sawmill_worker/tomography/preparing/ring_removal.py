@@ -12,7 +12,7 @@ from sawmill_worker.tomography.robust import robust_deviation
 
 Sinogram = NDArray[np.float32]
 
-# Of the median, in cells. The publication's 21 is for finer detectors: it would cost a log three times the detail
+# Of the median, in cells. The publication's 21 is for finer detectors: its harm to a log is three times that of 9
 # (benchmarks/preparing.py).
 WINDOW = 9
 

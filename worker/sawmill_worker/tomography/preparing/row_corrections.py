@@ -169,9 +169,8 @@ def _of_rings(found: _Findings, corrections: Corrections) -> list[str]:
     before, after = (float(np.median([row[side] for row in found.stripes])) for side in (0, 1))
     if corrections.remove_rings:
         method = f"Vo, Atwood and Drakopoulos 2018, algorithm 3, {WINDOW} cells"
-        return [
-            f"rings removed by sorting ({method}): stripes were {before:.2g} and are {after:.2g} (median of the rows)"
-        ]
+        effect = f"stripes were {before:.2g} and are {after:.2g} (median of the rows)"
+        return [f"rings removed by sorting ({method}): {effect}"]
     visible = sum(row[2] for row in found.stripes)
     if 2 * visible <= len(found.stripes):
         return []

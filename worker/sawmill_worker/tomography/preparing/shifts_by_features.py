@@ -161,6 +161,6 @@ def _check_connected(ends: NDArray[np.int_], views: int) -> None:
     if names.size > 1:
         alone = int(np.flatnonzero(group == names[sizes.argmin()])[0])
         raise RowsError(
-            f"view {alone} shares too few features with its neighbours to be aligned with them: align the rows by their "
-            "profile"
+            f"view {alone} shares too few features with its neighbours to be aligned with them: align the rows by "
+            "their profile"
         )

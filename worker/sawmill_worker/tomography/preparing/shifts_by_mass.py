@@ -29,7 +29,7 @@ DISTINCT = 15.0
 # The iteration ends when no shift moves by more rows than this.
 ROUNDS, SETTLED = 12, 0.002
 RIDGE = 1e-10
-# Neighbouring rows depart from the common profile together (a knot nearer to the source) over about this number of rows.
+# Neighbouring rows depart from the common profile together (a knot nearer to the source) over about 8 rows.
 CORRELATED_ROWS = 8
 # A row loses weight beyond this number of median departures.
 OUTLYING = 3.0
