@@ -51,7 +51,7 @@ def test_a_sum_of_65535_stays_and_nothing_has_the_sum_0():
     assert fletcher32(b"\x01") == 0x01000100
 
 
-def test_a_damaged_chunk_is_told(dataset, tmp_path):
+def test_a_damaged_chunk_is_reported(dataset, tmp_path):
     file, data = dataset((64, 48))
     write_packed(data, 0, np.random.default_rng(733).standard_normal((64, 48)))
     offset = data.id.get_chunk_info(0).byte_offset

@@ -70,7 +70,7 @@ def volume(tmp_path):
     return write
 
 
-def test_slices_say_where_they_lie_along_the_log(volume):
+def test_slices_know_where_they_lie_along_the_log(volume):
     path, slices = volume(20.0)
     read = list(volume_slices(path, [2, 0]))
     np.testing.assert_array_equal([one.data for one in read], slices[[2, 0]])
@@ -93,6 +93,6 @@ def test_a_side_view_of_slices_without_spacing_has_no_length(volume):
 
 
 @pytest.mark.parametrize("row", [-1, 3])
-def test_a_row_that_is_not_there_is_told_with_the_range(scan, row):
+def test_a_row_that_is_not_there_is_refused_with_the_range(scan, row):
     with pytest.raises(OutOfRange, match=f"row must be between 0 and 2, not {row}"):
         sinogram(scan, row)

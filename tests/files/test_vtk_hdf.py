@@ -9,7 +9,7 @@ from sawmill_worker.files.volume_writer import new_reconstruction
 
 @pytest.fixture
 def volume_of(tmp_path, rng):
-    """Write a volume of so many slices and open it."""
+    """Write a volume of a number of slices and open it."""
 
     def write(slices, row_pitch_mm=20.0):
         values = rng.random((slices, 6, 4), dtype=np.float32)

@@ -21,9 +21,9 @@ from sawmill_worker.files.volume_writer import new_reconstruction
 from sawmill_worker.readers.reading import reading_scan
 
 
-def read_scan(path, **said):
+def read_scan(path, **given):
     """A scan with all of its projections in memory."""
-    with reading_scan(path, **said) as scan:
+    with reading_scan(path, **given) as scan:
         (block,) = scan.blocks(2**30)
         return replace(scan, projections=block.samples)
 
@@ -75,7 +75,7 @@ def test_one_rows_sinogram_is_one_chunk(tmp_path, scan):
         assert "row_shifts" not in file["entry/provenance"]
 
 
-def test_a_scan_says_by_how_much_its_views_were_moved(tmp_path, scan):
+def test_a_scan_keeps_the_shifts_of_its_views(tmp_path, scan):
     write_scan(tmp_path / "scan.h5", **scan, row_shifts=np.array([0.0, 1, 2.5, 0, 3, 1]))
     with h5py.File(tmp_path / "scan.h5") as file:
         shifts = file["entry/provenance/row_shifts"]

@@ -21,9 +21,9 @@ def parts(stack, angles_deg):
     }
 
 
-def read(parts, **said):
+def read(parts, **given):
     """All samples, in one block."""
-    (block,) = CanonicalScan(**parts, **said).blocks(2**20)
+    (block,) = CanonicalScan(**parts, **given).blocks(2**20)
     return block.samples
 
 

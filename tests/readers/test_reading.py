@@ -18,9 +18,9 @@ from sawmill_worker.readers.reading import reading_scan
 STEPS = AngleSteps(0.0, 60.0)
 
 
-def read_scan(path, **said):
+def read_scan(path, **given):
     """A scan with all of its projections in memory."""
-    with reading_scan(path, **said) as scan:
+    with reading_scan(path, **given) as scan:
         (block,) = scan.blocks(2**30)
         return replace(scan, projections=block.samples)
 
@@ -36,7 +36,7 @@ def test_nxtomo_gives_views_flats_darks_angles_and_pitch(nxtomo, stack, angles_d
     assert np.all(scan.darks == 7)
     assert scan.detector_pitch_mm == pytest.approx(1.5)
     assert scan.row_pitch_mm is None
-    assert scan.remarks == ("1 frames marked invalid (image_key 3) were left out.",)
+    assert scan.remarks == ("1 images marked invalid (image_key 3) were left out.",)
 
 
 @pytest.mark.parametrize("unit", ["rad", "radian"])
@@ -60,7 +60,7 @@ def test_pixel_size_without_unit_is_ignored_with_a_remark(nxtomo):
     assert "instrument/detector/x_pixel_size was ignored: it has no units attribute." in scan.remarks
 
 
-def test_format_is_told_by_content_not_by_name(nxtomo, tmp_path, stack):
+def test_format_is_recognised_by_content_not_by_name(nxtomo, tmp_path, stack):
     disguised = shutil.copy(nxtomo(), tmp_path / "scan.tif")
     np.testing.assert_array_equal(read_scan(disguised, counts=True).projections, stack)
 
@@ -170,25 +170,25 @@ def test_tiff_with_one_page_is_a_sinogram(tmp_path, stack):
     assert "sinogram of one row" in scan.remarks[0]
 
 
-def _tiff_bytes(frame):
+def _tiff_bytes(image):
     stream = BytesIO()
-    tifffile.imwrite(stream, frame.astype(np.uint16))
+    tifffile.imwrite(stream, image.astype(np.uint16))
     return stream.getvalue()
 
 
 def test_zip_of_tiffs_sorts_naturally_and_knows_flats_and_darks(tmp_path, rng):
-    frames = rng.integers(0, 60_000, (12, 3, 8))
+    views = rng.integers(0, 60_000, (12, 3, 8))
     path = tmp_path / "scan.zip"
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for view in (11, 2, 0, 1, 10, 9, 8, 3, 4, 5, 6, 7):
-            archive.writestr(f"scan/view-{view}.tif", _tiff_bytes(frames[view]))
+            archive.writestr(f"scan/view-{view}.tif", _tiff_bytes(views[view]))
         archive.writestr("scan/Flats/0.tif", _tiff_bytes(np.full((3, 8), 50_000)))
         archive.writestr("scan/dark_1.tif", _tiff_bytes(np.full((3, 8), 5)))
         archive.writestr("__MACOSX/scan/view-0.tif", b"not a tiff")
         archive.writestr("scan/readme.txt", b"hello")
     scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 30))
     assert scan.format == "zip-of-tiffs"
-    np.testing.assert_array_equal(scan.projections, frames)
+    np.testing.assert_array_equal(scan.projections, views)
     assert np.all(scan.flats == 50_000)
     assert np.all(scan.darks == 5)
     assert scan.remarks == ("2 files that are no TIFFs were ignored.",)
@@ -298,17 +298,17 @@ def test_rows_of_zero_counts_are_missing_where_rows_may_be(tmp_path, stack, angl
 
 
 def test_tiffs_that_lost_rows_are_read_as_lacking_them_at_the_bottom(tmp_path, rng):
-    frames = rng.integers(1, 60_000, (4, 6, 8))
+    views = rng.integers(1, 60_000, (4, 6, 8))
     path = tmp_path / "scan.zip"
     with ZipFile(path, "w", ZIP_DEFLATED) as archive:
         for view, rows in enumerate((6, 5, 4, 6)):
-            archive.writestr(f"view-{view}.tif", _tiff_bytes(frames[view, :rows]))
+            archive.writestr(f"view-{view}.tif", _tiff_bytes(views[view, :rows]))
         archive.writestr("flat.tif", _tiff_bytes(np.full((6, 8), 50_000)))
     scan = read_scan(path, counts=True, angles_deg=AngleSteps(0, 90), rows_missing=True)
     assert np.isnan(scan.projections).any(axis=2).sum(axis=1).tolist() == [0, 1, 2, 0]
     assert np.isnan(scan.projections[2, 4:]).all()
-    np.testing.assert_array_equal(scan.projections[2, :4], frames[2, :4])
-    assert "Views of fewer than 6 rows were read as lacking rows at the bottom." in scan.remarks
+    np.testing.assert_array_equal(scan.projections[2, :4], views[2, :4])
+    assert "Views of fewer than 6 rows were read as lacking rows at their end." in scan.remarks
     with pytest.raises(UnreadableScan, match=r"view 1, row 5 is NaN in every cell; .* ask for align_rows"):
         read_scan(path, counts=True, angles_deg=AngleSteps(0, 90))
 

@@ -22,9 +22,9 @@ STEPS = AngleSteps(0.0, 60.0)
 BOMB = zlib.compress(bytes(24 * 2**20), 1)
 
 
-def read_scan(path, **said):
+def read_scan(path, **given):
     """A scan with all of its projections in memory."""
-    with reading_scan(path, **said) as scan:
+    with reading_scan(path, **given) as scan:
         (block,) = scan.blocks(2**30)
         return replace(scan, projections=block.samples)
 
@@ -62,15 +62,15 @@ def saved(write, *arguments, **named):
 
 def write_pages(stream, stack):
     with tifffile.TiffWriter(stream) as tiff:
-        for frame in stack:
-            tiff.write(frame, contiguous=False, metadata=None)
+        for view in stack:
+            tiff.write(view, contiguous=False, metadata=None)
 
 
 def zipped(stack):
     stream = io.BytesIO()
     with ZipFile(stream, "w") as archive:
-        for view, frame in enumerate(stack):
-            archive.writestr(f"{view}.tif", saved(tifffile.imwrite, frame))
+        for view, image in enumerate(stack):
+            archive.writestr(f"{view}.tif", saved(tifffile.imwrite, image))
     return stream.getvalue()
 
 
@@ -195,7 +195,7 @@ class TestScan:
         refused(
             write_npy(file, stack),
             "flats-missing",
-            "need at least one flat field: frames with image_key 1",
+            "need at least one flat field: images with image_key 1",
             counts=True,
         )
 
@@ -244,7 +244,7 @@ class TestScan:
 
     def test_frames_of_fields_beyond_the_free_memory(self, nxtomo):
         options = {"counts": True, "angles_deg": None}
-        # Two flats of (3, 8), of ten frames in all.
+        # Two flats of (3, 8), of ten images in all.
         refused(
             nxtomo(), "too-large", "image_key 1 needs 192 bytes as float32 and at most 191 ", free_bytes=426, **options
         )
@@ -386,13 +386,13 @@ class TestHdf5:
             entry["sample/rotation_angle"] = np.arange(4.0)
             entry["sample/rotation_angle"].attrs["units"] = "deg"
 
-        refused(nxtomo(shorten), "angles-mismatch", "4 angles for 10 frames", counts=True, angles_deg=None)
+        refused(nxtomo(shorten), "angles-mismatch", "4 angles for 10 images", counts=True, angles_deg=None)
 
     def test_nxtomo_with_an_unknown_image_key(self, nxtomo):
         def spoil(entry):
             entry["instrument/detector/image_key"][5] = 9
 
-        refused(nxtomo(spoil), "wrong-type", "image_key of frame 5 is 9; it must be 0", counts=True, angles_deg=None)
+        refused(nxtomo(spoil), "wrong-type", "image_key of image 5 is 9; it must be 0", counts=True, angles_deg=None)
 
     def test_nxtomo_without_data(self, nxtomo):
         refused(
@@ -478,8 +478,8 @@ class TestZip:
     def test_frames_of_different_sizes(self, file, tmp_path):
         with ZipFile(file, "w") as archive:
             for view, cells in enumerate((8, 8, 9)):
-                tifffile.imwrite(tmp_path / "frame.tif", np.ones((3, cells), np.uint16))
-                archive.write(tmp_path / "frame.tif", f"{view}.tif")
+                tifffile.imwrite(tmp_path / "view.tif", np.ones((3, cells), np.uint16))
+                archive.write(tmp_path / "view.tif", f"{view}.tif")
         refused(file, "wrong-shape", r"'2.tif' has .*\(3, 9\) and the files before it \(3, 8\)")
 
     def test_damaged_member(self, file):

@@ -28,18 +28,18 @@ def angles_deg():
 
 @pytest.fixture
 def nxtomo(tmp_path, stack, angles_deg):
-    """Write an NXtomo file: one dark, two flats, one invalid frame, the views; change it through the returned group."""
+    """Write an NXtomo file: one dark, two flats, one invalid image, the views; change it through the returned group."""
 
     def make(change=lambda _entry: None, angle_units="degree", data_options=None):
         path = tmp_path / "scan.nxs"
         darks, flats = np.full((1, ROWS, CELLS), 7), np.full((2, ROWS, CELLS), 60_000)
         invalid = np.zeros((1, ROWS, CELLS))
-        frames = np.concatenate([darks, flats, invalid, stack]).astype(np.uint16)
+        images = np.concatenate([darks, flats, invalid, stack]).astype(np.uint16)
         with h5py.File(path, "w") as file:
             entry = file.create_group("scan_1")
             entry["definition"] = "NXtomo"
             detector = entry.create_group("instrument/detector")
-            detector.create_dataset("data", data=frames, **(data_options or {}))
+            detector.create_dataset("data", data=images, **(data_options or {}))
             detector["image_key"] = [2, 1, 1, 3] + [0] * VIEWS
             detector["x_pixel_size"] = 0.0015
             detector["x_pixel_size"].attrs["units"] = "m"

@@ -35,7 +35,7 @@ def test_views_are_spread_evenly_and_start_with_the_first(views, available):
     assert gaps.max() - gaps.min() <= 1
 
 
-def test_all_views_are_used_unless_told():
+def test_all_views_are_used_by_default():
     assert np.array_equal(chosen_views(None, 4), [0, 1, 2, 3])
 
 

@@ -90,7 +90,7 @@ class TestByMass:
         shifts = shifts_by_mass(moments(lost), angles)
         assert shifts.whole
         np.testing.assert_array_equal(shifts.rows, truth - truth.min())
-        # What it says of itself before it knew that rows are whole.
+        # Its standard deviation before rounding to whole rows.
         assert 0.01 < np.median(shifts.standard_deviation) < 0.1
 
     def test_rows_that_stay_where_they_are_and_miss_at_both_ends(self, sparse):

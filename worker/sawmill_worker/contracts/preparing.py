@@ -25,6 +25,6 @@ class PrepareOptions(Contract):
     )
     align_rows: RowAlignment = Field(
         RowAlignment.OFF,
-        description="Views lost rows at the top or bottom (NaN, in counts also zero): lay them over one another by "
+        description="Views lost rows at the top or bottom (NaN, in counts also zero): align them along the log by "
         "their profile of row sums, or by features matched between views.",
     )

@@ -1,4 +1,9 @@
-"""The one way in which a file is refused, and the one place where a library's complaint becomes a sentence."""
+"""How a file is refused, and the one place where the error of a library becomes a sentence.
+
+UnreadableScan  a file that cannot be used
+OutOfRange      an index that a file of ours does not have
+NotStored       a part that a file of ours does not hold
+"""
 
 import errno
 from collections.abc import Iterator
@@ -10,8 +15,8 @@ LONGEST_QUOTE = 200
 MACHINE_ERRORS = frozenset({errno.EIO, errno.ESTALE, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT})
 
 
-class UnreadableScan(Exception):  # noqa: N818 - it names the thing that cannot be read, as its users say it
-    """A file, or what was said of it, that cannot be used as a scan.
+class UnreadableScan(Exception):  # noqa: N818 - it names the thing that cannot be read
+    """A file, or what was given beside it, that cannot be used as a scan.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ def rtk_xml(
     matrices : (views, 3, 4) float
         RTK recomputes them from the parameters and refuses a file in which the two disagree.
     remark : str
-        A comment at the top: the geometry says nothing of the projections' spacing and origin.
+        A comment at the top: the geometry does not hold the projections' spacing and origin.
     """
     root = ET.Element("RTKThreeDCircularGeometry", version="3")
     root.append(ET.Comment(f" {remark} "))

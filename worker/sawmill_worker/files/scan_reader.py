@@ -37,7 +37,7 @@ class StoredScan:
 
 @dataclass(frozen=True, eq=False)
 class OpenScan:
-    """A file of `new_scan` held open: what it says, and its rows as they are needed.
+    """A file of `new_scan` held open: its values, and its rows as they are needed.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class OpenScan:
     data: h5py.Dataset
     air_level: h5py.Dataset | None
 
-    def rows(self, wanted: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
+    def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
 
         Raises
@@ -67,7 +67,7 @@ class OpenScan:
         """
         # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
         with library_errors_translated("HDF5"):
-            stack: NDArray[np.float32] = self.data[:, slice(wanted.start, wanted.stop, wanted.step), :]
+            stack: NDArray[np.float32] = self.data[:, slice(selected.start, selected.stop, selected.step), :]
         return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
@@ -95,14 +95,14 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
     rows : slice, optional
         Detector rows, with step 1; all by default.
     views : (n,) integers, optional
-        Views in the order wanted; all by default.
+        Views in the order given; all by default.
     """
-    wanted = rows or slice(None)
+    selected = rows or slice(None)
     with open_scan(path) as scan:
         return StoredScan(
-            line_integrals=scan.rows(wanted, views),
+            line_integrals=scan.rows(selected, views),
             angles_rad=scan.angles_rad if views is None else scan.angles_rad[views],
-            air_level=None if scan.air_level is None else scan.air_level[wanted, :],
+            air_level=None if scan.air_level is None else scan.air_level[selected, :],
             detector_pitch_mm=scan.detector_pitch_mm,
             row_pitch_mm=scan.row_pitch_mm,
         )

@@ -39,7 +39,7 @@ class NewScan:
         provenance: Mapping[str, str],
         row_shifts: NDArray[np.float64] | None = None,
     ) -> None:
-        """Say what is known when all line integrals are there; the parameters are those of `write_scan`."""
+        """Write what is known when all line integrals are there; the parameters are those of `write_scan`."""
         if air_level is not None:
             write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
         group = new_group(self.data.file, PROVENANCE, "NXcollection")
@@ -64,7 +64,7 @@ def new_scan(
     Parameters
     ----------
     views_together : int, optional
-        Of how many views a row is stored in one piece: all, by default.
+        The number of views of a row that are stored in one piece: all, by default.
 
     Raises
     ------
@@ -74,7 +74,7 @@ def new_scan(
     views, _, detector = shape
     within_chunk = max(1, CHUNK_BYTES // (4 * detector))
     with whole_hdf5(path) as file:
-        _new_frames(
+        _new_images(
             file,
             shape,
             np.dtype(np.float32),
@@ -112,9 +112,9 @@ def write_scan(
     air_level : (rows, detector) float32, counts, or None
         Mean flat less mean dark field: with it counts can be recovered from line integrals.
     provenance : mapping of str to str
-        Where the data come from, as the file is to say it.
+        Where the data come from; written into the file.
     row_shifts : (views,) float64, rows, or None
-        By how much each view was moved along the log; None where none was.
+        The shift of each view along the log; None where none was shifted.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def write_raw_scan(
     fields = len(darks) + len(flats)
     keys = [nxtomo.DARK] * len(darks) + [nxtomo.FLAT] * len(flats) + [nxtomo.PROJECTION] * len(counts)
     with whole_hdf5(path) as file:
-        _new_frames(
+        _new_images(
             file,
             (len(keys), *counts.shape[1:]),
             counts.dtype,
@@ -179,9 +179,9 @@ def write_raw_scan(
             storage=PACKED,
         )
         data, first = file[DATA], 0
-        for frames in (darks, flats, counts):
-            data[first : first + len(frames)] = frames
-            first += len(frames)
+        for images in (darks, flats, counts):
+            data[first : first + len(images)] = images
+            first += len(images)
 
 
 def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], angles_rad: NDArray[np.float64]) -> None:
@@ -192,7 +192,7 @@ def _check_stack(name: str, stack: NDArray[np.uint16] | NDArray[np.float32], ang
         )
 
 
-def _new_frames(
+def _new_images(
     file: h5py.File,
     shape: tuple[int, ...],
     dtype: np.dtype[Any],

@@ -141,7 +141,7 @@ def side_view(path: Path, along: Axis) -> SideView:
     Raises
     ------
     NotStored
-        The volume was written before side views were kept.
+        The volume was written before side views were stored.
     """
     with open_hdf5(path) as file:
         if layout.side_view(along) not in file:

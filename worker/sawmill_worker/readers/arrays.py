@@ -89,7 +89,7 @@ def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
-    """Flat or dark fields as (n, rows, detector), beside projections of so many dimensions (2 or 3).
+    """Flat or dark fields as (n, rows, detector), beside projections of 2 or 3 dimensions.
 
     Fields with one dimension less than the projections are a single one.
     """

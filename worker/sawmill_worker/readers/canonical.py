@@ -28,7 +28,7 @@ class CanonicalScan:
     flats, darks : (n, rows, detector) float32 or None
         Counts without an object in the beam, and without a beam. Never beside line integrals.
     detector_pitch_mm, row_pitch_mm : float or None
-        What the file says of the distance between cells and between rows.
+        Distances between cells and between rows, where the file has them.
     format : str
         What the file turned out to be.
     remarks : tuple of str
@@ -63,7 +63,7 @@ class CanonicalScan:
         return views, rows[0] if rows else 1, cells
 
     def block_shape(self, window_bytes: int) -> tuple[int, int]:
-        """Of how many views and rows a block is that fills a window of memory.
+        """The numbers of views and rows of a block that fills a window of memory.
 
         All views of some rows where the file can be read so, else whole views, else a few of both: in whole pieces as
         the file stores them, and never less than one.
@@ -72,12 +72,12 @@ class CanonicalScan:
         piece_views, piece_rows = (
             min(n, most) for n, most in zip(self.projections.together, (views, rows), strict=True)
         )
-        room = max(1, window_bytes // (4 * cells))
-        if views * piece_rows <= room:
-            return views, min(rows, _whole(room // views, piece_rows))
-        if piece_views * rows <= room:
-            return min(views, _whole(room // rows, piece_views)), rows
-        return min(views, max(piece_views, _whole(room // piece_rows, piece_views))), piece_rows
+        fitting = max(1, window_bytes // (4 * cells))
+        if views * piece_rows <= fitting:
+            return views, min(rows, _whole(fitting // views, piece_rows))
+        if piece_views * rows <= fitting:
+            return min(views, _whole(fitting // rows, piece_views)), rows
+        return min(views, max(piece_views, _whole(fitting // piece_rows, piece_views))), piece_rows
 
     def blocks(self, window_bytes: int) -> Iterator["Block"]:
         """Every sample once, checked, in blocks of `block_shape`, rows before views.
@@ -111,15 +111,15 @@ class CanonicalScan:
     def _missing_rows(self, samples: NDArray[np.float32], first_view: int, first_row: int) -> NDArray[np.bool_]:
         """Which rows (views, rows) of a block are NaN in every cell, all else being finite."""
         missing = np.zeros(samples.shape[:2], bool)
-        for view, frame in enumerate(samples):
-            unusable = ~np.isfinite(frame).all(axis=1)
+        for view, image in enumerate(samples):
+            unusable = ~np.isfinite(image).all(axis=1)
             if not unusable.any():
                 continue
-            missing[view, unusable] = np.isnan(frame[unusable]).all(axis=1)
+            missing[view, unusable] = np.isnan(image[unusable]).all(axis=1)
             if missing[view].any() and not self.rows_missing:
                 raise self._lacking(first_view + view, first_row, missing[view])
-            there = np.where(missing[view][:, np.newaxis], np.float32(0.0), frame)
-            _check_frame("view", first_view + view, there, first_row)
+            present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
+            _check_image("view", first_view + view, present, first_row)
         return missing
 
     def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
@@ -127,7 +127,7 @@ class CanonicalScan:
             return _lacking_throughout(view)
         return UnreadableScan(
             "not-finite",
-            f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lost rows, ask "
+            f"view {view}, row {first_row + int(missing.argmax())} is NaN in every cell; where views lack rows, ask "
             "for align_rows (--align-rows), which aligns them along the log",
         )
 
@@ -141,8 +141,8 @@ class Block:
     samples: NDArray[np.float32]
 
 
-def _whole(room: int, piece: int) -> int:
-    return room // piece * piece
+def _whole(fitting: int, piece: int) -> int:
+    return fitting // piece * piece
 
 
 def check_scan(scan: CanonicalScan) -> None:
@@ -158,7 +158,7 @@ def check_scan(scan: CanonicalScan) -> None:
 def _check_shapes(scan: CanonicalScan) -> None:
     if 0 in scan.shape:
         raise UnreadableScan("wrong-shape", f"projections must be (views, rows, detector), not of shape {scan.shape}")
-    views, *frame = scan.shape
+    views, *of_view = scan.shape
     if views < 3:
         raise UnreadableScan("wrong-shape", f"a scan needs at least 3 views and this one has {views}")
     if scan.angles_rad.shape != (views,):
@@ -166,10 +166,10 @@ def _check_shapes(scan: CanonicalScan) -> None:
             "angles-mismatch", f"there are {scan.angles_rad.size} angles for {views} views; each view needs its own"
         )
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
-        if fields is not None and (fields.ndim != 3 or not len(fields) or list(fields.shape[1:]) != frame):
+        if fields is not None and (fields.ndim != 3 or not len(fields) or list(fields.shape[1:]) != of_view):
             raise UnreadableScan(
                 "wrong-shape",
-                f"the {name} fields have the shape {fields.shape} and the views (rows, detector) = {tuple(frame)}; "
+                f"the {name} fields have the shape {fields.shape} and the views (rows, detector) = {tuple(of_view)}; "
                 "both need the same rows and cells",
             )
 
@@ -193,7 +193,7 @@ def _check_kind(scan: CanonicalScan) -> None:
     if scan.counts and scan.flats is None:
         raise UnreadableScan(
             "flats-missing",
-            "counts need at least one flat field: frames with image_key 1 in NXtomo, exchange/data_white in Data "
+            "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
             "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; or declare line integrals",
         )
     if not scan.counts and (scan.flats is not None or scan.darks is not None):
@@ -225,16 +225,16 @@ def _lacking_throughout(view: int) -> UnreadableScan:
 
 
 def _check_finite(name: str, stack: NDArray[np.float32]) -> None:
-    for index, frame in enumerate(stack):
-        _check_frame(name, index, frame)
+    for index, image in enumerate(stack):
+        _check_image(name, index, image)
 
 
-def _check_frame(name: str, index: int, frame: NDArray[np.float32], first_row: int = 0) -> None:
-    finite = np.isfinite(frame)
+def _check_image(name: str, index: int, image: NDArray[np.float32], first_row: int = 0) -> None:
+    finite = np.isfinite(image)
     if not finite.all():
-        row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), frame.shape))
+        row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), image.shape))
         raise UnreadableScan(
             "not-finite",
-            f"{name} {index}, row {first_row + row}, cell {cell} is {frame[row, cell]}; every value must be a finite "
+            f"{name} {index}, row {first_row + row}, cell {cell} is {image[row, cell]}; every value must be a finite "
             "number that fits into 32-bit floating point",
         )

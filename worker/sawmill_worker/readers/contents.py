@@ -1,4 +1,4 @@
-"""What one file says by itself, before it is held against what its uploader says."""
+"""What one file holds, before it is compared with what its uploader gave."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class FileContents:
     format : str
         What the file turned out to be.
     projections : Projections
-        As stored: counts or line integrals, which no file says reliably.
+        As stored: counts or line integrals, which no file states reliably.
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
     angles_deg : (views,) float64, degrees
     angles_unusable : str or None

@@ -34,7 +34,7 @@ def read_angles(
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
-    """A pixel size in mm or None, and the remark that says why it was ignored."""
+    """A pixel size in mm or None, and the remark why it was ignored."""
     dataset = numbers(start, path, bounds)
     if dataset is None:
         return None, ()

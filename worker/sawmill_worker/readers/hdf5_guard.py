@@ -169,11 +169,11 @@ def read_float32(dataset: h5py.Dataset, *parts: slice) -> NDArray[np.float32]:
     return result
 
 
-def read_frames(dataset: h5py.Dataset, frames: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
-    """The frames that are named in rising order, run by run as float32, and of their axes the parts that are named."""
-    result = np.empty((len(frames), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
-    for start, stop in _runs(frames):
-        first = int(frames[start])
+def read_images(dataset: h5py.Dataset, images: NDArray[np.intp], *parts: slice) -> NDArray[np.float32]:
+    """Images by their rising indices, run by run as float32, and of their axes the parts that are named."""
+    result = np.empty((len(images), *_shape_of(dataset, (slice(0, 1), *parts))[1:]), dtype=np.float32)
+    for start, stop in _runs(images):
+        first = int(images[start])
         dataset.read_direct(result, (slice(first, first + stop - start), *parts), np.s_[start:stop])
     return result
 
@@ -182,9 +182,9 @@ def _shape_of(dataset: h5py.Dataset, parts: tuple[slice, ...]) -> tuple[int, ...
     return (*(part.stop - part.start for part in parts), *dataset.shape[len(parts) :])
 
 
-def _runs(frames: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(frames) != 1) + 1
-    bounds = [0, *edges.tolist(), len(frames)]
+def _runs(images: NDArray[np.intp]) -> Iterator[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(images) != 1) + 1
+    bounds = [0, *edges.tolist(), len(images)]
     return ((start, stop) for start, stop in pairwise(bounds) if stop > start)
 
 
@@ -209,7 +209,7 @@ def read_text(start: Node, path: str, *, most_bytes: int | None = None) -> str |
 
 
 def _claimed_bytes(where: str, dataset: h5py.Dataset) -> int:
-    """For how many bytes the library would make room to read the one string of a dataset."""
+    """The bytes that the library would allocate to read the one string of a dataset."""
     if h5py.check_string_dtype(dataset.dtype).length is not None:
         return math.prod(dataset.chunks or (1,)) * int(dataset.dtype.itemsize)
     offset = dataset.id.get_offset()

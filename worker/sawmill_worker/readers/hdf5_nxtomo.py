@@ -1,4 +1,4 @@
-"""HDF5 in the NXtomo layout: one stack of frames, an image key and an angle for each."""
+"""HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ from sawmill_worker.files.nxtomo import (
 from sawmill_worker.readers.arrays import Bounds, check_scan_dimensions, check_size
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.hdf5_fields import read_angles, read_pitch
-from sawmill_worker.readers.hdf5_guard import Node, children, numbers, read_frames, read_text
+from sawmill_worker.readers.hdf5_guard import Node, children, numbers, read_images, read_text
 from sawmill_worker.readers.hdf5_projections import chosen_views
 
 
@@ -53,7 +53,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
     angles_deg, problem = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
     if angles_deg is not None and len(angles_deg) != len(dataset):
         raise UnreadableScan(
-            "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} frames; each frame needs one"
+            "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} images; each image needs one"
         )
     detector_pitch_mm, remarks_x = read_pitch(entry, CELL_PITCH, bounds.whole)
     row_pitch_mm, remarks_y = read_pitch(entry, ROW_PITCH, bounds.whole)
@@ -76,35 +76,35 @@ class _ImageKeys:
     remarks: tuple[str, ...]
 
 
-def _read_image_key(entry: h5py.Group, frames: int, bounds: Bounds) -> _ImageKeys:
+def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKeys:
     dataset = numbers(entry, IMAGE_KEY, bounds)
     if dataset is None:
-        return _ImageKeys(np.zeros(frames, dtype=np.int64), (f"{IMAGE_KEY} is missing: every frame is a projection.",))
-    if dataset.shape != (frames,):
+        return _ImageKeys(np.zeros(images, dtype=np.int64), (f"{IMAGE_KEY} is missing: every image is a view.",))
+    if dataset.shape != (images,):
         raise UnreadableScan(
-            "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {frames} frames; each frame needs one key"
+            "wrong-shape", f"{IMAGE_KEY} has the shape {dataset.shape} for {images} images; each image needs one key"
         )
     raw = np.asarray(dataset[()], dtype=np.float64)
     unknown = ~np.isin(raw, (PROJECTION, FLAT, DARK, INVALID))
     if unknown.any():
-        frame = int(np.argmax(unknown))
+        image = int(np.argmax(unknown))
         raise UnreadableScan(
             "wrong-type",
-            f"{IMAGE_KEY} of frame {frame} is {raw[frame]:g}; "
+            f"{IMAGE_KEY} of image {image} is {raw[image]:g}; "
             "it must be 0 (projection), 1 (flat), 2 (dark) or 3 (invalid)",
         )
     invalid = int(np.count_nonzero(raw == INVALID))
-    remarks = (f"{invalid} frames marked invalid (image_key 3) were left out.",) if invalid else ()
+    remarks = (f"{invalid} images marked invalid (image_key 3) were left out.",) if invalid else ()
     return _ImageKeys(raw.astype(np.int64), remarks)
 
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
-    frames = np.flatnonzero(keys == key)
+    images = np.flatnonzero(keys == key)
     check_size(
         f"{DATA} of image_key {key}",
-        (len(frames), *dataset.shape[1:]),
+        (len(images), *dataset.shape[1:]),
         dataset.dtype.itemsize,
         stored_bytes=dataset.id.get_storage_size(),
         max_bytes=bounds.piece,
     )
-    return read_frames(dataset, frames) if len(frames) else None
+    return read_images(dataset, images) if len(images) else None

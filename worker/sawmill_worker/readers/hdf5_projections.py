@@ -5,7 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.readers.contents import Projections
-from sawmill_worker.readers.hdf5_guard import read_float32, read_frames
+from sawmill_worker.readers.hdf5_guard import read_float32, read_images
 
 
 def all_views(dataset: h5py.Dataset) -> Projections:
@@ -13,15 +13,15 @@ def all_views(dataset: h5py.Dataset) -> Projections:
     return chosen_views(dataset, np.arange(len(dataset)))
 
 
-def chosen_views(dataset: h5py.Dataset, frames: NDArray[np.intp]) -> Projections:
-    """Of the frames of a checked dataset that are named in rising order."""
+def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections:
+    """Of the images of a checked dataset with these rising indices."""
 
     def read(views: slice, rows: slice) -> NDArray[np.float32]:
         if dataset.ndim == 2:
-            return read_frames(dataset, frames[views])[:, np.newaxis]
-        return read_frames(dataset, frames[views], rows)
+            return read_images(dataset, images[views])[:, np.newaxis]
+        return read_images(dataset, images[views], rows)
 
-    return Projections((len(frames), *dataset.shape[1:]), read, _together(dataset.chunks))
+    return Projections((len(images), *dataset.shape[1:]), read, _together(dataset.chunks))
 
 
 def transposed(dataset: h5py.Dataset) -> Projections:

@@ -63,17 +63,17 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
     shape, slowest = (views, rows[0] if rows else 1, cells), 2 if header.fortran_order else 0
 
     def read(views: slice, rows: slice) -> NDArray[np.float32]:
-        wanted = [views, rows, slice(0, cells)]
-        block = np.empty([part.stop - part.start for part in wanted], dtype=np.float32)
-        first, length = wanted[slowest].start, block.shape[slowest]
+        parts = [views, rows, slice(0, cells)]
+        block = np.empty([part.stop - part.start for part in parts], dtype=np.float32)
+        first, length = parts[slowest].start, block.shape[slowest]
         step = max(1, PIECE_BYTES * length // max(1, block.size * header.dtype.itemsize))
         for start in range(0, length, step):
             at = slice(start, min(start + step, length))
-            wanted[slowest] = slice(first + at.start, first + at.stop)
+            parts[slowest] = slice(first + at.start, first + at.stop)
             # Mapped anew for each piece: what was read stays in the process's memory as long as the mapping does.
             stored = np.memmap(path, header.dtype, "r", offset, shape, order)
             with np.errstate(over="ignore"):
-                block[(slice(None),) * slowest + (at,)] = stored[tuple(wanted)]
+                block[(slice(None),) * slowest + (at,)] = stored[tuple(parts)]
         return block
 
     return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))

@@ -27,7 +27,7 @@ from sawmill_worker.readers.hdf5_guard import attribute_text, find, numbers, rea
 def is_own_scan(path: Path) -> bool:
     """Whether a file of any kind is one of `files.scan_writer.new_scan`, whole and with all of its data in it.
 
-    One that only looks so is none: `reading_scan` says what is wrong with it.
+    A damaged one is not: `reading_scan` reports what is wrong with it.
     """
     if not h5py.is_hdf5(path):
         return False

@@ -1,4 +1,4 @@
-"""The one way in: any file, and what its uploader says of it, to a canonical scan."""
+"""The one way in: any file, with what its uploader gave beside it, to a canonical scan."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -77,7 +77,7 @@ def reading_scan(
     angles_deg : AngleSteps or AngleList, optional
         The views' angles, where the file carries none.
     detector_pitch_mm, row_pitch_mm : float, optional
-        Known distances between cells and between rows; a file that says otherwise is refused.
+        Known distances between cells and between rows; a file with other values is refused.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     max_bytes : int
@@ -88,7 +88,7 @@ def reading_scan(
     Raises
     ------
     UnreadableScan
-        When the file cannot be read, is not a scan, or contradicts what was said of it.
+        When the file cannot be read, is not a scan, or contradicts what was given beside it.
     """
     recognised = _recognise(path)
     # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
@@ -187,8 +187,8 @@ def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64])
         view = int(np.argmax(different))
         raise UnreadableScan(
             "contradiction",
-            f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
-            f"{given[view]:.9g}; leave the angles out or correct them",
+            f"the angle of view {view} is {in_file[view]:.9g} degrees in the file and {given[view]:.9g} in the angles "
+            f"given; leave the angles out or correct them",
         )
 
 
@@ -198,6 +198,6 @@ def _agree_on_pitch(name: str, in_file: float | None, given: float | None) -> fl
     if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
         raise UnreadableScan(
             "contradiction",
-            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given; correct one of them",
+            f"{name} is {in_file:.9g} in the file and {given:.9g} was given; correct one of them",
         )
     return in_file

@@ -33,11 +33,11 @@ class TiffPages:
     shape: tuple[int, int, int]
     tiff: tifffile.TiffFile
 
-    def read(self, wanted: slice, rows: slice) -> NDArray[np.float32]:
+    def read(self, pages: slice, rows: slice) -> NDArray[np.float32]:
         """(pages, rows, detector) float32 of some pages and some of their rows."""
-        block = np.empty((wanted.stop - wanted.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
-        for index, frame in enumerate(block, wanted.start):
-            frame[:] = as_float32(self.tiff.pages[index].asarray(maxworkers=1)[rows])
+        block = np.empty((pages.stop - pages.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
+        for index, image in enumerate(block, pages.start):
+            image[:] = as_float32(self.tiff.pages[index].asarray(maxworkers=1)[rows])
         return block
 
 
@@ -47,7 +47,7 @@ def read_tiff(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack)
     Raises
     ------
     UnreadableScan
-        When a page cannot be a frame of numbers.
+        When a page cannot be an image of numbers.
     """
     if dataset is not None:
         raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")

@@ -1,4 +1,4 @@
-"""ZIP archives of TIFF files, one or more views each, flat and dark fields told by their names."""
+"""ZIP archives of TIFF files, one or more views each, flat and dark fields recognised by their names."""
 
 import math
 import re
@@ -19,8 +19,8 @@ from sawmill_worker.readers.npy import read_npz
 from sawmill_worker.readers.tiff import TiffPages, open_pages
 
 TIFF_SUFFIXES = frozenset({".tif", ".tiff"})
-# Views whose heights differ by more than this factor are no views of one log.
-MOST_LOST = 0.5
+# Views of which one has less than this share of the rows of another are not views of one log.
+LEAST_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class _Member:
 
 
 def read_zip(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
-    """Read a NPZ file or a ZIP of TIFF files, whichever the members' names say; the latter stays open for its views.
+    """Read a NPZ file or a ZIP of TIFF files, as the members' names show; the latter stays open for its views.
 
     Raises
     ------
@@ -51,26 +51,26 @@ def read_zip(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) 
 
 
 def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], bounds: Bounds) -> FileContents:
-    frames = sorted((info for info in infos if _is_tiff(info.filename)), key=lambda info: natural_key(info.filename))
+    images = sorted((info for info in infos if _is_tiff(info.filename)), key=lambda info: natural_key(info.filename))
     kinds: dict[str, list[ZipInfo]] = {"view": [], "flat": [], "dark": []}
-    for info in frames:
-        kinds[frame_kind(info.filename)].append(info)
+    for info in images:
+        kinds[image_kind(info.filename)].append(info)
     if not kinds["view"]:
         raise UnreadableScan("unknown-format", "the archive holds no TIFF files of views; pack the views as .tif files")
-    views = _looked_through(archive, kinds["view"], bounds, rows_lost=True)
+    views = _checked_members(archive, kinds["view"], bounds, rows_missing=True)
     flats, darks = (_fields(archive, kinds[kind], bounds.whole) for kind in ("flat", "dark"))
-    ignored = len(infos) - len(frames)
+    ignored = len(infos) - len(images)
     remarks = [f"{ignored} files that are no TIFFs were ignored."] if ignored else []
     rows = max(member.shape[1] for member in views)
     if any(member.shape[1] < rows for member in views):
         rows = max(rows, 0 if flats is None else flats.shape[1])
-        remarks.append(f"Views of fewer than {rows} rows were read as lacking rows at the bottom.")
+        remarks.append(f"Views of fewer than {rows} rows were read as lacking rows at their end.")
     return FileContents(
         "zip-of-tiffs", _projections(archive, views, rows, bounds), flats, darks, remarks=tuple(remarks)
     )
 
 
-def frame_kind(name: str) -> str:
+def image_kind(name: str) -> str:
     """`flat` or `dark` where a folder or the file is so called or begins so, else `view`."""
     for part in PurePosixPath(name.lower()).parts:
         for kind in ("flat", "dark"):
@@ -92,10 +92,10 @@ def _is_tiff(name: str) -> bool:
     return path.suffix.lower() in TIFF_SUFFIXES and not path.name.startswith(".") and "__MACOSX" not in path.parts
 
 
-def _looked_through(
-    archive: ZipFile, infos: list[ZipInfo], bounds: Bounds, *, rows_lost: bool = False
+def _checked_members(
+    archive: ZipFile, infos: list[ZipInfo], bounds: Bounds, *, rows_missing: bool = False
 ) -> list[_Member]:
-    """Each file's pages checked, all of one size; views may have lost rows."""
+    """Each file's pages checked, all of one size; views may lack rows."""
     found: list[_Member] = []
     before = 0
     for info in infos:
@@ -107,7 +107,7 @@ def _looked_through(
             )
         with _unpacked(archive, info, replace(bounds, array=bounds.array - before)) as pages:
             member = _Member(info, pages.shape)
-        _check_like(member, (found or [member])[0], rows_lost=rows_lost)
+        _check_like(member, (found or [member])[0], rows_missing=rows_missing)
         found.append(member)
         before += 4 * math.prod(member.shape)
     return found
@@ -118,9 +118,9 @@ def _unpacked(archive: ZipFile, info: ZipInfo, bounds: Bounds) -> AbstractContex
     return open_pages(BytesIO(data), repr(quoted(info.filename)), len(data), bounds)
 
 
-def _check_like(member: _Member, first: _Member, *, rows_lost: bool) -> None:
+def _check_like(member: _Member, first: _Member, *, rows_missing: bool) -> None:
     (_, rows, cells), (_, rows_before, cells_before) = member.shape, first.shape
-    alike = rows == rows_before or (rows_lost and MOST_LOST * max(rows, rows_before) <= min(rows, rows_before))
+    alike = rows == rows_before or (rows_missing and LEAST_SHARE * max(rows, rows_before) <= min(rows, rows_before))
     if cells != cells_before or not alike:
         raise UnreadableScan(
             "wrong-shape",
@@ -130,7 +130,7 @@ def _check_like(member: _Member, first: _Member, *, rows_lost: bool) -> None:
 
 
 def _projections(archive: ZipFile, files: list[_Member], rows: int, bounds: Bounds) -> Projections:
-    """All pages of the files, those of fewer rows filled with NaN at the bottom."""
+    """All pages of the files, those of fewer rows filled with NaN at their end."""
     ends = np.cumsum([member.shape[0] for member in files])
     cells = files[0].shape[2]
 
@@ -138,11 +138,11 @@ def _projections(archive: ZipFile, files: list[_Member], rows: int, bounds: Boun
         block = np.full((views.stop - views.start, wanted.stop - wanted.start, cells), np.nan, np.float32)
         for member, end in zip(files, ends.tolist(), strict=True):
             first = end - member.shape[0]
-            start, stop, bottom = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
-            if start < stop and wanted.start < bottom:
+            start, stop, end_row = max(first, views.start), min(end, views.stop), min(wanted.stop, member.shape[1])
+            if start < stop and wanted.start < end_row:
                 with _unpacked(archive, member.info, bounds) as pages:
-                    part = pages.read(slice(start - first, stop - first), slice(wanted.start, bottom))
-                block[start - views.start : stop - views.start, : bottom - wanted.start] = part
+                    part = pages.read(slice(start - first, stop - first), slice(wanted.start, end_row))
+                block[start - views.start : stop - views.start, : end_row - wanted.start] = part
         return block
 
     return Projections((int(ends[-1]), rows, cells), read, (max(member.shape[0] for member in files), rows))
@@ -151,6 +151,6 @@ def _projections(archive: ZipFile, files: list[_Member], rows: int, bounds: Boun
 def _fields(archive: ZipFile, infos: list[ZipInfo], bounds: Bounds) -> NDArray[np.float32] | None:
     if not infos:
         return None
-    files = _looked_through(archive, infos, bounds)
+    files = _checked_members(archive, infos, bounds)
     fields = _projections(archive, files, files[0].shape[1], bounds)
     return fields.read(slice(0, fields.shape[0]), slice(0, fields.shape[1]))

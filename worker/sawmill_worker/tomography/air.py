@@ -28,7 +28,7 @@ SMOOTHED = 5
 DEVIATIONS = 6.0
 # Below this share of the range an object's edge looks like unequal cells, and does no harm.
 EDGE_SHARE, UNEQUAL_SHARE = 0.003, 0.02
-# The foot of an object's shadow, below the threshold, is kept out.
+# Cells left out beside an object's shadow, whose foot is below the threshold.
 MARGIN = 3
 # A level that varies by more than this factor of its noise's variance drifts.
 DRIFTING = 2.0

@@ -1,4 +1,4 @@
-"""How a job fails, and whose fault it is: the one place where the science's and the formats' errors are translated."""
+"""How a job fails, and whose fault it is: the one place where errors of science and readers are translated."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ class JobFailure(Exception):  # noqa: N818 - the contract's word
     Attributes
     ----------
     kind : FailureKind
-        The asker's fault, a passing one, or ours.
+        The user's input, a passing trouble, or our fault.
     code : str
         Stable, for programs.
     detail : str
@@ -33,13 +33,13 @@ class JobFailure(Exception):  # noqa: N818 - the contract's word
 
 
 def refused(code: str, detail: str) -> JobFailure:
-    """A failure that is the asker's to mend."""
+    """A failure that the user can correct."""
     return JobFailure(FailureKind.INPUT, code, detail)
 
 
 @contextmanager
 def input_errors_translated() -> Iterator[None]:
-    """Turn what formats and science say of unusable input into the asker's failure, the cause chained."""
+    """Turn errors of readers and science about unusable input into a failure of the input, the cause chained."""
     try:
         yield
     except UnreadableScan as error:
@@ -57,7 +57,7 @@ def input_errors_translated() -> Iterator[None]:
 
 
 def _of_file(error: UnreadableScan) -> JobFailure:
-    """As the reader says; but some libraries call a file damaged where they found no memory to unpack it into."""
+    """The reader's error; but some libraries call a file damaged when they had no memory to unpack it."""
     limit = limit_bytes()
     if error.code != "broken-file" or limit is None or not ran_short():
         return refused(error.code, str(error))

@@ -11,10 +11,10 @@ def chosen_rows(rows: str | None, available: int) -> slice:
     """The rows A:B or A:B:STEP, or all of them; refused where the scan has no such rows."""
     if rows is None:
         return slice(0, available)
-    wanted = parse_rows(rows)
-    if wanted.stop > available:
+    selected = parse_rows(rows)
+    if selected.stop > available:
         raise refused("rows-outside", f"rows {rows} were asked for, but the scan has rows 0:{available}")
-    return wanted
+    return selected
 
 
 def chosen_views(views: int | None, available: int) -> NDArray[np.intp]:

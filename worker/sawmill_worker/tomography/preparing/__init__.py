@@ -1,1 +1,1 @@
-"""From a raw stack to sinograms: faulty cells, rings, and views that lost rows."""
+"""From a raw stack to sinograms: line integrals, corrections row by row, and the alignment of views."""
