@@ -187,8 +187,8 @@ def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64])
         view = int(np.argmax(different))
         raise UnreadableScan(
             "contradiction",
-            f"the angle of view {view} is {in_file[view]:.9g} degrees in the file and {given[view]:.9g} in the angles "
-            f"given; leave the angles out or correct them",
+            f"the file says that view {view} is at {in_file[view]:.9g} degrees and the angles given say "
+            f"{given[view]:.9g}; leave the angles out or correct them",
         )
 
 
@@ -198,6 +198,6 @@ def _agree_on_pitch(name: str, in_file: float | None, given: float | None) -> fl
     if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
         raise UnreadableScan(
             "contradiction",
-            f"{name} is {in_file:.9g} in the file and {given:.9g} was given; correct one of them",
+            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given; correct one of them",
         )
     return in_file
