@@ -102,7 +102,7 @@ def test_what_was_stored_before_the_common_table_is_read_as_before(settings, sca
     finish(before)
 
     def stored(store: Store) -> list[object]:
-        return [store.asked(declared).page().items for declared in asked_kinds()]
+        return [store.asked(declaration_of(kind)).page().items for kind in OWN_TABLES]
 
     expected = stored(before)
     before.close()
