@@ -12,6 +12,7 @@ import h5py
 import httpx
 import numpy as np
 import pytest
+import results
 
 from sawmill_service.app import create_app
 from sawmill_service.openapi_document import Application
@@ -139,19 +140,19 @@ class FakeWorker:
         self._finish(write_scan, {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)})
 
     def finish_calibration(self, **changes: Any) -> None:
-        self._finish(write_calibration, calibration_result() | changes)
+        self._finish(write_calibration, calibration_result(**changes))
 
     def finish_reconstruction(self) -> None:
         self._finish(write_reconstruction, reconstruction_result())
 
     def finish_sparse_reconstruction(self) -> None:
-        self._finish(write_sparse_reconstruction, reconstruction_result() | {"has_deviation": True})
+        self._finish(write_sparse_reconstruction, reconstruction_result(has_deviation=True))
 
     def finish_drift(self, **changes: Any) -> None:
-        self._finish(lambda _: None, drift_result() | changes)
+        self._finish(lambda _: None, results.drift_result(**changes))
 
     def finish_plan(self) -> None:
-        self._finish(lambda _: None, plan_result())
+        self._finish(lambda _: None, results.plan_result())
 
     def _finish(self, write: Callable[[Path], None], result: dict[str, Any]) -> None:
         claim = self.claim()
@@ -219,7 +220,7 @@ def volume() -> np.ndarray:
 
 @pytest.fixture
 def theta() -> dict[str, float]:
-    return THETA
+    return results.THETA
 
 
 def make_volume() -> np.ndarray:
@@ -246,7 +247,7 @@ def write_calibration(folder: Path) -> None:
     }
     write_calibration_file(
         folder / "result.h5",
-        calibration_result() | {"adjustments": [], "comparison": None},
+        calibration_result(adjustments=[], comparison=None),
         {name: NamedArray(values, "1", "") for name, values in arrays.items()},
         software_version="0",
         input_sha256="0" * 64,
@@ -287,125 +288,16 @@ def new_volume(folder: Path) -> AbstractContextManager[NewVolume]:
     )
 
 
-THETA = {
-    "initial_angle_rad": 2.55,
-    "detector_to_cor_mm": 714.7,
-    "source_shift_mm": 319.9,
-    "detector_shift_mm": 43.7,
-    "detector_tilt": 0.281,
-}
+def calibration_result(**changes: Any) -> dict[str, Any]:
+    """Of the scan that `write_scan` writes, with error bars that nothing is known of."""
+    known = results.calibration_result()
+    deviations = {name: dict.fromkeys(values) for name, values in known["standard_deviation"].items()}
+    scanner = {**results.CONSTANTS, "num_detector_pixels": CELLS}
+    own = {"standard_deviation": deviations, "scanner": scanner, "views": VIEWS, "rows": (0, ROWS)}
+    return known | own | changes
 
 
-def calibration_result() -> dict[str, Any]:
-    frame = {
-        "psi_rad": 2.907,
-        "source_distance_mm": 917.1,
-        "source_to_detector_mm": 1619.3,
-        "cor_column_mm": -209.1,
-        "tilt_rad": -0.083,
-    }
-    return {
-        "theta": THETA,
-        "theta_twin": None,
-        "source_frame": {**frame, "magnification": 1.766},
-        "standard_deviation": {
-            "theta": dict.fromkeys(THETA),
-            "source_frame": dict.fromkeys([*frame, "magnification"]),
-        },
-        "covariance": [[0.0] * 5] * 5,
-        "unconstrained_source_distance_mm": 917.1,
-        "scale_uncertainty_mm": 0.9,
-        "scale_ray_error_mm": 0.05,
-        "predicted_ray_error_mm": {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0},
-        "handedness": "as-drawn",
-        "rotation": "as-given",
-        "hypotheses": [],
-        "phantom_position_mm": (0.0, 0.0),
-        "gain": 1.0,
-        "offset": 0.0,
-        "residual": {"rms": 0.1, "relative": 0.001},
-        "status": "calibrated",
-        "verdict": "pass",
-        "reasons": [],
-        "scanner": {"source_to_cor_mm": 859.46, "num_detector_pixels": CELLS, "detector_pitch_mm": 1.5},
-        "phantom": "L-shape",
-        "views": VIEWS,
-        "rows": (0, ROWS),
-        "search": {
-            "method": "test",
-            "seed": 7,
-            "evaluations": 1,
-            "generations": 1,
-            "best_value": 0.0,
-            "converged": True,
-            "message": "",
-        },
-        "timing_s": {"total": 1.0, "search": 0.5, "refine": 0.3, "uncertainty": 0.2},
-        "software_version": "0",
-        "input_sha256": "0" * 64,
-    }
-
-
-def drift_result() -> dict[str, Any]:
-    three = {"cor_column_mm": -209.1, "tilt_rad": -0.083, "source_to_detector_mm": 1619.3}
-    changes = ("change", "change_standard_deviation", "significance")
-    return {
-        "measured": three,
-        "standard_deviation": dict.fromkeys(three, 0.1),
-        "covariance": [[0.0] * 3] * 3,
-        "calibrated": three,
-        **dict.fromkeys(changes, dict.fromkeys(three, 0.1)),
-        "moved": False,
-        "ray_change_mm": 0.01,
-        "ray_change_uncertainty_mm": 0.02,
-        "radius_mm": 150.0,
-        "tolerance_mm": 0.5,
-        "within_tolerance": True,
-        "reason": "nothing moved",
-        "not_seen": ["R"],
-        "rotation": "as-given",
-        "rotation_ratio": 60.0,
-        "rotation_decided": True,
-        "relative_residual": 0.01,
-        "adjustments": [],
-        "scanner": calibration_result()["scanner"],
-        "views": 120,
-        "rows": (0, 1),
-        "time_s": 0.1,
-        "software_version": "0",
-        "input_sha256": "0" * 64,
-    }
-
-
-def plan_result() -> dict[str, Any]:
-    known = calibration_result()
-    kept = (
-        "theta",
-        "source_frame",
-        "standard_deviation",
-        "covariance",
-        "predicted_ray_error_mm",
-        "scale_uncertainty_mm",
-        "scale_ray_error_mm",
-        "scanner",
-        "phantom",
-        "software_version",
-    )
-    return {name: known[name] for name in kept} | {"noise_mm": 2.1, "views_cut_off": 0, "views": 20, "noise": 0.02}
-
-
-def reconstruction_result() -> dict[str, Any]:
-    return {
-        "shape": (SLICES, SIDE, SIDE),
-        "pixel_mm": 1.25,
-        "unit": "1/mm",
-        "value_range": (0.0, 3.0),
-        "theta": THETA,
-        "rotation": "as-given",
-        "handedness": "as-drawn",
-        "views": VIEWS,
-        "rows": (0, SLICES),
-        "time_s": 0.1,
-        "software_version": "0",
-        "input_sha256": "0" * 64,
-    }
+def reconstruction_result(**changes: Any) -> dict[str, Any]:
+    """Of the volume that `make_volume` makes."""
+    shape = {"shape": (SLICES, SIDE, SIDE), "pixel_mm": 1.25, "value_range": (0.0, 3.0)}
+    return results.reconstruction_result(**shape, views=VIEWS, rows=(0, SLICES)) | changes

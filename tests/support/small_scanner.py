@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import results
 
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
@@ -50,51 +51,22 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
     """A calibration that found a theta."""
 
     def found(theta: Theta = THETA, **changes: Any) -> CalibrationSucceeded:
-        zeros = {"rms": 0.0, "relative": 0.0}
-        known: dict[str, Any] = {
-            "id": "found",
-            "created_at": "2030-01-01T00:00:00Z",
-            "scanner_id": "line-2",
-            "scan_id": "scan",
-            "phantom_id": "l-shape",
-            "job_id": "job",
-            "options": CalibrationOptions(),
-            "theta": from_theta(theta),
-            "theta_twin": None,
-            "source_frame": from_frame(theta.source_frame(SCANNER.source_to_cor_mm)),
-            "standard_deviation": None,
-            "covariance": None,
-            "unconstrained_source_distance_mm": 900.0,
-            "scale_uncertainty_mm": 0.9,
-            "scale_ray_error_mm": 0.05,
-            "predicted_ray_error_mm": None,
-            "handedness": "as-drawn",
-            "rotation": "as-given",
-            "hypotheses": [],
-            "phantom_position_mm": (0.0, 0.0),
-            "gain": 1.0,
-            "offset": 0.0,
-            "residual": zeros,
-            "status": "calibrated",
-            "verdict": "pass",
-            "reasons": [],
-            "scanner": CONSTANTS,
-            "phantom": "L-shape",
-            "views": 60,
-            "rows": (0, 1),
-            "search": {
-                "method": "by hand",
-                "seed": 1,
-                "evaluations": 0,
-                "generations": 0,
-                "best_value": 0.0,
-                "converged": True,
-                "message": "",
-            },
-            "timing_s": {"total": 0.0, "search": 0.0, "refine": 0.0, "uncertainty": 0.0},
-            "software_version": "0",
-            "input_sha256": "0" * 64,
-        }
+        known = results.calibration_result(
+            id="found",
+            created_at="2030-01-01T00:00:00Z",
+            scanner_id="line-2",
+            scan_id="scan",
+            phantom_id="l-shape",
+            job_id="job",
+            options=CalibrationOptions(),
+            theta=from_theta(theta),
+            source_frame=from_frame(theta.source_frame(SCANNER.source_to_cor_mm)),
+            standard_deviation=None,
+            covariance=None,
+            predicted_ray_error_mm=None,
+            scanner=CONSTANTS,
+            views=60,
+        )
         return CalibrationSucceeded.model_validate(known | changes)
 
     return found
