@@ -2,9 +2,11 @@
 PYTHON ?= python3.11
 VENV := .venv
 BIN := $(VENV)/bin
+# Tests at a time: more than cores, since many wait for processes and clocks.
+WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo test lint openapi bench bench-scanners bench-coverage bench-misspecified bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
+.PHONY: install install-dev demo check test study lint openapi bench bench-scanners bench-coverage bench-misspecified bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -17,6 +19,7 @@ $(BIN)/python:
 $(VENV)/.installed: pyproject.toml constraints.txt | $(BIN)/python
 	@echo "Installing sawmill-calibration (about half a minute) ..."
 	@$(PIP) --editable .
+	@$(BIN)/sawmill compile
 	@touch $@
 
 $(VENV)/.installed-dev: pyproject.toml constraints.txt $(VENV)/.installed
@@ -33,8 +36,19 @@ lint: install-dev
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 
+# What every change is tried with, under two minutes.
+check: lint
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) -m "not slow"
+
+# All tests. Those of whole services run after the others: they watch clocks.
 test: lint
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
+
+# Statistics over many seeds, and the wheel in an empty environment. Hours.
+study: bench study-wheel
+
+study-wheel: install-dev
+	@$(BIN)/python benchmarks/wheel.py
 
 openapi: install
 	@$(BIN)/sawmill openapi

@@ -115,13 +115,13 @@ def plan_result(**changes: Any) -> dict[str, Any]:
 
 def drift_result(**changes: Any) -> dict[str, Any]:
     three = {"cor_column_mm": -209.1, "tilt_rad": -0.083, "source_to_detector_mm": 1619.3}
-    changes = ("change", "change_standard_deviation", "significance")
+    of_three = ("change", "change_standard_deviation", "significance")
     return {
         "measured": three,
         "standard_deviation": dict.fromkeys(three, 0.1),
         "covariance": [[0.0] * 3] * 3,
         "calibrated": three,
-        **dict.fromkeys(changes, dict.fromkeys(three, 0.1)),
+        **dict.fromkeys(of_three, dict.fromkeys(three, 0.1)),
         "moved": False,
         "ray_change_mm": 0.01,
         "ray_change_uncertainty_mm": 0.02,
