@@ -4,20 +4,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
 from sawmill_worker.contracts.scanners import Activation, Scanner
+from sawmill_worker.templating import templates_of
 
-TEMPLATES = Environment(
-    loader=PackageLoader("sawmill_service"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+TEMPLATES = templates_of("sawmill_service")
 
 
 @dataclass(frozen=True)

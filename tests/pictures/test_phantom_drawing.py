@@ -1,32 +1,25 @@
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 
 import pytest
 
+from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-@dataclass(frozen=True)
-class Polygon:
-    vertices_mm: tuple[tuple[float, float], ...]
-    density: float = 1.0
+BOARD = PolygonShape(vertices_mm=[(-100.0, -150.0), (100.0, -150.0), (100.0, 150.25), (-100.0, 150.25)])
 
 
-@dataclass(frozen=True)
-class Disc:
-    center_mm: tuple[float, float]
-    radius_mm: float
-    density: float = 1.0
+def disc(x_mm: float, y_mm: float, radius_mm: float, density: float = 1.0) -> DiscShape:
+    return DiscShape(center_mm=(x_mm, y_mm), radius_mm=radius_mm, density=density)
 
 
-BOARD = Polygon(((-100.0, -150.0), (100.0, -150.0), (100.0, 150.25), (-100.0, 150.25)))
-HOLE = Disc((-50.0, -49.0), 26.0, -1.0)
+HOLE = disc(-50.0, -49.0, 26.0, -1.0)
 
 
-def drawn(name: str, *shapes: Polygon | Disc) -> ET.Element:
-    return ET.fromstring(phantom_svg(name, shapes))  # noqa: S314 - our own text
+def drawn(name: str, *shapes: PolygonShape | DiscShape) -> ET.Element:
+    return ET.fromstring(phantom_svg(PhantomDrawing(name=name, shapes=shapes)))  # noqa: S314 - our own text
 
 
 def outline(root: ET.Element) -> list[tuple[float, float]]:
@@ -65,8 +58,8 @@ def test_a_hole_is_cut_into_the_wood_whatever_the_order():
 
 
 def test_sizes_name_and_scale_are_written():
-    said = words(drawn("board", BOARD, HOLE))
-    assert {"300.25", "200", "board", "100 mm", "⌀ 52 at (-50, -49)"} <= set(said)
+    written = words(drawn("board", BOARD, HOLE))
+    assert {"300.25", "200", "board", "100 mm", "⌀ 52 at (-50, -49)"} <= set(written)
 
 
 def test_the_scale_bar_is_a_hundred_millimetres():
@@ -76,7 +69,7 @@ def test_the_scale_bar_is_a_hundred_millimetres():
 
 
 def test_everything_lies_on_the_paper_the_rotation_centre_too():
-    root = drawn("beside", Disc((60.0, 90.0), 20.0), Disc((-300.0, 40.0), 5.0, -1.0))
+    root = drawn("beside", disc(60.0, 90.0, 20.0), disc(-300.0, 40.0, 5.0, -1.0))
     width, height = (float(root.get(name).removesuffix("mm")) for name in ("width", "height"))
     (mark,) = [circle for circle in root.iter(f"{SVG}circle") if circle.get("fill") == "none"]
     assert 0.0 < float(mark.get("cx")) < width

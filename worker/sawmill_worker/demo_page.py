@@ -3,15 +3,9 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from sawmill_worker.templating import templates_of
 
-TEMPLATES = Environment(
-    loader=PackageLoader("sawmill_worker"),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-)
+TEMPLATES = templates_of("sawmill_worker")
 
 
 @dataclass

@@ -88,7 +88,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
         detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
         raise Refused(409, "phantom-without-drawing", detail)
     tag = etag(drawing)
-    return picture(request, tag, lambda: phantom_svg(drawing.name, drawing.shapes), answer=Svg)
+    return picture(request, tag, lambda: phantom_svg(drawing), answer=Svg)
 
 
 @router.delete(

@@ -25,5 +25,4 @@ def plan_phantoms(
 
 def draw_phantom(phantom: PhantomSource, output: Path) -> None:
     """Write a phantom as SVG, at full size."""
-    drawing = drawing_of(phantom)
-    output.write_text(phantom_svg(drawing.name, drawing.shapes), encoding="utf-8")
+    output.write_text(phantom_svg(drawing_of(phantom)), encoding="utf-8")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from sawmill_worker.pictures.calibration_table import calibration_table
@@ -182,14 +183,13 @@ def _side_by_side(part: SubFigure, *widths: float) -> list[SubFigure]:
     return [part.add_subfigure(grid[column]) for column in range(len(widths))]
 
 
-def _draw_table(ax: Axes, table: list[tuple[str, str]]) -> None:
+def _draw_table(ax: Axes, rows: list[tuple[str, str]]) -> None:
     ax.set_axis_off()
-    step = 1 / len(table)
-    for line, (label, value) in enumerate(table):
-        y = 1 - (line + 0.5) * step
-        if line % 2 == 0:
-            ax.axhspan(y - step / 2, y + step / 2, color="0.95", linewidth=0)
-        ax.text(0.02, y, label, va="center", fontsize=11)
-        ax.text(0.98, y, value, va="center", ha="right", fontsize=11, family="monospace")
-    ax.set_xlim(0, 1)
-    ax.set_ylim(0, 1)
+    stripes = [["0.95" if line % 2 == 0 else "white"] * 2 for line in range(len(rows))]
+    table = ax.table(rows, stripes, cellLoc="right", colWidths=(0.4, 0.6), bbox=Bbox.unit())
+    table.auto_set_font_size(value=False)
+    table.set_fontsize(11)
+    for (_, column), cell in table.get_celld().items():
+        cell.set_linewidth(0)
+        cell.PAD = 0.03
+        cell.set_text_props(**({"family": "monospace"} if column else {"ha": "left"}))
