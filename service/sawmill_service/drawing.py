@@ -8,6 +8,8 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.files import calibration_file
 from sawmill_worker.storage.store import Store
@@ -42,7 +44,7 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
 
         record = calibration_file.read_calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
         drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
-        return drawn(record.answer, record.arrays)
+        return drawn(CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays))
 
     return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
@@ -53,4 +55,4 @@ def drawn_alpha_curve(columns: Mapping[str, NDArray[Any]]) -> bytes:
     from sawmill_worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415
 
     with _DRAWING:
-        return alpha_curve_png(columns)
+        return alpha_curve_png(**columns)

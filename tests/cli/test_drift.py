@@ -3,11 +3,11 @@
 import json
 
 import pytest
+from calibration_answers import write_answer
 
 from sawmill_worker.contracts.calibrations import CalibrationFile
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants, Theta
-from sawmill_worker.use_cases.calibration_files import write_result
 from sawmill_worker.use_cases.conversion import from_frame, to_theta
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
@@ -55,7 +55,7 @@ def test_a_scanner_that_stood_still_is_within_tolerance(run, log_scans, known):
 
 
 def test_the_service_s_result_h5_gives_the_same_answer(run, log_scans, known, tmp_path):
-    write_result(tmp_path, CalibrationFile.read(known.read_text()), {})
+    write_answer(tmp_path / "result.h5", CalibrationFile.read(known.read_text()))
     flags = ("--data", "counts", "--json", "--calibration")
     answers = [
         json.loads(run("drift", log_scans / "moved.h5", *flags, path).stdout)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
@@ -117,7 +118,7 @@ def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt
     record = calibration_file.read_calibration(calibrating.output / "result.h5")
     assert not record.arrays["phantom_image"].any()
     assert "log_after" not in record.arrays
-    with Image.open(io.BytesIO(overlay_png(record.answer, record.arrays))) as picture:
+    with Image.open(io.BytesIO(overlay_png(result, CalibrationArrays.of(record.arrays)))) as picture:
         assert min(picture.size) > 300
 
 

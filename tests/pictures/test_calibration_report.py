@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.image_panels import log_comparison_png
@@ -27,6 +29,18 @@ FRAME = {
 VARIANCES = np.array([1e-8, 0.2, 0.8, 1e-4, 1e-6])
 
 
+def report(answer, arrays):
+    return report_png(CalibrationResult.model_validate(answer), CalibrationArrays.of(arrays))
+
+
+def overlay(answer, arrays):
+    return overlay_png(CalibrationResult.model_validate(answer), CalibrationArrays.of(arrays))
+
+
+def table_of(answer):
+    return dict(calibration_table(CalibrationResult.model_validate(answer)))
+
+
 @pytest.fixture
 def answer():
     deviations = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
@@ -38,6 +52,7 @@ def answer():
         "source_frame": FRAME,
         "standard_deviation": deviations,
         "covariance": np.diag(VARIANCES).tolist(),
+        "unconstrained_source_distance_mm": 917.1,
         "scale_uncertainty_mm": 0.9,
         "scale_ray_error_mm": 0.05,
         "predicted_ray_error_mm": {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0},
@@ -50,11 +65,23 @@ def answer():
         "reasons": [],
         "adjustments": ["2 detector cells without a usable signal were left out"],
         "comparison": None,
-        "scanner": {"detector_pitch_mm": 1.5},
+        "gain": 1.0,
+        "offset": 0.0,
+        "scanner": {"source_to_cor_mm": 859.46, "num_detector_pixels": 48, "detector_pitch_mm": 1.5},
         "views": 20,
         "rows": [0, 3],
-        "search": {"method": "multi-start", "evaluations": 12},
-        "timing_s": {"total": 0.2},
+        "search": {
+            "method": "multi-start",
+            "seed": 7,
+            "evaluations": 12,
+            "generations": 1,
+            "best_value": 0.002,
+            "converged": True,
+            "message": "",
+        },
+        "timing_s": {"total": 0.2, "search": 0.1, "refine": 0.05, "uncertainty": 0.05},
+        "software_version": "0",
+        "input_sha256": "0" * 64,
     }
 
 
@@ -62,6 +89,8 @@ def answer():
 def arrays():
     rng = np.random.default_rng(20261120)
     return {
+        "sinogram": np.ones((20, 48)),
+        "model": np.ones((20, 48)),
         "residual": rng.normal(size=(20, 48)) / 10,
         "angles_rad": np.deg2rad(np.arange(20) * 18 + 0.5),
         "phantom_image": rng.random((64, 64)),
@@ -107,7 +136,7 @@ NOTHING_LEFT = {"search_history": np.zeros((0, 2)), "residual": np.zeros((20, 48
 def test_the_report_has_its_verdicts_color_and_what_there_is(
     answer, arrays, verdict, color, other_answer, other_arrays, pairs
 ):
-    page = pixels(report_png(answer | other_answer | {"verdict": verdict}, arrays | other_arrays))
+    page = pixels(report(answer | other_answer | {"verdict": verdict}, arrays | other_arrays))
     assert page.shape[1] == 1400
     badge = page[:70, -250:]
     # A badge's face has some 2 000 pixels.
@@ -118,8 +147,17 @@ def test_the_report_has_its_verdicts_color_and_what_there_is(
     assert 6_000 * pairs < filled + 1 < 20_000 * pairs + 100
 
 
-def test_what_is_said_makes_the_page_longer_and_what_moved_too_far_is_red(answer, arrays):
-    moved = {"reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed", "within_tolerance": False}
+def test_sentences_make_the_page_longer_and_what_moved_too_far_is_red(answer, arrays):
+    moved = {
+        "calibration_id": "example",
+        "ray_change_mm": 2.0,
+        "angle_change_deg": 0.0,
+        "cor_column_change_mm": 2.0,
+        "source_distance_change_mm": 0.0,
+        "tilt_change_deg": 0.0,
+        "within_tolerance": False,
+        "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
+    }
     log = {
         "log_row": np.array(5),
         "log_field_mm": np.array(330.0),
@@ -127,9 +165,7 @@ def test_what_is_said_makes_the_page_longer_and_what_moved_too_far_is_red(answer
         "log_after": np.eye(32),
     }
     page = pixels(
-        report_png(
-            answer | {"reasons": [moved["reason"], "the residual is not white"], "comparison": moved}, arrays | log
-        )
+        report(answer | {"reasons": [moved["reason"], "the residual is not white"], "comparison": moved}, arrays | log)
     )
     # Head with four lines, what was found, log, fit and pairs, at 100 pixels an inch; a page's height is whole.
     assert abs(page.shape[0] - 100 * (1.0 + 4 * 0.27 + 6.1 + 6.6 + 5.4 + 6.4)) <= 1
@@ -138,24 +174,24 @@ def test_what_is_said_makes_the_page_longer_and_what_moved_too_far_is_red(answer
 
 def test_one_picture_of_a_log_stands_alone(answer, arrays):
     log = {"log_row": np.array(5), "log_field_mm": np.array(330.0), "log_after": np.eye(32)}
-    page = pixels(report_png(answer | {"verdict": "watch"}, arrays | log))
+    page = pixels(report(answer | {"verdict": "watch"}, arrays | log))
     middle = page[900:1300, 200:500]
     assert near(middle, (0, 0, 0)) > 0.5 * middle.shape[0] * middle.shape[1]
 
 
 def test_same_input_same_bytes(answer, arrays):
-    assert overlay_png(answer, arrays) == overlay_png(answer, arrays)
+    assert overlay(answer, arrays) == overlay(answer, arrays)
 
 
 def test_views_and_angles_that_disagree(answer, arrays):
     with pytest.raises(ValueError, match=r"residual \(20, 48\) and 19 angles do not agree"):
-        report_png(answer, arrays | {"angles_rad": np.arange(19.0)})
+        report(answer, arrays | {"angles_rad": np.arange(19.0)})
 
 
 def test_outline_lies_where_x_is_down_and_y_is_right(answer, arrays):
     outline = np.array([(-190.0, 100.0), (-190.0, 190.0), (-150.0, 190.0), (-150.0, 100.0), (-190.0, 100.0)])
     black = {"phantom_image": np.zeros((64, 64)), "phantom_outlines_mm": outline}
-    page = pixels(overlay_png(answer, arrays | black))
+    page = pixels(overlay(answer, arrays | black))
     panel = np.argwhere(page.max(axis=2) < 60)
     top, left = panel.min(axis=0)
     bottom, right = panel.max(axis=0)
@@ -169,7 +205,7 @@ def test_a_gap_between_outlines_is_not_drawn(answer, arrays):
     two = np.concatenate([square - 120.0, np.full((1, 2), np.nan), square + 120.0])
     black = arrays | {"phantom_image": np.zeros((64, 64))}
     drawn, line = (
-        near(pixels(overlay_png(answer, black | {"phantom_outlines_mm": these})), ORANGE)
+        near(pixels(overlay(answer, black | {"phantom_outlines_mm": these})), ORANGE)
         for these in (two, np.delete(two, 5, axis=0))
     )
     # The line from one square to the other is about as long as both of them.
@@ -184,10 +220,10 @@ def test_comparison_shows_both_images_in_one_window():
 
 
 def test_the_table_has_each_value_with_its_deviation(answer):
-    table = dict(calibration_table(answer))
+    table = table_of(answer)
     assert table["source distance R"] == "917.100 ± 0.02 mm"
     assert table["first angle alpha0"] == "146.1042 ± 0.57 °"
     assert table["  next best"] == "from-behind / as-given, 15.00% unexplained"
-    bare = dict(calibration_table(answer | {"standard_deviation": None, "predicted_ray_error_mm": None}))
+    bare = table_of(answer | {"standard_deviation": None, "predicted_ray_error_mm": None})
     assert bare["source distance R"] == "917.100 mm"
     assert "predicted ray error" not in bare

@@ -238,6 +238,8 @@ def write_scan(folder: Path) -> None:
 
 def write_calibration(folder: Path) -> None:
     arrays = {
+        "sinogram": np.ones((VIEWS, CELLS), np.float32),
+        "model": np.zeros((VIEWS, CELLS), np.float32),
         "residual": np.ones((VIEWS, CELLS), np.float32),
         "angles_rad": np.linspace(0.0, 5.8, VIEWS),
         "phantom_image": np.eye(SIDE, dtype=np.float32),

@@ -46,9 +46,9 @@ def drawn(monkeypatch):
     times = []
     overlay_png = calibration_report.overlay_png
 
-    def counted(answer, arrays):
-        times.append(answer["phantom"])
-        return overlay_png(answer, arrays)
+    def counted(result, arrays):
+        times.append(result.phantom)
+        return overlay_png(result, arrays)
 
     monkeypatch.setattr(calibration_report, "overlay_png", counted)
     return times
@@ -82,7 +82,7 @@ def test_a_picture_of_an_older_version_stays(seeded, store):
 def test_a_picture_cannot_outlive_its_calibration(store, seeded, monkeypatch):  # noqa: ARG001 - fills the store
     folder = store.files.results(JobKind.CALIBRATE, "example")
 
-    def removed_meanwhile(answer, arrays):  # noqa: ARG001
+    def removed_meanwhile(result, arrays):  # noqa: ARG001
         store.files.remove(folder)
         return b"late"
 

@@ -72,7 +72,7 @@ def _curve(volume: Path, _: ReconstructionResult, __: str) -> bytes:
         columns = alpha_curve(volume)
     except NotStored as missing:
         raise refused(missing.code, f"the volume was written, but {missing}") from missing
-    return alpha_curve_png(columns)
+    return alpha_curve_png(**columns)
 
 
 @contextmanager

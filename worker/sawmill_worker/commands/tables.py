@@ -21,7 +21,7 @@ def print_calibration(result: CalibrationResult) -> None:
     colour = {"pass": "green", "watch": "yellow", "fail": "red"}[result.verdict]
     title = f"Calibration with {escape(result.phantom)}: [bold {colour}]{result.verdict}[/]"
     table = Table(title=title, show_header=False)
-    for label, value in calibration_table(result.model_dump(mode="json")):
+    for label, value in calibration_table(result):
         table.add_row(label, value)
     console = Console()
     console.print(table)

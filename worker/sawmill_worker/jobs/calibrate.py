@@ -18,6 +18,7 @@ from sawmill_worker.use_cases.calibration_files import calibration_arrays, write
 from sawmill_worker.use_cases.compare import compared
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_beside
+from sawmill_worker.use_cases.reconstruct import volume_unit
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import Adjustment, DataKind
 
@@ -42,7 +43,8 @@ def run(attempt: Attempt) -> dict[str, Any]:
     attempt.report_stage(0.97, "result")
     log = _log_row(store, scan, options, given)
     images = None if log is None else log_images(log, given, result, active)
-    write_result(attempt.output, result, calibration_arrays(calibration, given, images))
+    kept = calibration_arrays(calibration, given, images)
+    write_result(attempt.output, result, kept, log_unit=volume_unit(counts=given.from_counts))
     return result.model_dump(mode="json")
 
 

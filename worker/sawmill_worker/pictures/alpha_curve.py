@@ -1,8 +1,6 @@
-"""How Tikhonov's alpha came to be chosen: the L-curve, and generalised cross-validation where that was asked."""
+"""How Tikhonov's alpha was chosen: the L-curve, and generalised cross-validation where that was asked for."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,39 +9,47 @@ from numpy.typing import NDArray
 
 from sawmill_worker.pictures.image_panels import encoded
 
+Array = NDArray[np.float64]
+
 INK, CHOSEN = "#1f77b4", "#b71c1c"
-# Points of the curve that are marked, and how far from the last one the next is whose alpha is written beside it.
+# Points of the curve that are marked, and the least distance between two whose alpha is written beside them.
 MARKS, APART_PX = 13, (72.0, 18.0)
 
 
-def alpha_curve_png(columns: Mapping[str, NDArray[Any]]) -> bytes:
+def alpha_curve_png(
+    *, alphas: Array, residual_norms: Array, solution_norms: Array, alpha: Array, gcv: Array | None = None
+) -> bytes:
     """The curve of one slice with the alpha that was taken.
 
     Parameters
     ----------
-    columns : mapping of name to array
-        `alphas` in mm², `residual_norms`, `solution_norms` and perhaps `gcv`, each (points,), and the `alpha` taken.
+    alphas : (points,) float64
+        In mm².
+    residual_norms, solution_norms : (points,) float64
+        ||A x - y|| and ||x||.
+    alpha : () float64
+        The one taken, in mm².
+    gcv : (points,) float64, optional
+        Generalised cross-validation, where that was asked for.
 
     Returns
     -------
     bytes
         A PNG file.
     """
-    alphas, alpha = columns["alphas"], float(columns["alpha"])
-    panels = 2 if "gcv" in columns else 1
-    figure = Figure(figsize=(6.0 * panels, 5.0), layout="constrained")
-    left, *right = figure.subplots(1, panels, squeeze=False)[0]
+    taken = float(alpha)
+    figure = Figure(figsize=(6.0 if gcv is None else 12.0, 5.0), layout="constrained")
+    left, *right = figure.subplots(1, 1 if gcv is None else 2, squeeze=False)[0]
     for axes in right:
-        axes.loglog(alphas, columns["gcv"], color=INK)
-        axes.axvline(alpha, color=CHOSEN, linestyle="--", label=f"taken: {alpha:.3g} mm²")
+        axes.loglog(alphas, gcv, color=INK)
+        axes.axvline(taken, color=CHOSEN, linestyle="--", label=f"taken: {taken:.3g} mm²")
         axes.set(xlabel="alpha, mm²", ylabel="GCV", title="generalised cross-validation")
         axes.legend()
-    _draw_l_curve(figure, left, columns, alpha)
+    _draw_l_curve(figure, left, alphas, residual_norms, solution_norms, taken)
     return encoded(figure)
 
 
-def _draw_l_curve(figure: Figure, axes: Axes, columns: Mapping[str, NDArray[Any]], alpha: float) -> None:
-    alphas, residual, solution = columns["alphas"], columns["residual_norms"], columns["solution_norms"]
+def _draw_l_curve(figure: Figure, axes: Axes, alphas: Array, residual: Array, solution: Array, alpha: float) -> None:
     axes.loglog(residual, solution, color=INK)
     nearest = int(np.argmin(np.abs(np.log(alphas / alpha))))
     axes.margins(x=0.2)

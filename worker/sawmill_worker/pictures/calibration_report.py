@@ -1,26 +1,23 @@
-"""What a calibration looks like, on one page: first what a technician needs, then how it is known.
+"""A calibration's report on one page: first what a technician needs, then how it is known.
 
 Drawn with matplotlib's figure objects, never through pyplot: no state, no display. Everything shown is in the
-calibration's HDF5 file: its answer, and the arrays that `docs/formats.md` lists.
+calibration's HDF5 file: its result, and its arrays.
 """
 
 import textwrap
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.transforms import Bbox
-from numpy.typing import NDArray
 
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays, LogImages
+from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded
 from sawmill_worker.pictures.parameter_panels import draw_frame_pairs, draw_theta_and_twin
-
-Answer = Mapping[str, Any]
-Arrays = Mapping[str, NDArray[Any]]
 
 WIDTH_IN = 14.0
 LINE_IN = 0.27
@@ -33,17 +30,8 @@ VERDICTS = {
 }
 
 
-def report_png(answer: Answer, arrays: Arrays) -> bytes:
+def report_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
     """The report of one calibration.
-
-    Parameters
-    ----------
-    answer : mapping
-        As JSON has it.
-    arrays : mapping of name to array
-        Of result.h5: residual (view, detector) with angles_rad (view,), phantom_image (x, y) with phantom_field_mm,
-        phantom_outlines_mm (point, 2), search_history (step, 2); log_before and log_after (x, y) with log_field_mm
-        and log_row where the scan shows a log.
 
     Returns
     -------
@@ -55,57 +43,57 @@ def report_png(answer: Answer, arrays: Arrays) -> bytes:
     ValueError
         When views and angles do not agree.
     """
-    residual, angles_deg = arrays["residual"], np.rad2deg(arrays["angles_rad"])
+    residual, angles_deg = arrays.residual, np.rad2deg(arrays.angles_rad)
     if len(angles_deg) != len(residual):
         raise ValueError(f"the residual {residual.shape} and {len(angles_deg)} angles do not agree")
-    words = list(_words(answer))
-    heights = {"head": 1.0 + LINE_IN * len(words), "found": 6.1, "fit": 5.4, "pairs": 6.4}
-    if "log_after" in arrays:
+    lines = list(_lines(result))
+    heights = {"head": 1.0 + LINE_IN * len(lines), "found": 6.1, "fit": 5.4, "pairs": 6.4}
+    if arrays.log is not None:
         heights = {"head": heights["head"], "found": heights["found"], "log": 6.6, **heights}
     figure = Figure(figsize=(WIDTH_IN, sum(heights.values())), layout="constrained")
     grid = figure.add_gridspec(len(heights), 1, height_ratios=list(heights.values()))
     parts = {name: figure.add_subfigure(grid[row]) for row, name in enumerate(heights)}
-    _draw_head(parts["head"], answer, words, heights["head"])
-    _draw_found(parts["found"], answer, arrays)
-    if "log" in parts:
-        _draw_log(parts["log"], arrays)
-    _draw_fit(parts["fit"], answer, arrays)
-    _draw_pairs(parts["pairs"], answer)
+    _draw_head(parts["head"], result, lines, heights["head"])
+    _draw_found(parts["found"], result, arrays)
+    if arrays.log is not None:
+        _draw_log(parts["log"], arrays.log)
+    _draw_fit(parts["fit"], result, arrays)
+    _draw_pairs(parts["pairs"], result)
     return encoded(figure)
 
 
-def overlay_png(answer: Answer, arrays: Arrays) -> bytes:
+def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
     """The phantom's reconstruction with its outlines over it, alone; arguments as for the report."""
     figure = Figure(figsize=(9.0, 8.2), layout="constrained")
-    figure.suptitle(f"{answer['phantom']} with the geometry found", fontsize=15, fontweight="bold")
+    figure.suptitle(f"{result.phantom} with the geometry found", fontsize=15, fontweight="bold")
     _draw_phantom(figure, figure.add_subplot(), arrays)
     return encoded(figure)
 
 
-def _words(answer: Answer) -> Iterator[tuple[str, str]]:
+def _lines(result: CalibrationResult) -> Iterator[tuple[str, str]]:
     """The lines below the title, each with its colour: the verdict in words, why, what moved, what was done."""
-    yield VERDICTS[answer["verdict"]][1], "black"
-    comparison = answer["comparison"]
-    sentences = [(reason, "black") for reason in answer["reasons"]]
+    yield VERDICTS[result.verdict][1], "black"
+    comparison = result.comparison
+    sentences = [(reason, "black") for reason in result.reasons]
     if comparison is not None:
-        color = "black" if comparison["within_tolerance"] else ALARM
+        color = "black" if comparison.within_tolerance else ALARM
         # A scanner that moved too far is among the reasons as well.
-        sentences = [item for item in sentences if item[0] != comparison["reason"]]
-        sentences.append((f"since the active calibration: {comparison['reason']}", color))
-    for sentence, color in (*sentences, *((done, "0.35") for done in answer["adjustments"])):
+        sentences = [item for item in sentences if item[0] != comparison.reason]
+        sentences.append((f"since the active calibration: {comparison.reason}", color))
+    for sentence, color in (*sentences, *((done, "0.35") for done in result.adjustments)):
         for line in textwrap.wrap(sentence, COLUMNS, initial_indent="•  ", subsequent_indent="    "):
             yield line, color
 
 
-def _draw_head(part: SubFigure, answer: Answer, words: list[tuple[str, str]], height_in: float) -> None:
-    color, _ = VERDICTS[answer["verdict"]]
+def _draw_head(part: SubFigure, result: CalibrationResult, lines: list[tuple[str, str]], height_in: float) -> None:
+    color, _ = VERDICTS[result.verdict]
     badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
     top = 1 - 0.2 / height_in
-    part.text(0.012, top, f"Calibration with {answer['phantom']}", fontsize=19, fontweight="bold", va="top")
+    part.text(0.012, top, f"Calibration with {result.phantom}", fontsize=19, fontweight="bold", va="top")
     part.text(
         0.985,
         top,
-        answer["verdict"].upper(),
+        result.verdict.upper(),
         fontsize=17,
         fontweight="bold",
         color="white",
@@ -113,69 +101,67 @@ def _draw_head(part: SubFigure, answer: Answer, words: list[tuple[str, str]], he
         va="top",
         bbox=badge,
     )
-    for number, (line, line_color) in enumerate(words):
+    for number, (line, line_color) in enumerate(lines):
         part.text(0.012, 1 - (0.85 + LINE_IN * number) / height_in, line, fontsize=12.5, va="top", color=line_color)
 
 
-def _draw_found(part: SubFigure, answer: Answer, arrays: Arrays) -> None:
+def _draw_found(part: SubFigure, result: CalibrationResult, arrays: CalibrationArrays) -> None:
     grid = part.add_gridspec(1, 2, width_ratios=(1, 1.02))
     _draw_phantom(part, part.add_subplot(grid[0]), arrays)
-    _draw_table(part.add_subplot(grid[1]), calibration_table(answer))
+    _draw_table(part.add_subplot(grid[1]), calibration_table(result))
 
 
-def _draw_phantom(figure: FigureBase, ax: Axes, arrays: Arrays) -> None:
-    image = arrays["phantom_image"]
+def _draw_phantom(figure: FigureBase, ax: Axes, arrays: CalibrationArrays) -> None:
+    image = arrays.phantom_image
     ax.set_title("the phantom, reconstructed with the geometry found")
-    draw_phantom(figure, ax, image, float(arrays["phantom_field_mm"]), arrays["phantom_outlines_mm"])
+    draw_phantom(figure, ax, image, arrays.phantom_field_mm, arrays.phantom_outlines_mm)
     if not image.any():
         ax.text(
             0.5, 0.5, "no image: the views\ndo not go all round", transform=ax.transAxes, ha="center", color="white"
         )
 
 
-def _draw_log(part: SubFigure, arrays: Arrays) -> None:
-    row = int(arrays["log_row"])
-    images = [(f"the log in row {row}, with this calibration", arrays["log_after"])]
-    if "log_before" in arrays:
-        images.insert(0, (f"the log in row {row}, with the calibration that was active", arrays["log_before"]))
-    else:
+def _draw_log(part: SubFigure, log: LogImages) -> None:
+    images = [(f"the log in row {log.row}, with this calibration", log.after)]
+    if log.before is None:
         part.text(0.75, 0.5, "no earlier calibration\nto compare it with", ha="center", fontsize=12)
-    draw_logs(part, images, float(arrays["log_field_mm"]), "")
+    else:
+        images.insert(0, (f"the log in row {log.row}, with the calibration that was active", log.before))
+    draw_logs(part, images, log.field_mm, "")
 
 
-def _draw_fit(part: SubFigure, answer: Answer, arrays: Arrays) -> None:
+def _draw_fit(part: SubFigure, result: CalibrationResult, arrays: CalibrationArrays) -> None:
     residual_part, search_part = _side_by_side(part, 1.9, 1)
-    left = answer["residual"]
     residual_part.suptitle(
-        f"measured less model: RMS {left['rms']:.3g}, {100 * left['relative']:.2g} % of the sinogram's"
+        f"measured less model: RMS {result.residual.rms:.3g}, {100 * result.residual.relative:.2g} % of the sinogram's"
     )
     draw_residual(
         residual_part,
-        arrays["residual"],
-        np.rad2deg(arrays["angles_rad"]),
-        answer["scanner"]["detector_pitch_mm"],
+        arrays.residual,
+        np.rad2deg(arrays.angles_rad),
+        result.scanner.detector_pitch_mm,
     )
-    search, history = answer["search"], arrays["search_history"]
-    search_part.suptitle(f"search: {search['evaluations']} evaluations,\n{search['method']}")
-    # The default search tells relative residuals; the published one a correlation, which is below zero.
-    told_as_residual = bool((history[:, 1] > 0.0).all())
-    draw_search(search_part.add_subplot(), history, final=left["relative"] if told_as_residual else None)
+    search, history = result.search, arrays.search_history
+    search_part.suptitle(f"search: {search.evaluations} evaluations,\n{search.method}")
+    # The default search reports relative residuals; the published one a correlation, which is below zero.
+    of_residuals = bool((history[:, 1] > 0.0).all())
+    draw_search(search_part.add_subplot(), history, final=result.residual.relative if of_residuals else None)
 
 
-def _draw_pairs(part: SubFigure, answer: Answer) -> None:
+def _draw_pairs(part: SubFigure, result: CalibrationResult) -> None:
     frame_part, theta_part = _side_by_side(part, 1.15, 1)
-    covariance = np.zeros((5, 5)) if answer["covariance"] is None else np.array(answer["covariance"])
+    covariance = np.zeros((5, 5)) if result.covariance is None else np.array(result.covariance)
     if np.count_nonzero(np.diag(covariance)) < 2:
         frame_part.suptitle("source frame: no error bars, so no ellipses")
     else:
         frame_part.suptitle("source frame: 95 % ellipse of each pair, from the answer")
         draw_frame_pairs(frame_part, covariance)
-    twin = answer["theta_twin"]
+    twin = result.theta_twin
     theta_part.suptitle(
         "theta: source shift 0, no twin" if twin is None else "theta and its twin: the same sinogram, exactly"
     )
-    deviations = answer["standard_deviation"]
-    draw_theta_and_twin(theta_part, answer["theta"], twin, {} if deviations is None else deviations["theta"])
+    deviations = result.standard_deviation
+    draw_theta_and_twin(theta_part, result.theta, twin, None if deviations is None else deviations.theta)
 
 
 def _side_by_side(part: SubFigure, *widths: float) -> list[SubFigure]:

@@ -1,57 +1,54 @@
 """A calibration's numbers as people read them."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-Answer = Mapping[str, Any]
+from sawmill_worker.contracts.calibrations import CalibrationResult, StandardDeviation
+from sawmill_worker.contracts.geometry import SourceFrameDeviation, ThetaDeviation
+
+UNKNOWN = StandardDeviation(
+    theta=ThetaDeviation.model_validate(dict.fromkeys(ThetaDeviation.model_fields)),
+    source_frame=SourceFrameDeviation.model_validate(dict.fromkeys(SourceFrameDeviation.model_fields)),
+)
 
 
-def calibration_table(answer: Answer) -> list[tuple[str, str]]:
-    """Labels and values, standard deviations beside them where they are known.
-
-    Parameters
-    ----------
-    answer : mapping
-        A calibration's answer as JSON has it, the units in the names.
-    """
-    theta, frame = answer["theta"], answer["source_frame"]
-    deviations = answer["standard_deviation"] or {"theta": {}, "source_frame": {}}
-    theta_sd, frame_sd = deviations["theta"], deviations["source_frame"]
+def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
+    """Labels and values, standard deviations beside them where they are known."""
+    theta, frame = result.theta, result.source_frame
+    deviation = result.standard_deviation or UNKNOWN
+    theta_sd, frame_sd = deviation.theta, deviation.source_frame
     rows = [
-        ("first angle alpha0", _degrees("initial_angle_rad", theta, theta_sd)),
-        ("COR to detector r_D", _mm("detector_to_cor_mm", theta, theta_sd)),
-        ("source shift h_S", _mm("source_shift_mm", theta, theta_sd)),
-        ("detector shift h_D", _mm("detector_shift_mm", theta, theta_sd)),
-        ("detector tilt alpha_D", _value(theta["detector_tilt"], theta_sd.get("detector_tilt"), "", 5)),
-        ("source distance R", _mm("source_distance_mm", frame, frame_sd)),
-        ("  from the phantom's size", f"± {answer['scale_uncertainty_mm']:.3g} mm (systematic)"),
-        ("source to detector", _mm("source_to_detector_mm", frame, frame_sd)),
-        ("COR on the detector", _mm("cor_column_mm", frame, frame_sd)),
-        ("tilt in the source frame", _degrees("tilt_rad", frame, frame_sd)),
+        ("first angle alpha0", _degrees(theta.initial_angle_rad, theta_sd.initial_angle_rad)),
+        ("COR to detector r_D", _mm(theta.detector_to_cor_mm, theta_sd.detector_to_cor_mm)),
+        ("source shift h_S", _mm(theta.source_shift_mm, theta_sd.source_shift_mm)),
+        ("detector shift h_D", _mm(theta.detector_shift_mm, theta_sd.detector_shift_mm)),
+        ("detector tilt alpha_D", _value(theta.detector_tilt, theta_sd.detector_tilt, "", 5)),
+        ("source distance R", _mm(frame.source_distance_mm, frame_sd.source_distance_mm)),
+        ("  from the phantom's size", f"± {result.scale_uncertainty_mm:.3g} mm (systematic)"),
+        ("source to detector", _mm(frame.source_to_detector_mm, frame_sd.source_to_detector_mm)),
+        ("COR on the detector", _mm(frame.cor_column_mm, frame_sd.cor_column_mm)),
+        ("tilt in the source frame", _degrees(frame.tilt_rad, frame_sd.tilt_rad)),
     ]
-    predicted = answer["predicted_ray_error_mm"]
+    predicted = result.predicted_ray_error_mm
     if predicted is not None:
-        bound = f"95 % below {predicted['upper_95']:.4f} mm"
-        rows.append(("predicted ray error", f"{predicted['rms']:.4f} mm RMS, {bound}"))
-        rows.append(("  from the phantom's size", f"± {answer['scale_ray_error_mm']:.3g} mm RMS (systematic)"))
-    return [*rows, *_circumstances(answer)]
+        bound = f"95 % below {predicted.upper_95:.4f} mm"
+        rows.append(("predicted ray error", f"{predicted.rms:.4f} mm RMS, {bound}"))
+        rows.append(("  from the phantom's size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
+    return [*rows, *_circumstances(result)]
 
 
-def _circumstances(answer: Answer) -> list[tuple[str, str]]:
-    status = answer.get("status")
-    rows = [] if status is None else [("status", status)]
-    rows.append(("seen / turning", f"{answer['handedness']} / {answer['rotation']}"))
-    if len(answer["hypotheses"]) > 1:
-        second = answer["hypotheses"][1]
-        left = f"{second['relative_residual']:.2%} unexplained"
-        rows.append(("  next best", f"{second['handedness']} / {second['rotation']}, {left}"))
+def _circumstances(result: CalibrationResult) -> list[tuple[str, str]]:
+    rows = [] if result.status is None else [("status", str(result.status))]
+    rows.append(("seen / turning", f"{result.handedness} / {result.rotation}"))
+    if len(result.hypotheses) > 1:
+        second = result.hypotheses[1]
+        unexplained = f"{second.relative_residual:.2%} unexplained"
+        rows.append(("  next best", f"{second.handedness} / {second.rotation}, {unexplained}"))
     return [
         *rows,
-        ("phantom's position", "({:.2f}, {:.2f}) mm".format(*answer["phantom_position_mm"])),
-        ("residual", f"{answer['residual']['relative']:.3%} of the sinogram"),
-        ("views, rows", "{}, {}:{}".format(answer["views"], *answer["rows"])),
-        ("time", f"{answer['timing_s']['total']:.2f} s"),
+        ("phantom's position", "({:.2f}, {:.2f}) mm".format(*result.phantom_position_mm)),
+        ("residual", f"{result.residual.relative:.3%} of the sinogram"),
+        ("views, rows", "{}, {}:{}".format(result.views, *result.rows)),
+        ("time", f"{result.timing_s.total:.2f} s"),
     ]
 
 
@@ -60,11 +57,9 @@ def _value(value: float, deviation: float | None, unit: str, digits: int = 3) ->
     return f"{value:.{digits}f}{spread}{' ' + unit if unit else ''}"
 
 
-def _mm(name: str, values: Answer, deviations: Answer) -> str:
-    return _value(values[name], deviations.get(name), "mm")
+def _mm(value: float, deviation: float | None) -> str:
+    return _value(value, deviation, "mm")
 
 
-def _degrees(name: str, values: Answer, deviations: Answer) -> str:
-    deviation = deviations.get(name)
-    spread = None if deviation is None else math.degrees(deviation)
-    return _value(math.degrees(values[name]), spread, "°", 4)
+def _degrees(value_rad: float, deviation_rad: float | None) -> str:
+    return _value(math.degrees(value_rad), None if deviation_rad is None else math.degrees(deviation_rad), "°", 4)

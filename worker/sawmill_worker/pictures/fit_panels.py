@@ -1,4 +1,4 @@
-"""How well a calibration's model explains its scan: the residual with its profiles, and how the search came there."""
+"""How well a calibration's model explains its scan: the residual with its profiles, and how the search converged."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from matplotlib.figure import SubFigure
 from numpy.typing import NDArray
 
 MEAN, RMS = "#1f77b4", "#444444"
-# A dead cell would push all others to the axis: a profile is cut at so many times what 98 % of it stay below.
+# A dead cell would push all others to the axis: a profile is cut at this multiple of its 98th percentile.
 TALLEST = 3.0
 
 
@@ -48,7 +48,7 @@ def draw_residual(figure: SubFigure, residual: NDArray[Any], angles_deg: NDArray
     _draw_profile(by_view, np.arange(views), residual, axis=1)
     by_view.tick_params(labelleft=False)
     by_view.set_title("by view", fontsize=10)
-    # u_m = (m + 1/2 - n_D/2) pitch, DESIGN section 3.
+    # u_m = (m + 1/2 - n_D/2) pitch, docs/conventions.md#axes.
     by_cell = figure.add_subplot(grid[1, 0], sharex=image_ax)
     _draw_profile(by_cell, (np.arange(cells) + 0.5 - cells / 2) * pitch_mm, residual, axis=0)
     by_cell.set_xlabel("position on the detector, mm")

@@ -1,6 +1,6 @@
 """Reconstructions on a page: the phantom under its outlines, and a log before and after.
 
-A picture's row is +x and its column is +y (DESIGN section 3).
+A picture's row is +x and its column is +y (docs/conventions.md#axes).
 """
 
 from io import BytesIO

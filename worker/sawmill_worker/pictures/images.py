@@ -1,6 +1,6 @@
 """Images and sinograms as PNG, with NumPy and Pillow alone.
 
-A PNG's row is +x and its column is +y (DESIGN section 3).
+A PNG's row is +x and its column is +y (docs/conventions.md#axes).
 """
 
 from typing import Any

@@ -1,7 +1,6 @@
 """Pairs of a geometry's parameters: the source frame with its ellipses, and theta with its twin."""
 
 import math
-from collections.abc import Mapping
 from itertools import combinations
 
 import numpy as np
@@ -9,6 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
+
+from sawmill_worker.contracts.geometry import Theta, ThetaDeviation
 
 ANSWER, TWIN = "#1f77b4", "#b71c1c"
 # Half axis of an ellipse that holds 95 % of a normal distribution in two dimensions, in standard deviations.
@@ -21,13 +22,8 @@ FRAME = (
     (r"$u_c$", "mm", 1.0),
     (r"$\tau$", "0.001°", math.radians(1e-3)),
 )
-SHIFT = "source_shift_mm"
-THETA = (
-    ("initial_angle_rad", r"first angle $\alpha_0$, °", math.degrees(1.0)),
-    ("detector_to_cor_mm", "$r_D$, mm", 1.0),
-    ("detector_shift_mm", "$h_D$, mm", 1.0),
-    ("detector_tilt", r"tilt $\alpha_D$", 1.0),
-)
+# Theta's parameters beside the source shift, in the order of `_shown`.
+THETA = (r"first angle $\alpha_0$, °", "$r_D$, mm", "$h_D$, mm", r"tilt $\alpha_D$")
 
 
 def draw_frame_pairs(figure: SubFigure, covariance: NDArray[np.float64]) -> None:
@@ -66,32 +62,23 @@ def _draw_ellipse(ax: Axes, covariance: NDArray[np.float64]) -> None:
     ax.locator_params(nbins=4)
 
 
-def draw_theta_and_twin(
-    figure: SubFigure,
-    theta: Mapping[str, float],
-    twin: Mapping[str, float] | None,
-    deviation: Mapping[str, float | None],
-) -> None:
-    """Draw theta's other parameters against the source shift: the answer, and the twin with the same sinogram.
-
-    Parameters
-    ----------
-    theta, twin, deviation : mapping
-        As JSON has them, the units in the names; deviations may be null or missing.
-    """
-    for index, (name, label, unit) in enumerate(THETA):
+def draw_theta_and_twin(figure: SubFigure, theta: Theta, twin: Theta | None, deviation: ThetaDeviation | None) -> None:
+    """Draw theta's other parameters against the source shift: the answer, and the twin with the same sinogram."""
+    values, spreads = _shown(theta), _spreads(deviation)
+    for index, label in enumerate(THETA):
         ax = figure.add_subplot(2, 2, 1 + index)
         ax.errorbar(
-            [theta[SHIFT]],
-            [theta[name] * unit],
-            xerr=deviation.get(SHIFT),
-            yerr=None if deviation.get(name) is None else (deviation[name] or 0.0) * unit,
+            [theta.source_shift_mm],
+            [values[index]],
+            xerr=None if deviation is None else deviation.source_shift_mm,
+            yerr=spreads[index],
             fmt="o",
             color=ANSWER,
             label="the answer",
         )
         if twin is not None:
-            ax.plot([twin[SHIFT]], [twin[name] * unit], "s", color=TWIN, fillstyle="none", label="its twin")
+            other = _shown(twin)[index]
+            ax.plot([twin.source_shift_mm], [other], "s", color=TWIN, fillstyle="none", label="its twin")
         ax.margins(0.25)
         ax.set_ylabel(label)
         ax.ticklabel_format(useOffset=False)
@@ -100,3 +87,16 @@ def draw_theta_and_twin(
             ax.set_xlabel("source shift $h_S$, mm")
         if index == 0:
             ax.legend(fontsize=9)
+
+
+def _shown(theta: Theta) -> tuple[float, ...]:
+    angle_deg = math.degrees(theta.initial_angle_rad)
+    return angle_deg, theta.detector_to_cor_mm, theta.detector_shift_mm, theta.detector_tilt
+
+
+def _spreads(deviation: ThetaDeviation | None) -> tuple[float | None, ...]:
+    if deviation is None:
+        return (None,) * len(THETA)
+    angle_rad = deviation.initial_angle_rad
+    angle_deg = None if angle_rad is None else math.degrees(angle_rad)
+    return angle_deg, deviation.detector_to_cor_mm, deviation.detector_shift_mm, deviation.detector_tilt

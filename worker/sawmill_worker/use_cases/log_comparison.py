@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_worker.contracts.calibration_arrays import LogImages
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
@@ -13,7 +14,6 @@ from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.conversion import to_scanner, to_theta
-from sawmill_worker.use_cases.reconstruct import volume_unit
 
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.
@@ -30,17 +30,6 @@ class LogRow:
 
     row: int
     sinogram: FloatArray
-
-
-@dataclass(frozen=True)
-class LogImages:
-    """Reconstructions (x, y) float32 of a log's row, in `unit`; before is None where there is nothing to compare."""
-
-    row: int
-    field_mm: float
-    unit: str
-    after: NDArray[np.float32]
-    before: NDArray[np.float32] | None
 
 
 def log_row_beside(given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], FloatArray]) -> LogRow | None:
@@ -71,7 +60,7 @@ def log_images(
         return None
     comparable = active is not None and active.scanner.num_detector_pixels == given.scanner.num_detector_pixels
     before = _image(log, given, active, field) if active is not None and comparable else None
-    return LogImages(log.row, field, volume_unit(counts=given.from_counts), after, before)
+    return LogImages(log.row, field, after, before)
 
 
 def _image(

@@ -1,0 +1,17 @@
+"""A calibration's file with an answer alone."""
+
+from pathlib import Path
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.files.calibration_file import write_calibration
+
+
+def write_answer(path: Path, result: CalibrationResult) -> None:
+    """As the service's result.h5, without arrays."""
+    write_calibration(
+        path,
+        result.model_dump(mode="json"),
+        {},
+        software_version=result.software_version,
+        input_sha256=result.input_sha256,
+    )

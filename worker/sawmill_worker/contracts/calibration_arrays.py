@@ -1,0 +1,77 @@
+"""The arrays behind a calibration's answer: result.h5 keeps them, and the pictures show them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class LogImages:
+    """A row of the scan that shows a log: reconstructions (x, y) float32 with this calibration and the one before it.
+
+    `field_mm` is the side of both images; `before` is None where there is no calibration to compare with.
+    """
+
+    row: int
+    field_mm: float
+    after: NDArray[np.float32]
+    before: NDArray[np.float32] | None
+
+
+@dataclass(frozen=True)
+class CalibrationArrays:
+    """What docs/formats.md lists.
+
+    Attributes
+    ----------
+    sinogram, model, residual : (view, detector) float32
+        In the unit of the scan; the residual is measured less model.
+    angles_rad : (view,) float64
+        Each view's angle as the scan gave it.
+    phantom_image : (x, y) float32
+        The phantom with the geometry found, in units of its drawing's density; all 0 where there is no image.
+    phantom_field_mm : float
+        Side of that image.
+    phantom_outlines_mm : (point, 2) float64
+        The drawing's outlines where the phantom stood, each closed, a row of NaN between two.
+    search_history : (step, 2) float64
+        Evaluations and the best value so far.
+    log
+        None where the scan shows no log beside the phantom.
+    """
+
+    sinogram: NDArray[np.float32]
+    model: NDArray[np.float32]
+    residual: NDArray[np.float32]
+    angles_rad: NDArray[np.float64]
+    phantom_image: NDArray[np.float32]
+    phantom_field_mm: float
+    phantom_outlines_mm: NDArray[np.float64]
+    search_history: NDArray[np.float64]
+    log: LogImages | None = None
+
+    @classmethod
+    def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
+        """From the arrays of result.h5 by name; a number is an array of no dimensions."""
+        log = None
+        if "log_after" in arrays:
+            log = LogImages(
+                row=int(arrays["log_row"]),
+                field_mm=float(arrays["log_field_mm"]),
+                after=arrays["log_after"],
+                before=arrays.get("log_before"),
+            )
+        return cls(
+            sinogram=arrays["sinogram"],
+            model=arrays["model"],
+            residual=arrays["residual"],
+            angles_rad=arrays["angles_rad"],
+            phantom_image=arrays["phantom_image"],
+            phantom_field_mm=float(arrays["phantom_field_mm"]),
+            phantom_outlines_mm=arrays["phantom_outlines_mm"],
+            search_history=arrays["search_history"],
+            log=log,
+        )
