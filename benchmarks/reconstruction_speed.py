@@ -39,7 +39,7 @@ from sawmill_worker.tomography.fbp import Preparation, fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.stack import most_abreast, reconstruct_stack
+from sawmill_worker.tomography.stack import most_concurrent, reconstruct_stack
 from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.vocabulary import FilterName, Handedness, Progress, Rotation
@@ -73,7 +73,7 @@ def projector(views: int, cells: int, size: int, *, irregular: bool = False) -> 
 def layout(project: Projector, slices: int) -> tuple[int, int]:
     """Slices a block and blocks at a time, as a job takes them."""
     views, cells = project.geometry.sinogram_shape
-    return cost.blocks(views, cells, project.grid.size, slices, cost.MEMORY_BYTES, most_abreast())
+    return cost.blocks(views, cells, project.grid.size, slices, cost.MEMORY_BYTES, most_concurrent())
 
 
 class Lap(NamedTuple):
@@ -187,7 +187,7 @@ def fit() -> None:
                         yield
                         volume.write(start, block)
 
-                    reconstruct_stack(shape[0], reconstruct, step=step, abreast=concurrent)
+                    reconstruct_stack(shape[0], reconstruct, step=step, concurrent=concurrent)
 
             laps.append(in_turns({"stack": run}, 3)["stack"].processor / CORES / slices)
         rows.append((views * cells, views * size**2, size**2))

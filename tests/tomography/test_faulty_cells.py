@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.faulty_cells import bridge, faulty_cells, median_of_views
+from sawmill_worker.tomography.faulty_cells import faulty_cells, median_of_views
 
 VIEWS, CELLS = 60, 120
 CENTRE, RADIUS = 62.0, 34.0
@@ -46,14 +46,3 @@ def test_a_row_of_unequal_cells_is_structure_and_stays():
 
 def test_an_empty_row_has_nothing_to_find():
     assert not found(np.zeros((VIEWS, CELLS), np.float32)).any()
-
-
-def test_bridges_are_straight_and_ends_take_their_neighbour():
-    ramp = np.tile(np.arange(10, dtype=np.float32), (3, 1))
-    broken = ramp.copy()
-    faulty = np.isin(np.arange(10), [0, 4, 5, 9])
-    broken[:, faulty] = 99.0
-    bridge(broken, faulty)
-    expected = ramp.copy()
-    expected[:, 0], expected[:, 9] = 1.0, 8.0
-    np.testing.assert_allclose(broken, expected, atol=1e-6)

@@ -11,10 +11,10 @@ from sawmill_worker.tomography.stack import reconstruct_stack
 SLICES = 40
 
 
-@pytest.mark.parametrize("abreast", [1, 3])
+@pytest.mark.parametrize("concurrent", [1, 3])
 @pytest.mark.parametrize("step", [7, 16, 48])
-def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, abreast):
-    begun, told, at_work, most = [], [], set(), []
+def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, concurrent):
+    begun, reported, at_work, most = [], [], set(), []
     lock = threading.Lock()
 
     def reconstruct(start, stop):
@@ -26,11 +26,11 @@ def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, abreast):
         with lock:
             at_work.remove(start)
 
-    reconstruct_stack(SLICES, reconstruct, step=step, abreast=abreast, done=told.append)
+    reconstruct_stack(SLICES, reconstruct, step=step, concurrent=concurrent, done=reported.append)
     assert begun == [(start, min(start + step, SLICES)) for start in range(0, SLICES, step)]
-    assert told == sorted(told)
-    assert told[-1] == SLICES
-    assert max(most) <= abreast
+    assert reported == sorted(reported)
+    assert reported[-1] == SLICES
+    assert max(most) <= concurrent
 
 
 def test_as_many_blocks_as_asked_for_are_at_work_at_a_time():
@@ -40,11 +40,11 @@ def test_as_many_blocks_as_asked_for_are_at_work_at_a_time():
     def reconstruct(_start, _stop):
         yield together.wait()
 
-    reconstruct_stack(30, reconstruct, step=5, abreast=3)
+    reconstruct_stack(30, reconstruct, step=5, concurrent=3)
 
 
-@pytest.mark.parametrize("abreast", [1, 2])
-def test_trouble_in_a_block_comes_out_and_ends_the_work(abreast):
+@pytest.mark.parametrize("concurrent", [1, 2])
+def test_trouble_in_a_block_comes_out_and_ends_the_work(concurrent):
     begun = []
 
     def failing(start, _stop):
@@ -55,7 +55,7 @@ def test_trouble_in_a_block_comes_out_and_ends_the_work(abreast):
         yield
 
     with pytest.raises(OSError, match="went away"):
-        reconstruct_stack(160_000, failing, step=16, abreast=abreast)
+        reconstruct_stack(160_000, failing, step=16, concurrent=concurrent)
     # Besides those at work, threads may have taken others before the trouble was known.
     assert len(begun) < 1000
 
@@ -76,7 +76,7 @@ def test_a_block_that_nobody_waits_for_any_more_does_not_go_on():
     deadline = threading.Timer(20.0, over.set)
     deadline.start()
     with pytest.raises(OSError, match="went away"):
-        reconstruct_stack(2, reconstruct, step=1, abreast=2)
+        reconstruct_stack(2, reconstruct, step=1, concurrent=2)
     deadline.cancel()
     assert went_on == []
 
@@ -84,10 +84,10 @@ def test_a_block_that_nobody_waits_for_any_more_does_not_go_on():
 def test_blocks_stay_within_their_memory():
     for views, cells, size in ((360, 768, 256), (1800, 2048, 1024), (90, 384, 128), (3600, 4096, 2048)):
         for threads in (1, 2, 16):
-            step, abreast = cost.blocks(views, cells, size, 2500, cost.MEMORY_BYTES, threads)
-            assert abreast <= threads
-            needed = abreast * cost.block_bytes(views, cells, size, step)
-            assert (step, abreast) == (1, 1) or needed <= cost.MEMORY_BYTES
+            step, concurrent = cost.blocks(views, cells, size, 2500, cost.MEMORY_BYTES, threads)
+            assert concurrent <= threads
+            needed = concurrent * cost.block_bytes(views, cells, size, step)
+            assert (step, concurrent) == (1, 1) or needed <= cost.MEMORY_BYTES
     assert cost.blocks(360, 768, 256, 2500, cost.MEMORY_BYTES, 2) == (32, 2)
     assert cost.blocks(360, 768, 256, 2500, 1, 2) == (1, 1)
 

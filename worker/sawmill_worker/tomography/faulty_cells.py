@@ -1,4 +1,4 @@
-"""Dead and hot detector cells: found in one row's sinogram, and bridged from their neighbours."""
+"""Dead and hot detector cells: found in one row's sinogram."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,19 +65,3 @@ def faulty_cells(
     first, last = np.flatnonzero(changing)[[0, -1]]
     faulty[first : last + 1] |= ~changing[first : last + 1]
     return faulty if faulty.mean() <= most_faulty else np.zeros_like(faulty)
-
-
-def bridge(sinogram: NDArray[np.floating], faulty: Cells) -> None:
-    """Replace faulty cells by linear interpolation along the detector, in place; at an end by the nearest good one.
-
-    Parameters
-    ----------
-    sinogram : (views, cells)
-    faulty : (cells,) bool
-        Not all of them.
-    """
-    good, bad = np.flatnonzero(~faulty), np.flatnonzero(faulty)
-    right = np.clip(np.searchsorted(good, bad), 1, max(good.size - 1, 1))
-    low, high = good[right - 1], good[np.minimum(right, good.size - 1)]
-    share = np.clip((bad - low) / np.maximum(high - low, 1), 0.0, 1.0).astype(sinogram.dtype)
-    sinogram[:, bad] = (1.0 - share) * sinogram[:, low] + share * sinogram[:, high]

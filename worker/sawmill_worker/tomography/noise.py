@@ -9,6 +9,7 @@ from scipy.ndimage import uniform_filter1d
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.robust import noise_of_differences
 
 # The least noise as a share of the data's RMS, taken for noise-free data: pixels approximate a log no better.
 LEAST_SHARE = 0.002
@@ -26,11 +27,7 @@ def estimated_noise(sinogram: NDArray[np.float32]) -> float:
     median magnitude is insensitive to edges.
     """
     air = find_air(sinogram)
-    if air is not None:
-        noise = air.noise
-    else:
-        second = np.diff(sinogram, 2, axis=-1)
-        noise = 1.4826 * float(np.median(np.abs(second))) / math.sqrt(6.0)
+    noise = noise_of_differences(np.diff(sinogram, 2, axis=-1), 2) if air is None else air.noise
     return max(noise, LEAST_SHARE * float(np.sqrt(np.mean(np.square(sinogram, dtype=np.float64)))), 1e-30)
 
 

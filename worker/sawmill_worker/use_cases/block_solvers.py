@@ -17,7 +17,7 @@ from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DES
 from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.noise import data_misfit, estimated_noise
 from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.stack import most_abreast
+from sawmill_worker.tomography.stack import most_concurrent
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.method_findings import MethodFindings
@@ -149,7 +149,7 @@ class _DirectSolver:
         size = task.projector.grid.size
         check_memory(cost.block_bytes(views, cells, size, 1), task.memory_bytes)
         memory_bytes = min(cost.MEMORY_BYTES, task.memory_bytes)
-        self.step, self.concurrent = cost.blocks(views, cells, size, task.slices, memory_bytes, most_abreast())
+        self.step, self.concurrent = cost.blocks(views, cells, size, task.slices, memory_bytes, most_concurrent())
         self._method, self._projector = method, task.projector
         self._findings, self._checking = findings, Lock()
         self._holds_all = task.full_grid()[0].size == size

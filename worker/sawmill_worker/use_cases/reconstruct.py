@@ -200,7 +200,7 @@ class _Run:
             seen.add(block.images)
 
         reconstruct_stack(
-            self.slices, reconstruct_block, step=solver.step, abreast=solver.concurrent, done=self._reporting
+            self.slices, reconstruct_block, step=solver.step, concurrent=solver.concurrent, done=self._reporting
         )
         return ReconstructionResult(
             shape=self.shape,

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.faulty_cells import bridge, faulty_cells
+from sawmill_worker.tomography.bridging import bridge
+from sawmill_worker.tomography.faulty_cells import faulty_cells
 from sawmill_worker.tomography.geometry import FloatArray
 
 # A view with this share of its samples outside the range of the others is corrupt.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.faulty_cells import bridge
+from sawmill_worker.tomography.bridging import bridge
 
 Stack = NDArray[np.float32]
 

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.air import Air, DecidedAirCorrection, find_air
-from sawmill_worker.tomography.faulty_cells import bridge, faulty_cells, median_of_views
+from sawmill_worker.tomography.bridging import bridge
+from sawmill_worker.tomography.faulty_cells import faulty_cells, median_of_views
 from sawmill_worker.tomography.preparing.ring_removal import WINDOW, remove_rings, stripes
 from sawmill_worker.tomography.robust import noise_of_differences
 from sawmill_worker.vocabulary import AirCorrection
