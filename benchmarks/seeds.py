@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from paper.experiment import Plan
-from paper.pairs import pair_grid, ridge_units, thetas, twins
+from paper.pairs import pair_grid, curve_units, thetas, twins
 from paper.store import load
 from rich.console import Console
 from rich.progress import track
@@ -87,14 +87,14 @@ def line(study: Study, answers: list[Calibration]) -> str:
 def draw(answers: list[Calibration], path: Path) -> None:
     """The pairs of theta: the published search's runs, where they are, and the product's answers."""
     plan = Plan()
-    ridge = ridge_units(plan, plan.dense_views)
-    results = {unit.name: result for unit in ridge if (result := load(RESULTS, unit)) is not None}
-    done = [unit for unit in ridge if unit.name in results]
+    curve = curve_units(plan, plan.dense_views)
+    results = {unit.name: result for unit in curve if (result := load(RESULTS, unit)) is not None}
+    done = [unit for unit in curve if unit.name in results]
     found = np.array([answer.theta.to_vector() for answer in answers])
     published = thetas(results, done) if done else np.zeros((0, 5))
     points = {
-        "ridge": published,
-        "ridge's twins": twins(published),
+        "curve": published,
+        "curve's twins": twins(published),
         "found": found,
         "twin": twins(found),
         "truth": TRUE_THETA.to_vector()[None],
