@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from paper.experiment import Plan
-from paper.pairs import pair_grid, curve_units, thetas, twins
+from paper.pairs import curve_units, pair_grid, thetas, twins
 from paper.store import load
 from rich.console import Console
 from rich.progress import track
