@@ -356,7 +356,7 @@ def worker(
     main([])
 
 
-@app.command(name="compile")
+@app.command(name="compile", cls=Command)
 def compile_() -> None:
     """Compile the numerical kernels now: once on a machine, else the first job waits for it."""
     with answering(), showing_progress("compiling kernels, once on this machine") as on_progress:

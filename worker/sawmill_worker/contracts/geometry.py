@@ -16,7 +16,7 @@ class ScannerConstants(Contract):
     )
     detector_pitch_mm: PositiveMm = Field(description="Distance between detector cells.", examples=[1.502864583])
     row_pitch_mm: PositiveMm | None = Field(
-        None, description="Distance between detector rows; null where slices have no spacing.", examples=[2.0]
+        None, description="Distance between detector rows. Left out where slices have no spacing.", examples=[2.0]
     )
 
 
