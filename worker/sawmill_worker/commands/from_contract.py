@@ -210,7 +210,7 @@ def _properties(model: type[BaseModel]) -> dict[str, Any]:
 
 
 def sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
-    """What a contract says of one value."""
+    """A contract's complaint about one value."""
     if error["type"] in OUT_OF_BOUNDS and len(error["loc"]) == 1:
         return f"must be {Bounds.of(model, str(error['loc'][0]))}, not {error['input']}"
     return error["msg"].removeprefix("Value error, ")
@@ -226,5 +226,5 @@ def wrong_use() -> Iterator[None]:
 
 
 def complaint(error: ValidationError) -> str:
-    """What a contract says first."""
+    """A contract's first complaint."""
     return error.errors()[0]["msg"].removeprefix("Value error, ")

@@ -128,7 +128,7 @@ def _input(used: ScanRows, theta: Theta, rotation: Rotation, handedness: Handedn
 def _check_agreement(name: str, carried: float, flag: float | None) -> None:
     if flag is not None and not math.isclose(flag, carried, rel_tol=1e-6):
         raise refused(
-            "contradiction", f"the calibration says {name} {carried:.9g} and {flag:.9g} was given; correct one"
+            "contradiction", f"the calibration carries {name} {carried:.9g} and {flag:.9g} was given; correct one"
         )
 
 

@@ -184,7 +184,7 @@ def _rows_of(
 
 
 def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> ScannerConstants:
-    """The scanner's constants, as far as the file and the flags tell them; refused where no scanner has such."""
+    """The scanner's constants, as far as the file and the flags give them; refused where no scanner has such."""
     try:
         return ScannerConstants(
             source_to_cor_mm=r_s, num_detector_pixels=cells, detector_pitch_mm=pitch, row_pitch_mm=row_pitch

@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from sawmill_worker.tomography.robust import robust_deviation
 
@@ -49,6 +48,9 @@ def faulty_cells(
     -------
     (cells,) bool
     """
+    # Imported here: every command imports this module, and none but those that look for cells waits for SciPy.
+    from scipy.ndimage import median_filter  # noqa: PLC0415
+
     changing = np.ptp(sinogram, axis=0) > 0.0
     if not changing.any():
         return np.zeros(changing.size, bool)
