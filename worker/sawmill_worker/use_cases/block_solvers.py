@@ -203,7 +203,7 @@ class _FittedSolver:
         self._curve_distance: float = np.inf
         if grid.size != task.projector.grid.size:
             findings.remark(
-                f"all that was scanned was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
+                f"the whole log was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
             )
         image_bytes = 4 * grid.size**2
         check_memory(method.least_images * image_bytes, task.memory_bytes)

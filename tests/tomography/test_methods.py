@@ -1,0 +1,75 @@
+"""Every method of the table gives one Estimate, for a block as for a slice."""
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.cauchy_map import cauchy_map
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.method import DirectMethod
+from sawmill_worker.tomography.methods import METHODS
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.tikhonov import tikhonov
+from sawmill_worker.tomography.total_variation import total_variation
+
+SIZE, SLICES = 24, 3
+LOG = Phantom("log", (Disc((5.0, -8.0), 110.0, 0.018), Disc((0.0, 0.0), 60.0, 0.006)))
+FUNCTIONS = {"fbp": fbp, "tikhonov": tikhonov, "cauchy_map": cauchy_map, "total_variation": total_variation}
+PARAMETERS = {"fbp": set(), "tikhonov": {"alpha"}, "cauchy_map": {"sigma", "beta"}, "total_variation": {"weight"}}
+
+
+@pytest.fixture
+def projector(full_turn):
+    geometry = FanBeamGeometry(Scanner(860.0, 96, 10.5), Theta(0.7, 700.0, 80.0, 20.0, 0.1), full_turn(20))
+    return Projector(geometry, ImageGrid(SIZE, 400.0))
+
+
+@pytest.fixture
+def block(projector):
+    slices = [simulate_sinogram(LOG, projector.geometry, noise=0.02, seed=1500 + n) for n in range(SLICES)]
+    return projector.block(np.stack(slices))
+
+
+def check(found, slices, shape, parameters):
+    assert found.image.shape == shape
+    assert found.image.dtype == np.float32
+    assert found.iterations.shape == found.converged.shape == (slices,)
+    assert found.converged.all()
+    assert set(found.parameters) == parameters
+    assert all(values.shape in {(slices,), (1,)} for values in found.parameters.values())
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_block_through_the_table(projector, block, name):
+    method = METHODS[name]()
+    if isinstance(method, DirectMethod):
+        found = method.reconstruct(projector, block)
+        assert found.misfit is None
+    else:
+        shares = []
+        found = method.reconstruct(projector, block, counts=False, on_progress=shares.append)
+        assert shares == sorted(shares)
+        assert found.misfit.shape == (SLICES,)
+        assert found.noise > 0.0
+    check(found, SLICES, (SLICES, SIZE, SIZE), PARAMETERS[name])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_slice_through_the_function(projector, block, name):
+    check(FUNCTIONS[name](projector, block[0]), 1, (SIZE, SIZE), PARAMETERS[name])
+
+
+@pytest.mark.parametrize("name", ["cauchy_map", "total_variation"])
+def test_a_method_with_its_choice_made_reconstructs_as_the_function_with_what_was_chosen(projector, block, name):
+    def silent(_share):
+        """No progress."""
+
+    chosen = METHODS[name]().chosen(projector, block[1], counts=False, on_progress=silent)
+    assert not chosen.is_open
+    found = chosen.reconstruct(projector, block, counts=False, on_progress=silent)
+    # The function chooses from the middle slice too, on the support region of the whole block.
+    for parameter, values in FUNCTIONS[name](projector, block).parameters.items():
+        assert found.parameters[parameter] == pytest.approx(values, rel=0.2)
