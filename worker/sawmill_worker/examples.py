@@ -9,6 +9,7 @@ import structlog
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PolygonShape
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
@@ -115,6 +116,7 @@ def seed_examples(store: Store) -> None:
         nominal = from_theta(THETA)
         plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
         store.plans.accept(plan, identifier=EXAMPLE, background=True, given={"phantom_id": L_SHAPE.name})
+    _ask_for_other_kinds(store)
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(
@@ -122,6 +124,15 @@ def seed_examples(store: Store) -> None:
         )
     done.touch()
     structlog.get_logger().info("examples-ready", folder=str(folder))
+
+
+def _ask_for_other_kinds(store: Store) -> None:
+    """Every kind that has no example yet is asked for as the console's example asks."""
+    for declared in asked_kinds():
+        if EXAMPLE not in {item.id for item in store.asked(declared).page().items}:
+            given = dict(declared.to_ask.example)
+            ask = declared.ask.model_validate(given.pop("body"))
+            store.asked(declared).accept(ask, identifier=EXAMPLE, background=True, given=given)
 
 
 def _scanner_spec(identifier: str) -> ScannerSpec:
