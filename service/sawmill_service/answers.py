@@ -43,7 +43,7 @@ class Paging(Contract):
 
 
 def accept(response: Response, location: str, retry_after_s: int) -> None:
-    """Say where accepted work will be found, and when to look."""
+    """Set where accepted work will be found, and when to look."""
     response.headers["Location"] = location
     response.headers["Retry-After"] = str(retry_after_s)
 
@@ -54,7 +54,7 @@ def etag(*parts: object) -> str:
 
 
 def is_known(request: Request, tag: str) -> bool:
-    """Whether the client says that it holds this very answer (RFC 9110, section 13.1.2)."""
+    """Whether the client claims to hold this very answer (RFC 9110, section 13.1.2)."""
     held = [item.strip().removeprefix("W/") for item in request.headers.get("if-none-match", "").split(",")]
     return tag in held or "*" in held
 

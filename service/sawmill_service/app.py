@@ -62,7 +62,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     store
         Where everything is kept; upgraded already.
     wake
-        Told the id of each job after the transaction that queued it; it must not raise.
+        Called with the id of each job after the transaction that queued it; it must not raise.
 
     Returns
     -------

@@ -123,7 +123,7 @@ def _came_in_over_loopback(scope: Scope) -> bool:
 
 
 def _from_elsewhere(headers: Headers, host: str) -> bool:
-    """Whether a browser says that another site's page sent this; programs that are no browser say nothing."""
+    """Whether a browser reports that another site's page sent this; other programs report nothing."""
     if headers.get("sec-fetch-site", "none") not in {"none", "same-origin"}:
         return True
     origin = headers.get("origin")

@@ -6,7 +6,7 @@ from ipaddress import IPv6Address, ip_address
 
 
 class ListenError(Exception):
-    """The service cannot or must not listen there; the sentence says what would be right."""
+    """The service cannot or must not listen there; the sentence names what would be right."""
 
 
 def listen(host: str, port: int, *, guarded: bool) -> socket.socket:

@@ -92,5 +92,5 @@ class Observer:
 
 
 def _internal_error(path: str, reference: str) -> ASGIApp:
-    detail = f"something went wrong inside the service; its log says more under {reference}"
+    detail = f"something went wrong inside the service; its log has more under {reference}"
     return problem_response(path, 500, "internal", detail)

@@ -156,7 +156,7 @@ def _on_file(request: Request, error: Exception) -> JSONResponse:
 
 
 def install(app: FastAPI) -> None:
-    """Give every kind of error its problem; what is left over is the observer's."""
+    """Give every kind of error its problem; the observer sees to the rest."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
     app.add_exception_handler(StorageError, _on_storage)

@@ -1,4 +1,4 @@
-"""Runs the API, its workers and the schedule on one machine until it is told to stop."""
+"""Runs the API, its workers and the schedule on one machine until it is stopped."""
 
 import signal
 import sys

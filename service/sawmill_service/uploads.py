@@ -8,7 +8,7 @@ from sawmill_service.problems import Refused
 
 
 async def chunks(request: Request) -> AsyncIterator[bytes]:
-    """The body's bytes as they come, refusing an empty body and one that is not as long as it said.
+    """The body's bytes as they come, refusing an empty body and one that has another length than declared.
 
     The gate bounds the total; a client that goes away raises `ClientDisconnect`.
     """

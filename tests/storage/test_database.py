@@ -76,8 +76,10 @@ def test_check_says_what_is_wrong_with_the_data_folder(store, monkeypatch):
 
 def test_a_disk_below_its_reserve_counts_as_full(store):
     reserved = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
-    with pytest.raises(StorageFull, match=f"SAWMILL_DISK_RESERVE_BYTES wants {2**62}"):
+    with pytest.raises(StorageFull, match=f"SAWMILL_DISK_RESERVE_BYTES needs {2**62}"):
         reserved.check()
+    with pytest.raises(StorageFull, match=f"and writing a result needs {2**61};"):
+        store.check(reserve_bytes=2**61)
     reserved.close()
     assert list((store.files.folder / "incoming").iterdir()) == []
 

@@ -8,7 +8,7 @@ from threading import Lock
 import pytest
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told
+from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_reported
 from sawmill_worker.storage.files import FileStore
 
 LOCK = Lock()
@@ -85,7 +85,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(files):
 
 
 def test_other_trouble_with_the_disk_is_not_called_full():
-    with pytest.raises(PermissionError), disk_full_told("a test"):
+    with pytest.raises(PermissionError), disk_full_reported("a test"):
         raise PermissionError(errno.EACCES, "no")
 
 

@@ -54,7 +54,7 @@ def ready(store: TheStore, response: Response) -> Health:
     """503 when the database or the data folder cannot be used, or when the disk is full or nearly so (`disk-full`).
 
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
-    Jobs that wait while no worker runs any are told as `without-worker`: requests are still answered.
+    Jobs that wait while no worker runs any are reported as `without-worker`: requests are still answered.
     """
     try:
         store.check()

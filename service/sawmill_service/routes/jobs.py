@@ -66,7 +66,7 @@ async def stream_job(job: TheJob, store: TheStore, settings: TheSettings) -> Asy
 
 
 def _pause_s(waited_s: float, longest_s: float) -> float:
-    """Until the next look at a job: a tenth of the wait so far, so that what took little is not told late."""
+    """Until the next look at a job: a tenth of the wait so far, so that short jobs are not reported late."""
     return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 

@@ -82,7 +82,7 @@ class MosaicQuery(WindowQuery):
     """Which slices to draw beside one another."""
 
     count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
-        None, description=f"So many slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer."
+        None, description=f"Number of slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer."
     )
     slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
         None, description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.", examples=["0:2500:100"]

@@ -31,7 +31,7 @@ def list_schedules(paging: Annotated[Paging, Query()], store: TheStore) -> Page[
 
 @router.get("/{schedule_id}", summary="Get a schedule")
 def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
-    """The schedule, when it is due next and what came of it last."""
+    """The schedule, when it is due next, and its last outcome."""
     return store.schedules.get(schedule_id)
 
 
@@ -52,7 +52,7 @@ def delete_schedule(schedule_id: Identifier, store: TheStore) -> None:
     store.schedules.delete(schedule_id)
 
 
-@router.get("/{schedule_id}/runs", summary="List what came of a schedule")
+@router.get("/{schedule_id}/runs", summary="List a schedule's outcomes")
 def schedule_runs(schedule_id: Identifier, store: TheStore) -> list[ScheduleRun]:
     """One entry a due time, newest first."""
     return store.schedules.runs(schedule_id)

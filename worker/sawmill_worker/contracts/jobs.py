@@ -54,7 +54,7 @@ class FailureKind(StrEnum):
 
 
 class Failure(Contract):
-    """Why a job failed, in one sentence that says which value and what would be right."""
+    """Why a job failed, in one sentence: which value, and what would be right."""
 
     kind: FailureKind
     code: str = Field(description="Stable, for programs.", examples=["phantom-not-found"])
@@ -66,7 +66,7 @@ class Job(Stamped):
 
     kind: JobKind
     state: JobState
-    subject_id: Identifier = Field(description="The scan, phantom, calibration, reconstruction or plan it works on.")
+    subject_id: Identifier = Field(description="What it works on, as a scan, a phantom or a calibration.")
     queue_position: int | None = Field(None, description="Jobs before it in the queue; null once it runs.")
     background: Annotated[
         bool, Field(description="As the examples: starts when no other job could, and gives way to one.")

@@ -22,7 +22,7 @@ class ScheduleSpec(Contract):
 
 
 class ScheduleRun(Contract):
-    """What came of one due time."""
+    """The outcome of one due time."""
 
     due_at: datetime
     outcome: Literal["queued", "no-new-phantom-scan"]

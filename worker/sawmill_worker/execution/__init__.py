@@ -1,1 +1,1 @@
-"""Claiming jobs and running each attempt in a process of its own (DESIGN section 6)."""
+"""Claiming jobs and running each attempt in a process of its own (docs/architecture.md#jobs)."""

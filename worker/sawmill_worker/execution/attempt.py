@@ -1,7 +1,7 @@
 """The fresh process in which one attempt at a job runs: `python -m sawmill_worker.execution.attempt`.
 
-It imports the science and loads its kernels, says that it is ready, waits for its assignment, runs it within its limits
-and ends (see `protocol`, `limits`).
+It imports the science and loads its kernels, reports that it is ready, waits for its assignment, runs it within its
+limits and ends (see `protocol`, `limits`).
 """
 
 import os
@@ -50,7 +50,7 @@ def _end_with(supervisor: BinaryIO) -> None:
 def _answer(
     assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None
 ) -> tuple[Succeeded | Failed, Exception | None]:
-    """What came of the attempt, and the exception that nobody foresaw."""
+    """The attempt's answer, and the exception that nobody foresaw."""
     try:
         return Succeeded(result=_run(assignment, channel, memory_limit_bytes)), None
     except JobFailure as error:

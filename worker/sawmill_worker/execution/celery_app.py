@@ -1,6 +1,6 @@
 """The cluster's engine: Redis carries wake-ups, Celery workers claim jobs when they are woken.
 
-A message says only that there may be a job, not which one is next: it is acknowledged at once, and losing or
+A message announces only that there may be a job, not which one is next: it is acknowledged at once, and losing or
 repeating it does no harm.
 Start a worker with `celery -A sawmill_worker.execution.celery_app worker`.
 """
@@ -32,7 +32,7 @@ _QUEUE = "sawmill"
 _CONNECT_TIMEOUT_S = 1.0
 _ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
 _HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
-_MOST_WAITING = 100  # wake-ups; more of them say nothing new
+_MOST_WAITING = 100  # wake-ups; more of them add nothing
 _CLOSE_S = 2.0
 
 
@@ -108,7 +108,7 @@ class Waker:
         self._thread.start()
 
     def __call__(self, job_id: str) -> None:
-        """Say soon that there is a job. What Redis does not take is dropped: the sweep says it again later."""
+        """Announce a job soon. What Redis does not take is dropped: the sweep sends it again later."""
         try:
             self._waiting.put_nowait(job_id)
         except queue.Full:
@@ -148,7 +148,7 @@ class _Engine:
         configure_logs(self._settings.log_format)
         if "prefork" in str(sender.pool_cls):
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
-        # Nobody listens to what workers tell one another, and Celery sends its heartbeat again for ever, in the thread
+        # Nobody listens to the messages among workers, and Celery sends its heartbeat again for ever, in the thread
         # that has to end the worker, when Redis is silent.
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
         try:

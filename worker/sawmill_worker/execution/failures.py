@@ -1,4 +1,7 @@
-"""What an exception, or a process's end, says to whoever asked for the job: the one place where it is translated."""
+"""The failure that an attempt's unforeseen end stands for: an exception, a process that died, a limit that was met.
+
+What the science and the readers refuse is translated before, in `use_cases.failures`.
+"""
 
 import errno
 import resource
@@ -7,13 +10,13 @@ import signal
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_worker.contracts.kinds import UploadedKind, declaration_of
 from sawmill_worker.execution.limits import processor_s
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, says_disk_full
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, means_disk_full
 
 # A defect of a program, which comes again with the same input; a kill from outside does not.
 _CRASHES = frozenset({signal.SIGSEGV, signal.SIGBUS, signal.SIGABRT, signal.SIGFPE, signal.SIGILL})
 # A job that took more than it may was at fault, whatever else was wrong.
 LIMITS_MET = frozenset({"too-long", "file-too-large"})
-# What Python says when there is no room for a thread's stack.
+# Python's message when there is no room for a thread's stack.
 _NO_THREAD = "can't start new thread"
 
 
@@ -21,7 +24,7 @@ def failure_of(error: Exception) -> Failure:
     """The failure that an exception stands for; what nobody foresaw is ours and keeps its details for the log."""
     if isinstance(error, StorageFull | StorageUnavailable):
         return Failure(kind=FailureKind.PASSING, code=error.code, detail=str(error))
-    if isinstance(error, OSError) and says_disk_full(error):
+    if isinstance(error, OSError) and means_disk_full(error):
         detail = "the disk is full: free some space in the data folder and ask again"
         return Failure(kind=FailureKind.PASSING, code=StorageFull.code, detail=detail)
     beyond = _beyond_a_limit(error)

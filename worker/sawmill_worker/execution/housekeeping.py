@@ -47,7 +47,7 @@ class Housekeeping:
                 structlog.get_logger().exception("housekeeping-put-off", duty=duty.__name__.strip("_"))
 
     def _requeue_expired(self) -> None:
-        """Give up on workers that say no more; not on those that could not renew their leases in an outage."""
+        """Give up on workers without heartbeats; not on those that could not renew their leases in an outage."""
         if time.monotonic() < self._leases_hold_until:
             return
         try:

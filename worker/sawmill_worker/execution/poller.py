@@ -79,14 +79,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
     """Set both at the first signal to stop; in a thread, for a handler interrupts whoever holds an event's lock."""
-    told, tell = os.pipe()
-    os.set_blocking(tell, False)
-    signal.set_wakeup_fd(tell)
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: None)
 
     def listen() -> None:
-        os.read(told, 1)
+        os.read(reading, 1)
         stop.set()
         wake.set()
 

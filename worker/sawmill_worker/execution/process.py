@@ -81,7 +81,7 @@ class AttemptProcess:
                 )
 
     def assign(self, assignment: Assignment) -> None:
-        """Hand over the one attempt; a process that has died by now is told apart by `receive`."""
+        """Hand over the one attempt; `receive` finds out where the process has died by now."""
         if self._process.stdin is None:
             raise AssertionError("standard input is a pipe")
         try:
@@ -114,7 +114,7 @@ class AttemptProcess:
         int
             Exit code; negative is a signal's number.
         """
-        if not self.hung_up:  # else it is ending by itself, and its exit code tells why
+        if not self.hung_up:  # else it is ending by itself, and its exit code is the reason
             self._signal(signal.SIGTERM)
         try:
             self._process.wait(grace_s)

@@ -1,6 +1,6 @@
-"""What a supervisor and the process of an attempt say to each other, one JSON object a line.
+"""The messages between a supervisor and the process of an attempt, one JSON object a line.
 
-Down, on the process's standard input: one `Assignment`; then nothing, until its end says that the supervisor is gone.
+Down, on the process's standard input: one `Assignment`; then nothing; its end means that the supervisor is gone.
 Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment,
 any number of `ProgressMade` and one `Succeeded` or `Failed`. Standard output stays free for whoever prints.
 """

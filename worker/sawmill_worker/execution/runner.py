@@ -41,7 +41,7 @@ class Runner:
     command
         Starts a process that speaks `sawmill_worker.execution.protocol`.
     on_ended
-        Told the id of each job that has ended: others may have waited for it.
+        Called with the id of each job that has ended: others may have waited for it.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Runner:
         Returns
         -------
         JobState or None
-            What became of it (`queued`: it will be tried again), or None when there was nothing to claim, when this
+            Its state afterwards (`queued`: it will be tried again), or None when there was nothing to claim, when this
             worker is stopping, or when another attempt owns the job by now.
 
         Raises
@@ -163,7 +163,7 @@ class Runner:
         Returns
         -------
         JobState or None
-            None when this worker was told to stop before: the job is left to its lease.
+            None when this worker had to stop before: the job is left to its lease.
         """
         while True:
             try:
@@ -240,7 +240,7 @@ class _Supervision:
                 return self._store.jobs.release(self._claim)
 
     def _outage(self) -> Failure | None:
-        """What crashes and defects come of where nothing can be written: HDF5, for one, crashes on a full disk."""
+        """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""
         try:
             self._store.check(reserve_bytes=min(BUFFER_BYTES, self._store.settings.disk_reserve_bytes))
         except (StorageFull, StorageUnavailable) as error:

@@ -16,7 +16,7 @@ class ExecutionSettings(BaseSettings):
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", extra="ignore", frozen=True)
 
-    lease_s: Seconds = Field(60.0, description="How long a job stays with a worker that says nothing.")
+    lease_s: Seconds = Field(60.0, description="How long a job stays with a worker that sends no heartbeat.")
     heartbeat_s: Seconds = Field(
         10.0, description="How often a worker renews its lease and looks for a cancellation; several times a lease."
     )
@@ -24,11 +24,11 @@ class ExecutionSettings(BaseSettings):
         0.5, description="Progress is stored at most that often: each time costs a commit of about 4 ms."
     )
     poll_s: Seconds = Field(
-        0.2, description="How often an idle embedded worker looks for a job that nobody told it of."
+        0.2, description="How often an idle embedded worker looks for a job of which it got no wake-up."
     )
     max_attempts: Annotated[int, Field(ge=1, le=10)] = Field(
         3,
-        description="Lost attempts at a job before it fails: a killed process, a worker that says no more. "
+        description="Lost attempts at a job before it fails: a killed process, a worker without heartbeats. "
         "A clean stop, a full disk and an absent database are no loss.",
     )
     loss_wait_s: Wait = Field(

@@ -26,7 +26,7 @@ _HEALTHY_S = 60.0
 class WorkerSupervisor:
     """Keeps `settings.workers` worker processes running, as a context manager.
 
-    Each is told through its standard input when there is a job, and when this process is gone, however it went.
+    Each one's standard input announces jobs, and ends with this process, however that ends.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class WorkerSupervisor:
             worker.end(max(0.0, deadline - time.monotonic()))
 
     def wake(self, _job_id: str) -> None:
-        """Tell the workers that there is a job; one that does not hear finds it at its next look."""
+        """Announce a job to the workers; one that misses it finds the job at its next look."""
         for worker in self._workers:
             worker.wake()
 

@@ -19,7 +19,7 @@ class Attempt:
     store : Store
         To load from; results go through `output` and the return value.
     output : Path
-        An empty folder: what is left in it becomes the subject's files.
+        An empty folder: the files in it become the subject's.
     report : callable
         Takes the job's progress.
     """

@@ -100,7 +100,7 @@ class Database:
         StorageUnavailable
             The database does not answer.
         """
-        with _database_trouble_told(), Session(self.engine) as session:
+        with _database_trouble_translated(), Session(self.engine) as session:
             yield session
 
     @contextmanager
@@ -112,18 +112,18 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write.
         """
-        with _database_trouble_told(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with _database_trouble_translated(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             yield session
 
     def upgrade(self, revision: str = "head") -> None:
-        """Bring the tables to a revision, the newest unless told; safe when several processes start together.
+        """Bring the tables to a revision, the newest by default; safe when several processes start together.
 
         Raises
         ------
         StorageFull, StorageUnavailable
             The database cannot write.
         """
-        with _database_trouble_told(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+        with _database_trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
             lock_for_setup(connection)
             config = Config()
             config.set_main_option("script_location", str(_MIGRATIONS))
@@ -132,7 +132,7 @@ class Database:
 
 
 @contextmanager
-def _database_trouble_told() -> Iterator[None]:
+def _database_trouble_translated() -> Iterator[None]:
     try:
         yield
     except OperationalError as error:

@@ -78,13 +78,13 @@ class StorageUnavailable(StorageError):  # noqa: N818
     code = "storage-unavailable"
 
 
-def says_disk_full(error: OSError) -> bool:
+def means_disk_full(error: OSError) -> bool:
     """Whether it is a full disk or an exhausted quota."""
     return error.errno in {errno.ENOSPC, errno.EDQUOT}
 
 
 @contextmanager
-def disk_full_told(doing: str) -> Iterator[None]:
+def disk_full_reported(doing: str) -> Iterator[None]:
     """Turn a full disk or an exhausted quota into `StorageFull`.
 
     Parameters
@@ -95,7 +95,7 @@ def disk_full_told(doing: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if says_disk_full(error):
+        if means_disk_full(error):
             msg = f"the disk is full: {doing} was given up; free some space in the data folder and try again"
             raise StorageFull(msg) from error
         raise

@@ -3,10 +3,10 @@
 incoming/                       uploads while they arrive
 uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
 scans/<id>/scan.h5              line integrals
-phantoms/<id>/                  what tracing left
+phantoms/<id>/                  nothing
 calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
 reconstructions/<id>/           volume.h5
-plans/<id>/, drifts/<id>/       nothing
+<plural>/<id>/                  of every other kind, by its plural (`contracts/kinds.py`)
 attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of those above when it succeeds
 removed/                        what is being deleted
 """
@@ -25,7 +25,7 @@ from typing import BinaryIO
 from uuid import uuid4
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_told, says_disk_full
+from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_reported, means_disk_full
 
 _TEMPORARY = ("incoming", "removed")
 _TRIAL_BYTES = 4096
@@ -110,7 +110,7 @@ class FileStore:
         """An empty folder of an attempt's own; what earlier attempts left is removed."""
         self.remove_attempts(job_id)
         path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}"
-        with disk_full_told("a job's output folder"):
+        with disk_full_reported("a job's output folder"):
             path.mkdir()
         return path
 
@@ -123,7 +123,7 @@ class FileStore:
 
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
-        with disk_full_told("publishing a result"):
+        with disk_full_reported("publishing a result"):
             self.remove(final)
             output.rename(final)
             _flush(final.parent)
@@ -136,13 +136,18 @@ class FileStore:
         except FileNotFoundError:
             return
         except OSError as error:
-            if not says_disk_full(error):
+            if not means_disk_full(error):
                 raise
             parting = path  # a full disk may have no room for one more name: then its files go one by one
         _delete(parting)
 
-    def check_room(self, reserve_bytes: int) -> None:
-        """Say whether files can be written, by writing one.
+    def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
+        """Check that files can be written, by writing one.
+
+        Parameters
+        ----------
+        reserve_bytes, needed_by
+            What must be free, and what needs it, for the sentence.
 
         Raises
         ------
@@ -152,13 +157,13 @@ class FileStore:
         free = shutil.disk_usage(self.folder).free
         if free < reserve_bytes:
             msg = (
-                f"the disk is full: {free} bytes are free in the data folder, where SAWMILL_DISK_RESERVE_BYTES wants "
-                f"{reserve_bytes}; free some space"
+                f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
+                "free some space"
             )
             raise StorageFull(msg)
         trial = self.folder / "incoming" / uuid4().hex
         try:
-            with disk_full_told("a trial"):
+            with disk_full_reported("a trial"):
                 trial.write_bytes(bytes(_TRIAL_BYTES))
         finally:
             trial.unlink(missing_ok=True)
@@ -166,7 +171,7 @@ class FileStore:
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
         """Give an upload its owner."""
         path = self.upload(kind, subject_id)
-        with disk_full_told("storing the upload"):
+        with disk_full_reported("storing the upload"):
             path.parent.mkdir(parents=True, exist_ok=True)
             received.path.rename(path)
             _flush(path.parent)
@@ -213,7 +218,7 @@ class FileStore:
             return upload.finish()
 
     def remove_leftovers(self, older_than_s: float = 86_400.0) -> None:
-        """Remove uploads that never ended and deletions that were cut short, a day old unless told otherwise."""
+        """Remove uploads that never ended and deletions that were cut short, a day old by default."""
         limit = time.time() - older_than_s
         for name in _TEMPORARY:
             for path in (self.folder / name).iterdir():
@@ -236,7 +241,7 @@ class FileStore:
     def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:
         path = self.folder / "incoming" / uuid4().hex
         try:
-            with disk_full_told("the upload"), path.open("xb") as file:
+            with disk_full_reported("the upload"), path.open("xb") as file:
                 yield _Upload(path, file, max_bytes)
         except BaseException:
             path.unlink(missing_ok=True)
@@ -274,7 +279,7 @@ def flush_tree(folder: Path) -> None:
     StorageFull
         The disk is full.
     """
-    with disk_full_told("a result"):
+    with disk_full_reported("a result"):
         for path in folder.rglob("*"):
             _flush(path)
         _flush(folder)

@@ -1,4 +1,4 @@
-"""The job store: claims, leases, ends (DESIGN section 6).
+"""The job store: claims, leases, ends (docs/architecture.md#jobs).
 
 A claim is one conditional UPDATE. The attempt number fences: whatever an attempt reports counts only while
 the row is still running that attempt. Losses are counted apart from it, for a worker that stops cleanly loses nothing.
@@ -26,7 +26,7 @@ from sawmill_worker.vocabulary import Progress
 
 LONGEST_WAIT_S = 60.0
 _JITTER = 0.25  # what failed together is not tried again together
-# Not the job's fault nor its attempt's: waited out for as long as they last. `disk-full` is what a job says beforehand.
+# Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
 _OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
 _ENDED = [state for state in JobState if state.ended]
 _CANCELLED = "its job was cancelled before it ended"
@@ -122,7 +122,7 @@ class Jobs:
             session.flush()
             return _read(session, row)
 
-    def claim(self, worker: str, *, lease_s: float, job_id: str | None = None) -> Claim | None:
+    def claim(self, worker: str, *, lease_s: float) -> Claim | None:
         """Take the job whose turn it is: the oldest that could start, a background job only when there is no other.
 
         Parameters
@@ -131,8 +131,6 @@ class Jobs:
             Who takes it, for people to read.
         lease_s
             How long the claim holds without a heartbeat.
-        job_id
-            Only this job.
 
         Returns
         -------
@@ -140,8 +138,6 @@ class Jobs:
             None when there is nothing to do. Of many callers at once, one gets a job.
         """
         ready = _claimable().with_only_columns(JobRow.id).order_by(*_ORDER).limit(1)
-        if job_id is not None:
-            ready = ready.where(JobRow.id == job_id)
         with self._database.write() as session:
             claimed = session.scalar(
                 update(JobRow)
@@ -369,7 +365,7 @@ def _worker_lost(row: JobRow) -> Failure:
     return Failure(
         kind=FailureKind.PASSING,
         code="worker-lost",
-        detail=f"attempt {row.attempt} ended without a word: its worker {row.worker!r} stopped or lost its connection",
+        detail=f"attempt {row.attempt} ended unanswered: its worker {row.worker!r} stopped or lost its connection",
     )
 
 

@@ -32,7 +32,7 @@ class Scans:
         Parameters
         ----------
         spec
-            What the uploader says of the file.
+            What the uploader gives with the file.
         received
             From `FileStore.receive`. When this method raises, the upload is discarded.
         scan_id

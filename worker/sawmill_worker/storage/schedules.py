@@ -69,7 +69,7 @@ class Schedules:
             session.delete(found(session, ScheduleRow, "schedule", schedule_id, lock=True))
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
-        """What came of its due times, newest first."""
+        """The outcomes of its due times, newest first."""
         with self._database.read() as session:
             found(session, ScheduleRow, "schedule", schedule_id)
             return _runs(session, schedule_id, limit)
@@ -152,7 +152,7 @@ def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
 
 
 def _new_phantom_scan(session: Session, scanner_id: str) -> ScanRow | None:
-    """The scanner's newest usable phantom scan, unless a schedule has used it: an older one tells of the past."""
+    """The scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
     newest = session.scalar(
         select(ScanRow)
         .join(PhantomRow, PhantomRow.id == ScanRow.phantom_id)

@@ -23,7 +23,7 @@ class StorageSettings(BaseSettings):
 
     disk_reserve_bytes: Annotated[int, Field(ge=0)] = Field(
         256 * 2**20,
-        description="Free bytes below which the disk counts as full and `/health/ready` says so: "
+        description="Free bytes below which the disk counts as full, also in `/health/ready`: "
         "room for the database, and for what runs to end.",
     )
 

@@ -86,7 +86,10 @@ class Store:
             session.execute(text("SELECT 1"))
         if not os.access(self.files.folder, os.W_OK | os.X_OK):
             raise StorageUnavailable(f"the data folder {str(self.files.folder)!r} cannot be written to")
-        self.files.check_room(self.settings.disk_reserve_bytes if reserve_bytes is None else reserve_bytes)
+        if reserve_bytes is None:
+            self.files.check_room(self.settings.disk_reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+        else:
+            self.files.check_room(reserve_bytes, needed_by="writing a result")
 
     def close(self) -> None:
         """Let go of the database's connections."""
