@@ -15,8 +15,8 @@ from pydantic import ValidationError
 
 from sawmill_worker.cli import app as main
 from sawmill_worker.commands.command_line import Command
-from sawmill_worker.commands.from_contract import complaint
 from sawmill_worker.commands.terminal import say
+from sawmill_worker.contracts.base import complaint
 
 __all__ = ["main"]
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.commands import scan_rows
 from sawmill_worker.contracts.calibrations import CalibrationFile
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.use_cases import scan_rows
 from sawmill_worker.use_cases.conversion import to_frame
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)

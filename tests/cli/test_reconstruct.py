@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sawmill_worker.commands import scan_rows
-from sawmill_worker.commands.options import ScanOptions, ScanSource
-from sawmill_worker.commands.scan_rows import open_rows
+from sawmill_worker.commands.options import ScanOptions
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.use_cases import scan_rows
+from sawmill_worker.use_cases.scan_rows import open_rows
+from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import DataKind, Progress
 
 THETA = ("--theta", "2.55,714.7,319.9,43.7,0.281", "--source-to-cor-mm", 859.46)

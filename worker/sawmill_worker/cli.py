@@ -16,7 +16,7 @@ import typer
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
-from sawmill_worker.commands.options import CalibrationSource, Pictures, ScanSource, ThetaSource
+from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource, scan_source
 from sawmill_worker.commands.tables import print_calibration, print_drift, print_plans, report_method
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationOptions
@@ -77,7 +77,7 @@ def calibrate(
     if options.paper.model_fields_set and options.method is not CalibrationMethod.PAPER:
         [flag, *_] = options.paper.model_fields_set
         raise typer.BadParameter(f"--paper-{flag.replace('_', '-')} comes with --method paper.")
-    source = ScanSource.of(scan, reading, views=options.views, rows=options.rows)
+    source = scan_source(scan, reading, views=options.views, rows=options.rows)
     drawn = shared.PhantomSource(phantom, phantom_width_mm)
     with answering(as_json=as_json), showing_progress("calibrate") as progress:
         from sawmill_worker.commands.calibrate import calibrate_scan
@@ -106,7 +106,7 @@ def drift(
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Report what moved since a calibration, from any dense full-turn scan, without a phantom."""
-    source = ScanSource.of(scan, reading, views=views, rows=options.rows)
+    source = scan_source(scan, reading, views=views, rows=options.rows)
     known = CalibrationSource(calibration, source_to_cor_mm)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         from sawmill_worker.commands.drift import check_drift
@@ -150,7 +150,7 @@ def reconstruct(
     geometry = _geometry(theta, rotation, calibration, source_to_cor_mm)
     if alpha_curve is not None and options.method is not ReconstructionMethod.TIKHONOV:
         raise typer.BadParameter("--alpha-curve is a picture of --method tikhonov.")
-    source = ScanSource.of(scan, reading, views=options.views, rows=options.rows)
+    source = scan_source(scan, reading, views=options.views, rows=options.rows)
     with answering(as_json=as_json), showing_progress("reconstruct") as progress:
         from sawmill_worker.commands.reconstruct import reconstruct_scan
 

@@ -4,13 +4,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sawmill_worker.commands.options import PhantomSource, ScanSource
+from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.commands.scan_rows import open_rows
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
 from sawmill_worker.use_cases.prepare import Stack
+from sawmill_worker.use_cases.scan_rows import open_rows
+from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Adjustment, ProgressCallback
 
 

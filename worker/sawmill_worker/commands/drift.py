@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from sawmill_worker.commands.options import CalibrationSource, ScanSource
+from sawmill_worker.commands.options import CalibrationSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 

@@ -14,6 +14,8 @@ from pydantic_core import ErrorDetails
 from rich.markup import escape
 from typer.models import OptionInfo
 
+from sawmill_worker.contracts.base import complaint
+
 # What pydantic calls a number beyond its bounds.
 OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 
@@ -223,8 +225,3 @@ def wrong_use() -> Iterator[None]:
         yield
     except ValidationError as error:
         raise typer.BadParameter(complaint(error)) from error
-
-
-def complaint(error: ValidationError) -> str:
-    """A contract's first complaint."""
-    return error.errors()[0]["msg"].removeprefix("Value error, ")

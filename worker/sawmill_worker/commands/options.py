@@ -10,14 +10,14 @@ from pydantic import Field, ValidationError
 from typer.models import OptionInfo
 
 from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, Flags, option, sentence
-from sawmill_worker.contracts.base import Contract, CoordinateMm, PositiveMm
+from sawmill_worker.contracts.base import Contract, CoordinateMm
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants, Theta
 from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.contracts.scans import ScanFileOptions
+from sawmill_worker.contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.angles import AnglesGiven, parse_angles, read_angles_file
+from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Rotation
 
 Numbers = TypeVar("Numbers", bound=Contract)
@@ -54,35 +54,15 @@ class Position(Contract):
     y: CoordinateMm = 0.0
 
 
-class ScanOptions(ScanFileOptions):
-    """A scan's file as the command line gives it: also what the service knows from the scanner."""
+class ScanOptions(UnregisteredScanOptions):
+    """A scan's file as the command line gives it."""
 
     angles_file: Path | None = Field(None, description="Text file, one view's angle in degrees a line.")
-    detector_pitch_mm: PositiveMm | None = Field(
-        None, description="Distance between detector cells; needed where the file does not carry it."
-    )
-    row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
 
 
-@dataclass(frozen=True)
-class ScanSource:
-    """A scan's file, how it is read, and which of its views and rows are used."""
-
-    path: Path
-    options: ScanOptions
-    angles: AnglesGiven | None = None
-    views: int | None = None
-    rows: str | None = None
-
-    @classmethod
-    def of(cls, path: Path, options: ScanOptions, *, views: int | None, rows: str | None) -> "ScanSource":
-        """With the angles of the flags."""
-        return cls(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
-
-    @property
-    def prepare(self) -> PrepareOptions:
-        """What is done to the data on reading."""
-        return PrepareOptions(**{name: getattr(self.options, name) for name in PrepareOptions.model_fields})
+def scan_source(path: Path, options: ScanOptions, *, views: int | None, rows: str | None) -> ScanSource:
+    """The scan of a file and its flags."""
+    return ScanSource(path, options, given_angles(options.angles_deg, options.angles_file), views, rows)
 
 
 @dataclass(frozen=True)

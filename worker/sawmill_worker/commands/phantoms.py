@@ -2,8 +2,8 @@
 
 from pydantic import ValidationError
 
-from sawmill_worker.commands.from_contract import complaint
 from sawmill_worker.commands.options import PhantomSource
+from sawmill_worker.contracts.base import complaint
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_worker.readers.picture import read_picture

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 from pydantic import ValidationError
 
-from sawmill_worker.commands.from_contract import complaint
+from sawmill_worker.contracts.base import complaint
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.calibration_answer import LONGEST_ANSWER, read_calibration_json

@@ -5,7 +5,6 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import timedelta
 from types import FrameType
 
@@ -18,16 +17,6 @@ from rich.text import Text
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 from sawmill_worker.vocabulary import Progress, ProgressCallback
-
-
-def part_of(report: ProgressCallback, start: float, stop: float) -> ProgressCallback:
-    """Report the progress of a part of the work as that of all of it, from one fraction of it to another."""
-
-    def on_progress(progress: Progress) -> None:
-        fraction = start + (stop - start) * progress.fraction
-        report(replace(progress, fraction=fraction))
-
-    return on_progress
 
 
 def say(sentence: str, *, trouble: str | None = None) -> None:

@@ -4,7 +4,7 @@ import re
 from datetime import datetime
 from typing import Annotated, Generic, TypeVar
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 
 class Contract(BaseModel):
@@ -73,6 +73,11 @@ SteppedRows = Annotated[
         examples=["0:16", "0:2500:10"],
     ),
 ]
+
+
+def complaint(error: ValidationError) -> str:
+    """A contract's first complaint."""
+    return error.errors()[0]["msg"].removeprefix("Value error, ")
 
 
 def check_range(value: tuple[float, float]) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Name, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.contracts.preparing import PrepareOptions
@@ -30,6 +30,15 @@ class ScanFileOptions(PrepareOptions):
         description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
         examples=["0.5:1"],
     )
+
+
+class UnregisteredScanOptions(ScanFileOptions):
+    """How a file is read without a service, which knows the pitches from the scanner."""
+
+    detector_pitch_mm: PositiveMm | None = Field(
+        None, description="Distance between detector cells; needed where the file does not carry it."
+    )
+    row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
 
 
 class ScanSpec(ScanFileOptions):

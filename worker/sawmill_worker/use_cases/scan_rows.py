@@ -1,18 +1,16 @@
-"""A scan for a command: its rows as they are needed, never all of them in memory unless all are asked for."""
+"""A scan without a service, for commands and notebooks: its rows as they are needed, all in memory only if asked."""
 
 import hashlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 from pydantic import ValidationError
 
-from sawmill_worker.commands.from_contract import complaint
-from sawmill_worker.commands.options import ScanSource
-from sawmill_worker.commands.terminal import part_of
+from sawmill_worker.contracts.base import complaint
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.files.scan_reader import OpenScan, open_scan
@@ -22,12 +20,13 @@ from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan
+from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind, Progress, ProgressCallback, RowAlignment
 
 # Of the free memory, for all rows that are asked for; the rest is for what is made of them.
 MEMORY_SHARE = 0.9
-# Of a command's progress, for reading and preparing.
+# Of all the progress, for reading and preparing.
 PREPARING_SHARE = 0.5
 
 
@@ -140,9 +139,9 @@ def _prepared_rows(
                 source.prepare,
                 path,
                 detector_pitch_mm=read.detector_pitch_mm,
-                report=part_of(on_progress, 0.0, PREPARING_SHARE),
+                report=_part_of(on_progress, 0.0, PREPARING_SHARE),
             )
-        left = part_of(on_progress, PREPARING_SHARE, 1.0)
+        left = _part_of(on_progress, PREPARING_SHARE, 1.0)
         with open_scan(path) as scan:
             yield _rows_of(
                 scan, source, source_to_cor_mm, read.angles_rad, left, counts=read.counts, remarks=prepared.remarks
@@ -197,3 +196,12 @@ def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> S
 def _sha256(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _part_of(on_progress: ProgressCallback, start: float, stop: float) -> ProgressCallback:
+    """Report the progress of a part of the work as that of all of it, from one fraction of it to another."""
+
+    def on_part(progress: Progress) -> None:
+        on_progress(replace(progress, fraction=start + (stop - start) * progress.fraction))
+
+    return on_part
