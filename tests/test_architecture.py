@@ -1,4 +1,4 @@
-"""The direction of imports (DESIGN section 2), and what each part wakes up."""
+"""The direction of imports (docs/architecture.md#direction-of-imports), and what each part wakes up."""
 
 import subprocess
 import sys

@@ -1,7 +1,7 @@
 """Conjugate rays: over a full turn every ray is measured twice, once from either side.
 
 P(theta + gamma, u(gamma)) = P(theta + pi - gamma, u(-gamma)) with u(gamma) = u_c + SDD sin gamma / cos(gamma + tau):
-there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn scan (design page, section 5; the symmetry
+there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn scan (docs/geometry.md#drift; the symmetry
 is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 """
 

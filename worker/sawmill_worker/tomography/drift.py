@@ -1,6 +1,6 @@
 """What moved since a calibration, how surely, and what that looks like: from pairs of opposite rays, without a phantom.
 
-The fit itself stands in `conjugate_rays`. R and psi cannot be seen (design page, section 5).
+The fit itself stands in `conjugate_rays`. R and psi cannot be seen (docs/geometry.md#drift).
 """
 
 import math

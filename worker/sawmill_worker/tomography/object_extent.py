@@ -28,8 +28,8 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """Radius of the disc around the COR that holds what a sinogram (views, detector) shows.
 
     The farthest ray through other cells than those that are air in every view: it passes the COR at R sin(gamma), gamma
-    of the design page, section 3. An object that reaches an end of the detector is held by what that end sees. 0 where
-    all is air.
+    of docs/conventions.md#source-frame. An object that reaches an end of the detector is held by what that end sees. 0
+    where all is air.
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells

@@ -1,4 +1,4 @@
-"""How far the rays of one geometry are from another's: the headline number (design page, section 3)."""
+"""How far the rays of one geometry are from another's: the headline number (docs/conventions.md#ray-error)."""
 
 from dataclasses import dataclass, replace
 
@@ -84,7 +84,7 @@ def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius
 def scale_ray_error(scanner: Scanner, frame: SourceFrame, size_tolerance: float, *, radius_mm: float = 150.0) -> float:
     """RMS ray error, mm, of a geometry from a phantom that is larger than stated by its size tolerance.
 
-    Such a phantom makes R larger by as much and nothing else (design page, section 3).
+    Such a phantom makes R larger by as much and nothing else (docs/geometry.md#the-scale).
     """
     larger = replace(frame, source_distance_mm=frame.source_distance_mm * (1.0 + size_tolerance))
     return ray_error(scanner, frame, larger, radius_mm=radius_mm).rms_mm

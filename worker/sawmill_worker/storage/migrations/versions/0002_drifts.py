@@ -1,4 +1,4 @@
-"""Looks at drift."""
+"""Drift checks."""
 
 import sqlalchemy as sa
 from alembic import op
