@@ -107,8 +107,8 @@ def test_a_mosaic_of_nothing_or_of_no_squares_is_a_sentence():
 
 
 def side_view(densest, **options):
-    told = {"across_mm": FIELD, "across": "y", "along_mm": None, "unit": "1/mm", "window": (0, 1)}
-    return decoded(side_view_png(densest, **told | options))
+    given = {"across_mm": FIELD, "across": "y", "along_mm": None, "unit": "1/mm", "window": (0, 1)}
+    return decoded(side_view_png(densest, **given | options))
 
 
 def framed(page):

@@ -13,20 +13,21 @@ import h5py
 import httpx
 import numpy as np
 from numpy.typing import NDArray
+from rich import progress as bars
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from sawmill_worker import demo_client, examples
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.demo_client import DemoError, Json, Report
+from sawmill_worker.demo_client import DemoError, Json
 from sawmill_worker.demo_page import Section, write_page
 from sawmill_worker.pictures.image_panels import log_comparison_png
 from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.conversion import from_theta, to_frame
+from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 # What a tape measure and a spirit level get wrong: the geometry that a mill would have without calibrating.
@@ -40,7 +41,7 @@ console = Console()
 
 @dataclass(frozen=True)
 class Truth:
-    """What the scan really was: theta and the log's slice [x, y]."""
+    """The truth of the scan: theta and the log's slice [x, y]."""
 
     theta: Theta
     image: NDArray[np.float64]
@@ -48,7 +49,7 @@ class Truth:
 
 
 def run_demo(output: Path) -> int:
-    """Leave pictures, HDF5 files and index.html in the folder; the exit code."""
+    """Write pictures, HDF5 files and index.html into the folder; returns the exit code."""
     started = time.perf_counter()
     published = published_data()
     try:
@@ -84,32 +85,32 @@ def published_data() -> Path | None:
 
 
 @contextmanager
-def _progress() -> Iterator[Progress]:
+def _progress() -> Iterator[bars.Progress]:
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:3.0f} %"),
-        TimeElapsedColumn(),
+        bars.TextColumn("{task.description}"),
+        bars.BarColumn(),
+        bars.TextColumn("{task.percentage:3.0f} %"),
+        bars.TimeElapsedColumn(),
     )
-    with Progress(*columns, console=console) as bar:
+    with bars.Progress(*columns, console=console) as bar:
         yield bar
 
 
 @contextmanager
-def _step(bar: Progress, what: str) -> Iterator[Report]:
+def _step(bar: bars.Progress, what: str) -> Iterator[ProgressCallback]:
     task = bar.add_task(what, total=1.0)
 
-    def report(fraction: float, stage: str) -> None:
-        bar.update(task, completed=min(fraction, 0.99), description=f"{what}: {stage}")
+    def on_progress(progress: Progress) -> None:
+        bar.update(task, completed=min(progress.fraction, 0.99), description=f"{what}: {progress.stage}")
 
-    yield report
+    yield on_progress
     bar.update(task, completed=1.0, description=what)
 
 
 class _Demo:
     """The steps, each with its bar."""
 
-    def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: Progress) -> None:
+    def __init__(self, client: httpx.Client, output: Path, folder: Path, bar: bars.Progress) -> None:
         self._client, self._output, self._folder, self._bar = client, output, folder, bar
 
     def simulated(self) -> Section:
@@ -120,11 +121,11 @@ class _Demo:
             examples.write_mill_stack(stack, VIEWS, slices)
             image = slices[FIRST_LOG_ROW].rasterise(SIZE, FIELD_MM)
         scanner = self._scanner("simulated scanner", examples.SCANNER)
-        with _step(self._bar, "Uploading the stack") as report:
+        with _step(self._bar, "Uploading the stack") as on_progress:
             scan = demo_client.upload(
                 self._client,
                 stack,
-                report,
+                on_progress,
                 scanner_id=scanner,
                 data="counts",
                 phantom_id="l-shape",
@@ -138,7 +139,7 @@ class _Demo:
         )
         truth = Truth(examples.THETA, image.astype(np.float64), "1/mm")
         rows = f"{FIRST_LOG_ROW}:{len(slices)}"
-        self._tell(section, "simulated", scan["id"], scan["id"], examples.SCANNER, truth, rows)
+        self._process(section, "simulated", scan["id"], scan["id"], examples.SCANNER, truth, rows)
         return section
 
     def published(self, folder: Path) -> Section:
@@ -146,11 +147,11 @@ class _Demo:
         scanner = self._scanner("published scanner", examples.SCANNER)
         ids = []
         for name, extra in (("l-phantom/sinogram.mat", {"phantom_id": "l-shape"}), ("log-phantom/sinogram.npy", {})):
-            with _step(self._bar, f"Uploading {name}") as report:
+            with _step(self._bar, f"Uploading {name}") as on_progress:
                 scan = demo_client.upload(
                     self._client,
                     folder / name,
-                    report,
+                    on_progress,
                     scanner_id=scanner,
                     data="line-integrals",
                     angles_deg="0.5:1",
@@ -165,7 +166,7 @@ class _Demo:
             ("", "found", "standard deviation", "truth"),
         )
         truth = Truth(PUBLISHED_THETA, image, "as given")
-        self._tell(section, "published", ids[0], ids[1], examples.SCANNER, truth, "0:1")
+        self._process(section, "published", ids[0], ids[1], examples.SCANNER, truth, "0:1")
         return section
 
     def _scanner(self, name: str, scanner: Scanner) -> str:
@@ -173,7 +174,7 @@ class _Demo:
         created = demo_client.post(self._client, "/v1/scanners", json={"name": name, "constants": constants})
         return str(created["id"])
 
-    def _tell(
+    def _process(
         self, section: Section, prefix: str, phantom_scan: str, log_scan: str, scanner: Scanner, truth: Truth, rows: str
     ) -> None:
         found = self._calibrate(f"Calibrating ({prefix})", phantom_scan, None)
@@ -211,9 +212,9 @@ class _Demo:
         )
 
     def _calibrate(self, what: str, scan_id: str, views: int | None) -> CalibrationSucceeded:
-        with _step(self._bar, what) as report:
+        with _step(self._bar, what) as on_progress:
             asked = demo_client.post(self._client, "/v1/calibrations", json={"scan_id": scan_id, "views": views})
-            demo_client.wait(self._client, asked["job_id"], report)
+            demo_client.wait(self._client, asked["job_id"], on_progress)
             return CalibrationSucceeded.model_validate(demo_client.get(self._client, f"/v1/calibrations/{asked['id']}"))
 
     def _save_calibration(self, section: Section, prefix: str, calibration_id: str) -> None:
@@ -227,9 +228,9 @@ class _Demo:
         section.files.append((f"{prefix}-result.h5", "the calibration with its sinogram, model and residual"))
 
     def _reconstruct(self, what: str, asked: Json, path: Path) -> NDArray[np.float32]:
-        with _step(self._bar, what) as report:
+        with _step(self._bar, what) as on_progress:
             answer = demo_client.post(self._client, "/v1/reconstructions", json=asked)
-            demo_client.wait(self._client, answer["job_id"], report)
+            demo_client.wait(self._client, answer["job_id"], on_progress)
             demo_client.download(self._client, f"/v1/reconstructions/{answer['id']}/volume.h5", path)
         with h5py.File(path, "r") as file:
             return np.asarray(file["entry/reconstruction/data"][0], np.float32)
@@ -249,8 +250,10 @@ def _verdict(found: CalibrationSucceeded, scanner: Scanner, truth: Theta) -> str
     error = ray_error(scanner, true, frame).rms_mm
     psi = math.degrees(angle_difference(frame.psi_rad, true.psi_rad))
     predicted = found.predicted_ray_error_mm
-    said = "" if predicted is None else f" (predicted {predicted.rms:.3f})"
-    return f"{found.verdict}: ray error {error:.3f} mm{said}, psi off by {psi:+.4f}°, in {found.timing_s.total:.2f} s"
+    expected = "" if predicted is None else f" (predicted {predicted.rms:.3f})"
+    return (
+        f"{found.verdict}: ray error {error:.3f} mm{expected}, psi off by {psi:+.4f}°, in {found.timing_s.total:.2f} s"
+    )
 
 
 def _print(section: Section) -> None:

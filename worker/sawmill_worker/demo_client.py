@@ -5,12 +5,14 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
+
+from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 START_TIMEOUT_S = 120.0
 STOP_TIMEOUT_S = 30.0
@@ -18,11 +20,10 @@ POLL_S = 0.05
 CHUNK_BYTES = 2**20
 
 Json = dict[str, Any]
-Report = Callable[[float, str], None]
 
 
 class DemoError(Exception):
-    """The demo cannot go on; its sentence says why."""
+    """The demo cannot go on; its message gives the reason."""
 
 
 @contextmanager
@@ -91,7 +92,7 @@ def get(client: httpx.Client, path: str) -> Json:
     return _answer(client.get(path))
 
 
-def upload(client: httpx.Client, path: Path, report: Report, **spec: str) -> Json:
+def upload(client: httpx.Client, path: Path, on_progress: ProgressCallback, **spec: str) -> Json:
     """Stream a scan's file, and wait until the service has read it."""
     size = path.stat().st_size
 
@@ -100,20 +101,19 @@ def upload(client: httpx.Client, path: Path, report: Report, **spec: str) -> Jso
         with path.open("rb") as stream:
             while chunk := stream.read(CHUNK_BYTES):
                 sent += len(chunk)
-                report(sent / size, "upload")
+                on_progress(Progress(sent / size, "upload"))
                 yield chunk
 
     scan = _answer(client.post("/v1/scans", params=spec, content=chunks()))
-    wait(client, scan["job_id"], report)
+    wait(client, scan["job_id"], on_progress)
     return get(client, f"/v1/scans/{scan['id']}")
 
 
-def wait(client: httpx.Client, job_id: str, report: Report) -> Json:
+def wait(client: httpx.Client, job_id: str, on_progress: ProgressCallback) -> Json:
     """Follow a job to its end."""
     while True:
         job = get(client, f"/v1/jobs/{job_id}")
-        progress = job["progress"] or {"fraction": 0.0, "stage": job["state"]}
-        report(progress["fraction"], progress["stage"])
+        on_progress(Progress(**job["progress"]) if job["progress"] else Progress(0.0, job["state"]))
         if job["state"] == "succeeded":
             return job
         if job["state"] in {"failed", "cancelled"}:

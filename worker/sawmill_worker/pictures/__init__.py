@@ -1,1 +1,1 @@
-"""Arrays to PNG: a leaf room that imports nothing else of ours."""
+"""Contracts and arrays to PNG and SVG."""

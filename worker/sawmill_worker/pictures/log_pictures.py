@@ -36,7 +36,7 @@ _LOWEST_PX, _HIGHEST_PX = 256, 512
 
 
 def spread(count: int, available: int) -> list[int]:
-    """Indices of slices in the middles of so many equal parts of a log, or of all slices where there are fewer."""
+    """Indices of the slices in the middles of `count` equal parts of a log, or of all slices where there are fewer."""
     parts = min(count, available)
     return [(2 * n + 1) * available // (2 * parts) for n in range(parts)]
 
@@ -180,7 +180,7 @@ def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | No
 
 
 def _densest_of(values: NDArray[np.floating[Any]], most: tuple[int, int]) -> NDArray[np.floating[Any]]:
-    """At most so many values along either axis, each the largest of its neighbours: a nail stays in sight."""
+    """At most `most` values along the axes, each the largest of its neighbours: a nail stays visible."""
     for axis, limit in enumerate(most):
         step = -(-values.shape[axis] // limit)
         values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)

