@@ -58,14 +58,15 @@ def main() -> None:
                 rotation=scan.rotation,
             )
             found = calibrate(task, seed=repeat)
-            if found.source_distance_fixed or found.covariance is None or found.predicted_ray_error is None:
+            bars = found.error_bars
+            if found.source_distance.held or bars is None:
                 continue
             difference = found.frame.to_vector() - scan.frame.to_vector()
             difference[0] = angle_difference(found.frame.psi_rad, scan.frame.psi_rad)
-            inside.append(np.abs(difference) <= 1.96 * np.sqrt(np.diag(found.covariance)))
+            inside.append(np.abs(difference) <= 1.96 * np.sqrt(np.diag(bars.covariance.values)))
             error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
-            below.append(error <= found.predicted_ray_error.upper_95_mm)
-            inflations.append(found.inflation)
+            below.append(error <= bars.predicted_ray_error.upper_95_mm)
+            inflations.append(bars.inflation)
     print(f"{len(inside)} repeats of {SCANS} scans, noise {NOISE:.0%} of the RMS, seed {options.seed}")
     for name, share in zip(NAMES, np.mean(inside, axis=0), strict=True):
         print(f"  {name:4s} {share:6.2%}")

@@ -1,4 +1,4 @@
-"""Where the model is wrong on purpose: the error beside what the answer promises, and whether the answer says so.
+"""Where the model is wrong on purpose: the error beside what the answer promises, and whether the answer reports it.
 
     python benchmarks/misspecified.py [--scans 40] [--seed 1] [--only NAME]
 
@@ -6,7 +6,7 @@ Each kind of wrong model is tried on random scanners with 0.2 to 2 % noise, blin
 true RMS ray error and of what was predicted, the share of scans whose error stayed below its predicted 95 % bound, by
 itself and with twice what the phantom's size tolerance adds (no residual shows a wrong size), the median inflation, the
 share of scans that passed, the share that passed with an error above the tolerance, and the share of which something
-was said or done; then the most frequent beginnings of it.
+was reported or adjusted; then the most frequent beginnings of these sentences.
 """
 
 import argparse
@@ -221,7 +221,7 @@ def noisy_task(scan: RandomScan, made: Made, rng: np.random.Generator) -> Calibr
 
 @dataclass
 class Tally:
-    """What came of the scans of one kind."""
+    """The results for the scans of one kind."""
 
     errors: list[float] = field(default_factory=list)
     predicted: list[float] = field(default_factory=list)
@@ -230,24 +230,28 @@ class Tally:
     inflations: list[float] = field(default_factory=list)
     spoken: list[bool] = field(default_factory=list)
     verdicts: Counter[str] = field(default_factory=Counter)
-    said: Counter[str] = field(default_factory=Counter)
+    sentences: Counter[str] = field(default_factory=Counter)
     wrong: int = 0
 
     def add(self, scan: RandomScan, found: Calibration) -> None:
         """Note one answer."""
-        assert found.predicted_ray_error is not None
+        assert found.error_bars is not None
+        predicted = found.error_bars.predicted_ray_error
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)
-        self.predicted.append(found.predicted_ray_error.rms_mm)
-        self.covered.append(error <= found.predicted_ray_error.upper_95_mm)
-        self.with_size.append(error <= found.predicted_ray_error.upper_95_mm + 2.0 * found.scale_ray_error_mm)
-        self.inflations.append(found.inflation)
-        self.verdicts[found.verdict] += 1
-        self.wrong += found.verdict == "pass" and error > TOLERANCE_MM
-        told = (*(reason for reason in found.reasons if "source shift" not in reason), *found.adjustments)
-        self.spoken.append(bool(told))
-        for sentence in told:
-            self.said[re.sub(r"[-+]?\d[\d.]*%?", "#", sentence)[:WORDS]] += 1
+        self.predicted.append(predicted.rms_mm)
+        self.covered.append(error <= predicted.upper_95_mm)
+        self.with_size.append(error <= predicted.upper_95_mm + 2.0 * found.scale.ray_error_mm)
+        self.inflations.append(found.error_bars.inflation)
+        self.verdicts[found.judgement.verdict] += 1
+        self.wrong += found.judgement.verdict == "pass" and error > TOLERANCE_MM
+        sentences = (
+            *(reason for reason in found.judgement.reasons if "source shift" not in reason),
+            *found.adjustments,
+        )
+        self.spoken.append(bool(sentences))
+        for sentence in sentences:
+            self.sentences[re.sub(r"[-+]?\d[\d.]*%?", "#", sentence)[:WORDS]] += 1
 
     def row(self, name: str) -> str:
         """One line of the table."""
@@ -280,11 +284,11 @@ def main() -> None:
     print(f"{options.scans} random scanners each, {noises}, seed {options.seed}")
     print(
         f"{'':20s} {'error':>7s} {'largest':>7s} {'predicted':>9s} {'covered':>7s} {'with size':>9s} "
-        f"{'inflation':>9s} {'passed':>7s} {'wrongly':>7s} {'told':>7s}"
+        f"{'inflation':>9s} {'passed':>7s} {'wrongly':>7s} {'reported':>8s}"
     )
     for name, tally in tallies.items():
         print(tally.row(name))
-        for sentence, count in tally.said.most_common(2):
+        for sentence, count in tally.sentences.most_common(2):
             print(f"    {count:4d} x {sentence} ...")
 
 

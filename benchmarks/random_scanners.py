@@ -46,9 +46,9 @@ def main() -> None:
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         errors.append(error)
         right = error < LIMIT_MM and (found.handedness, found.rotation) == (scan.handedness, scan.rotation)
-        outcomes[f"{'right' if right else 'WRONG'}, verdict {found.verdict}"] += 1
+        outcomes[f"{'right' if right else 'WRONG'}, verdict {found.judgement.verdict}"] += 1
         if not right:
-            print(f"scan {number}: off by {error:.3f} mm, {found.verdict}: {found.reasons}; truth {scan.theta}")
+            print(f"scan {number}: off by {error:.3f} mm, {found.judgement}; truth {scan.theta}")
     print(f"{options.method}: {options.scans} random scanners, seed {options.seed}")
     for outcome, count in sorted(outcomes.items()):
         print(f"  {outcome:32s} {count:5d}  {count / options.scans:7.2%}")

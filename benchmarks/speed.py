@@ -77,7 +77,7 @@ def product_seconds(sinogram: FloatArray, angles: FloatArray) -> tuple[dict[str,
     """Median seconds of each stage, and the ray error."""
     calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles))
     runs = [calibrate(CalibrationTask(SCANNER, L_SHAPE, sinogram, angles), seed=seed) for seed in range(REPEATS)]
-    stages = {name: float(np.median([run.seconds[name] for run in runs])) for name in runs[0].seconds}
+    stages = {name: float(np.median([getattr(run.timing, name) for run in runs])) for name in vars(runs[0].timing)}
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
     return stages, max(ray_error(SCANNER, true, run.frame).rms_mm for run in runs)
 

@@ -65,14 +65,14 @@ class Outcomes:
 
     def add(self, scan: CountedScan, found: Calibration) -> None:
         """Note one answer."""
-        assert found.predicted_ray_error is not None
+        assert found.error_bars is not None
         error = ray_error(SCANNER, scan.frame, found.frame).rms_mm
         self.errors.append(error)
-        self.bounds.append(found.predicted_ray_error.upper_95_mm)
-        self.verdicts[found.verdict] += 1
-        self.slips.append(any(reason.startswith(UNSTEADY[0]) for reason in found.reasons))
-        self.unsteady += any(reason.startswith(UNSTEADY) for reason in found.reasons)
-        self.wrong += found.verdict == "pass" and error > TOLERANCE_MM
+        self.bounds.append(found.error_bars.predicted_ray_error.upper_95_mm)
+        self.verdicts[found.judgement.verdict] += 1
+        self.slips.append(any(reason.startswith(UNSTEADY[0]) for reason in found.judgement.reasons))
+        self.unsteady += any(reason.startswith(UNSTEADY) for reason in found.judgement.reasons)
+        self.wrong += found.judgement.verdict == "pass" and error > TOLERANCE_MM
 
     def row(self, name: str) -> str:
         """One line of the table."""

@@ -70,7 +70,7 @@ def run_search(
     scanner, sinogram = binned(SCANNER, phantom_scan("l-shape", made_of, 0)[take], cells_binned)
     task = CalibrationTask(scanner, L_SHAPE, sinogram, ANGLES[take])
     found = calibrate_as_published(task, options=options, seed=seed)
-    spent = {"evaluations": found.search.evaluations, "seconds": found.seconds["total"]}
+    spent = {"evaluations": found.search.evaluations, "seconds": found.timing.total}
     return scores(found.theta, found.frame, found.rotation) | spent
 
 

@@ -66,8 +66,8 @@ def _described(found: Calibration) -> Result:
         "handedness": str(found.handedness),
         "rotation": str(found.rotation),
         "evaluations": found.search.evaluations,
-        "seconds": found.seconds["total"],
-        "verdict": found.verdict,
+        "seconds": found.timing.total,
+        "verdict": found.judgement.verdict,
     }
 
 
@@ -78,9 +78,9 @@ def run_default(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
     calibrate(task, seed=seed)
     found = calibrate(task, seed=seed)
     result = _described(found)
-    if found.covariance is not None and found.predicted_ray_error is not None:
-        result["covariance"] = found.covariance.tolist()
-        result["predicted_ray_error_mm"] = found.predicted_ray_error.rms_mm
+    if found.error_bars is not None:
+        result["covariance"] = found.error_bars.covariance.values.tolist()
+        result["predicted_ray_error_mm"] = found.error_bars.predicted_ray_error.rms_mm
     if found.theta_twin is not None:
         result["twin"] = found.theta_twin.to_vector().tolist()
         twin_frame = found.theta_twin.source_frame(SCANNER.source_to_cor_mm)

@@ -1,4 +1,4 @@
-"""What is said of a calibration beside the active one."""
+"""What changed between the active calibration and a new one."""
 
 import math
 from dataclasses import replace
@@ -6,8 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.calibrations import CalibrationOptions
 from sawmill_worker.contracts.scanners import Scanner
-from sawmill_worker.use_cases.compare import compare, compared
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.compare import compared, geometry_of
 
 
 @pytest.fixture
@@ -19,34 +22,48 @@ def watched(spec):
     return scanner
 
 
+def compare(active, new, scanner):
+    return compared(active, geometry_of(new), scanner)
+
+
 def test_the_same_geometry_has_not_moved(calibration, watched):
-    told = compare(calibration(), calibration(), watched())
-    assert told.ray_change_mm == pytest.approx(0.0, abs=1e-9)
-    assert told.within_tolerance
-    assert "within the 0.50 mm allowed" in told.reason
+    change = compare(calibration(), calibration(), watched())
+    assert change.ray_change_mm == pytest.approx(0.0, abs=1e-9)
+    assert change.within_tolerance
+    assert "within the 0.50 mm allowed" in change.reason
 
 
 def test_the_twin_has_not_moved(calibration, watched, theta):
-    told = compare(calibration(), calibration(theta.twin(859.46)), watched())
-    assert told.ray_change_mm < 1e-6
-    assert told.within_tolerance
+    change = compare(calibration(), calibration(theta.twin(859.46)), watched())
+    assert change.ray_change_mm < 1e-6
+    assert change.within_tolerance
 
 
 def test_a_knocked_detector_is_told_in_millimetres(calibration, watched, theta):
     moved = replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0)
-    told = compare(calibration(), calibration(moved), watched())
+    change = compare(calibration(), calibration(moved), watched())
     expected = moved.source_frame(859.46).cor_column_mm - theta.source_frame(859.46).cor_column_mm
-    assert told.cor_column_change_mm == pytest.approx(expected)
-    assert told.ray_change_mm > 0.5
-    assert not told.within_tolerance
-    assert f"the COR moved {expected:+.2f} mm on the detector" in told.reason
+    assert change.cor_column_change_mm == pytest.approx(expected)
+    assert change.ray_change_mm > 0.5
+    assert not change.within_tolerance
+    assert f"the COR moved {expected:+.2f} mm on the detector" in change.reason
 
 
-def test_out_of_tolerance_is_a_reason_of_the_answer(calibration, watched, theta):
-    moved = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0), reasons=["and another"])
-    told = compared(calibration(), moved, watched())
-    assert told.reasons == [told.comparison.reason, "and another"]
-    assert compared(calibration(), calibration(reasons=["only"]), watched()).reasons == ["only"]
+@pytest.mark.parametrize("ray_change_mm", [0.5, 1e3])
+def test_out_of_tolerance_is_the_first_reason_of_the_answer(
+    calibration, watched, theta, constants, sinogram, turn, ray_change_mm
+):
+    given = CalibrationInput(
+        sinogram(turn(24)), turn(24), (0, 1), constants, None, BUILT_IN_PHANTOMS["l-shape"], "0" * 64
+    )
+    given, found = run_calibration(given, CalibrationOptions(), lambda _: None)
+    active = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 20.0))
+    change = compared(active, found.geometry, watched(ray_change_mm=ray_change_mm))
+    answer = calibration_result(found, given, change)
+    moved = [] if change.within_tolerance else [change.reason]
+    assert change.within_tolerance == (ray_change_mm > 1.0)
+    assert answer.reasons == [*moved, *found.judgement.reasons]
+    assert answer.comparison == change
 
 
 def test_the_error_bars_of_both_calibrations_count(calibration, watched, theta):
@@ -57,37 +74,37 @@ def test_the_error_bars_of_both_calibrations_count(calibration, watched, theta):
 
 def test_the_scanners_tolerance_decides(calibration, watched, theta):
     moved = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0))
-    change = compare(calibration(), moved, watched()).ray_change_mm
-    assert compare(calibration(), moved, watched(ray_change_mm=1.01 * change)).within_tolerance
-    assert not compare(calibration(), moved, watched(ray_change_mm=0.99 * change)).within_tolerance
+    ray_change = compare(calibration(), moved, watched()).ray_change_mm
+    assert compare(calibration(), moved, watched(ray_change_mm=1.01 * ray_change)).within_tolerance
+    assert not compare(calibration(), moved, watched(ray_change_mm=0.99 * ray_change)).within_tolerance
 
 
 def test_a_log_that_turns_the_other_way_is_told_first(calibration, watched):
-    told = compare(calibration(), calibration(rotation="reversed"), watched())
-    assert not told.within_tolerance
-    assert "turns the other way" in told.reason
+    change = compare(calibration(), calibration(rotation="reversed"), watched())
+    assert not change.within_tolerance
+    assert "turns the other way" in change.reason
 
 
 def test_the_first_angle_counts_only_where_it_has_a_tolerance(calibration, watched, theta):
     turned = calibration(replace(theta, initial_angle_rad=theta.initial_angle_rad + math.radians(1.5)))
     free, held = watched(), watched(angle_change_deg=1.0)
     assert compare(calibration(), turned, free).within_tolerance
-    told = compare(calibration(), turned, held)
-    assert told.angle_change_deg == pytest.approx(1.5)
-    assert not told.within_tolerance
-    assert "+1.500 degrees" in told.reason
+    change = compare(calibration(), turned, held)
+    assert change.angle_change_deg == pytest.approx(1.5)
+    assert not change.within_tolerance
+    assert "+1.500 degrees" in change.reason
     assert compare(calibration(), turned, watched(angle_change_deg=2.0)).within_tolerance
 
 
 def test_an_angle_that_wraps_is_small(calibration, watched, theta):
     before = calibration(replace(theta, initial_angle_rad=0.001))
     after = calibration(replace(theta, initial_angle_rad=2 * math.pi - 0.001))
-    told = compare(before, after, watched())
-    assert told.angle_change_deg == pytest.approx(-math.degrees(0.002))
+    change = compare(before, after, watched())
+    assert change.angle_change_deg == pytest.approx(-math.degrees(0.002))
 
 
 def test_rays_that_left_the_log_moved_by_more_than_its_radius(calibration, watched, theta):
     away = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 3000.0))
-    told = compare(away, calibration(), watched())
-    assert told.ray_change_mm >= 150.0
-    assert not told.within_tolerance
+    change = compare(away, calibration(), watched())
+    assert change.ray_change_mm >= 150.0
+    assert not change.within_tolerance

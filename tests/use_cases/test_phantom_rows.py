@@ -7,9 +7,10 @@ from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.calibrations import CalibrationOptions
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
+from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.conversion import to_frame
 
 
@@ -33,16 +34,29 @@ def given(stack):
 
 
 def test_the_phantom_s_rows_are_found_used_and_told(stack):
-    _, result = run_calibration(
-        with_phantom_rows(given(stack), stack, CalibrationOptions()), CalibrationOptions(), lambda _: None
-    )
+    progress = []
+    narrowed, calibration = run_calibration(given(stack), CalibrationOptions(), progress.append, stack=stack)
+    result = calibration_result(calibration, narrowed)
     assert result.rows == (0, PHANTOM_ROWS)
     assert f"0:{PHANTOM_ROWS} show the phantom" in result.adjustments[0]
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
     # The example's counts leave 0.03 mm at 360 views: rays of one cell are averaged before the logarithm.
     assert ray_error(SCANNER, true, to_frame(result.source_frame)).rms_mm < 0.06
+    # The fit that found the rows is the answer: nothing is searched again.
+    assert {one.stage for one in progress} == {"rows"}
+    fractions = [one.fraction for one in progress]
+    assert fractions == sorted(fractions)
+
+
+def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_named(stack):
+    narrowed, found = run_calibration(given(stack), CalibrationOptions(), lambda _: None, stack=stack)
+    _, named = run_calibration(narrowed, CalibrationOptions(), lambda _: None)
+    np.testing.assert_array_equal(found.frame.to_vector(), named.frame.to_vector())
+    assert found.search == named.search
 
 
 def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):
     log = stack[:, PHANTOM_ROWS:]
-    assert with_phantom_rows(given(log), log, CalibrationOptions()).rows == (0, log.shape[1])
+    with pytest.raises(CalibrationError) as caught:
+        run_calibration(given(log), CalibrationOptions(), lambda _: None, stack=log)
+    assert caught.value.code == "phantom-not-found"

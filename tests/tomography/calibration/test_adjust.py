@@ -9,7 +9,7 @@ from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.screening import Screening, screen
+from sawmill_worker.tomography.calibration.faults.screening import Screening, screen
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
@@ -132,7 +132,7 @@ def test_a_fault_is_found_told_and_mended_unless_its_remedy_is_switched_off(clea
     error, found = off_mm(faulty, angles)
     assert error < LIMIT_MM
     assert any(told in sentence for sentence in found.adjustments)
-    assert (found.status, found.verdict) == ("calibrated", "pass")
+    assert (found.judgement.status, found.judgement.verdict) == ("calibrated", "pass")
     try:
         plain, left_alone = off_mm(faulty, angles, *remedies)
     except CalibrationError:
@@ -140,7 +140,7 @@ def test_a_fault_is_found_told_and_mended_unless_its_remedy_is_switched_off(clea
     assert plain > 4.0 * error
     assert not any(told in sentence for sentence in left_alone.adjustments)
     # What is not mended is not passed over either.
-    assert left_alone.verdict != "pass"
+    assert left_alone.judgement.verdict != "pass"
 
 
 def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles):
@@ -150,13 +150,13 @@ def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles)
     _, sharp = off_mm(measured, angles, Adjustment.BLUR)
     _, found = off_mm(measured, angles)
     spread = 0.01 * np.sqrt(np.mean(clean**2))
-    assert sharp.residual_rms > 1.2 * spread
-    assert sharp.inflation > 5.0
+    assert sharp.fit.residual_rms > 1.2 * spread
+    assert sharp.error_bars.inflation > 5.0
     # A dozen terms are fitted to 46 080 samples.
-    assert found.residual_rms == pytest.approx(spread, rel=0.03)
-    assert found.inflation < 1.5
-    assert found.predicted_ray_error.rms_mm < 0.2 * sharp.predicted_ray_error.rms_mm
-    assert "at the phantom's edges" in sharp.reasons[0]
+    assert found.fit.residual_rms == pytest.approx(spread, rel=0.03)
+    assert found.error_bars.inflation < 1.5
+    assert found.error_bars.predicted_ray_error.rms_mm < 0.2 * sharp.error_bars.predicted_ray_error.rms_mm
+    assert "at the phantom's edges" in sharp.judgement.reasons[0]
 
 
 def test_blur_and_hardening_are_told_apart(clean, angles):

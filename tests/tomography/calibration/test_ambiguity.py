@@ -8,6 +8,7 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -29,7 +30,7 @@ def scan_of(phantom, *, frame=FRAME, views=40, position=(0.0, 0.0), seed=1250):
 @pytest.mark.parametrize("position", [(0.0, 0.0), (12.0, -9.0)])
 def test_two_discs_look_the_same_from_behind(position):
     found = calibrate(CalibrationTask(SCANNER, TWO_DISCS, *scan_of(TWO_DISCS, position=position)))
-    assert (found.status, found.verdict) == ("ambiguous-handedness", "watch")
+    assert (found.judgement.status, found.judgement.verdict) == ("ambiguous-handedness", "watch")
 
 
 @pytest.mark.parametrize("position", [(0.0, 0.0), (40.0, 30.0)])
@@ -37,16 +38,17 @@ def test_a_square_looks_the_same_turned_wherever_it_stands(position):
     sinogram, angles = scan_of(SQUARE, position=position)
     sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
     found = calibrate(CalibrationTask(SCANNER, SQUARE, sinogram, angles, **sides))
-    assert (found.status, found.verdict) == ("ambiguous-turn", "watch")
+    assert (found.judgement.status, found.judgement.verdict) == ("ambiguous-turn", "watch")
 
 
 def test_a_disc_holds_no_first_angle_and_none_is_claimed():
     sinogram, angles = scan_of(DISC)
     sides = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
     found = calibrate(CalibrationTask(SCANNER, DISC, sinogram, angles, **sides))
-    assert (found.status, found.verdict) == ("ambiguous-turn", "watch")
-    assert found.covariance[0, 0] == 0.0
-    assert found.theta_deviation is None
+    assert (found.judgement.status, found.judgement.verdict) == ("ambiguous-turn", "watch")
+    assert found.error_bars.covariance.unknown == {Parameter.PSI}
+    assert found.error_bars.covariance.values[0, 0] == 0.0
+    assert found.error_bars.theta_deviation is None
 
 
 def test_a_phantom_far_larger_than_its_drawing_contradicts_the_scanner():
@@ -56,8 +58,8 @@ def test_a_phantom_far_larger_than_its_drawing_contradicts_the_scanner():
         "grown", tuple(Polygon(tuple((1.03 * x, 1.03 * y) for x, y in s.vertices_mm)) for s in L_SHAPE.shapes)
     )
     found = calibrate(CalibrationTask(SCANNER, L_SHAPE, *scan_of(grown, frame=near)))
-    assert (found.status, found.verdict) == ("inconsistent-scale", "fail")
-    assert "measure both" in found.reasons[0]
+    assert (found.judgement.status, found.judgement.verdict) == ("inconsistent-scale", "fail")
+    assert "measure both" in found.judgement.reasons[0]
 
 
 def test_a_drawing_in_cm_is_refused_by_the_distance_it_asks_for():

@@ -4,7 +4,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.calibration import choose_theta, theta_covariance
+from sawmill_worker.tomography.calibration.calibration import choose_theta
+from sawmill_worker.tomography.calibration.covariance import theta_covariance
 from sawmill_worker.tomography.geometry import SourceFrame, ThetaBounds
 
 

@@ -4,7 +4,9 @@ import pytest
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
-from sawmill_worker.tomography.calibration.fit import SinogramData, refine
+from sawmill_worker.tomography.calibration.fit import refine
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
+from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import ray_error
 
@@ -39,9 +41,12 @@ def test_a_fixed_source_distance_stays_and_has_no_variance(cells, true, full_tur
     start = SourceFrame.from_vector(true.to_vector() * [1.0, 1.01, 1.01, 1.0, 1.0])
     fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(20), cells), start, fixed_source_distance=True)
     assert fit.frame.source_distance_mm == start.source_distance_mm
-    assert not fit.covariance[1].any()
-    assert not fit.covariance[:, 1].any()
-    assert (np.diag(fit.covariance)[[0, 2, 3, 4, 5, 6]] > 0.0).all()
+    assert fit.covariance.held == {Parameter.R}
+    assert fit.covariance.unknown == frozenset()
+    assert not fit.covariance.values[1].any()
+    assert not fit.covariance.values[:, 1].any()
+    assert (np.diag(fit.covariance.values)[fit.covariance.determined] > 0.0).all()
+    assert [int(p) for p in fit.covariance.determined] == [0, 2, 3, 4, 5, 6]
 
 
 def test_the_covariance_is_that_of_least_squares(cells, true, full_turn):
@@ -58,7 +63,7 @@ def test_the_covariance_is_that_of_least_squares(cells, true, full_turn):
     unit = np.linalg.inv((columns * scale).T @ (columns * scale))
     expected = variance * (unit * np.outer(scale, scale))[:7, :7]
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    np.testing.assert_allclose(fit.covariance / size, expected / size, atol=1e-3)
+    np.testing.assert_allclose(fit.covariance.values / size, expected / size, atol=1e-3)
 
 
 def test_a_model_of_single_rays_fits_data_made_with_single_rays(scanner, cells, true, full_turn):

@@ -1,11 +1,17 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.calibration import HypothesisReport
+from sawmill_worker.tomography.calibration.alternatives import Alternatives, HypothesisReport, TurnedAlternative
+from sawmill_worker.tomography.calibration.covariance import Covariance
+from sawmill_worker.tomography.calibration.error_bars import ErrorBars
+from sawmill_worker.tomography.calibration.faults.structure import Place, Structure
+from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.calibration.judgement import TurnedRival, judge
-from sawmill_worker.tomography.calibration.structure import Place, Structure
-from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
+from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
+from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
+from sawmill_worker.tomography.calibration.source_distance import SourceDistance
+from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import PredictedRayError
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -15,7 +21,7 @@ GOOD_FIT = {
     "position_mm": (0.0, 0.0),
     "gain": 1.0,
     "offset": 0.0,
-    "covariance": np.eye(7),
+    "covariance": Covariance(np.eye(7)),
     "residual_rms": 1.0,
     "relative_residual": 0.02,
     "converged": True,
@@ -33,28 +39,28 @@ def predicted(upper_95_mm, rms_mm=None):
     return PredictedRayError(rms_mm, 2.0 * rms_mm, upper_95_mm, (0.5 * rms_mm, 1.1 * upper_95_mm))
 
 
-def judgement_of(*, fit=None, **changes):
-    asked = {
-        "predicted": predicted(0.04),
-        "tolerance_mm": 0.1,
+ERROR_BARS = {
+    "covariance": Covariance(np.eye(5)),
+    "theta_covariance": None,
+    "predicted_ray_error": predicted(0.04),
+    "inflation": 1.0,
+    "deviation_ratio": 1.0,
+    "source_shift_resolved": True,
+}
+
+
+def judgement_of(*, fit=None, bars=None, hypotheses=None, turned=None, inflation=1.0, **changes):
+    """The judgement of a good calibration with these changes."""
+    evidence = {
         "fit": Fit(**(GOOD_FIT | (fit or {}))),
-        "inflation": 1.0,
-        "widening": 1.0,
-        "structure": None,
-        "unsteady": None,
-        "unsteady_mm": 0.0,
-        "hypotheses": (RIGHT, second(0.3)),
-        "turned": None,
-        "turn_held": True,
-        "samples": 10_000,
-        "source_shift_resolved": True,
+        "source_distance": SourceDistance(900.0),
+        "error_bars": ErrorBars(**(ERROR_BARS | (bars or {}))),
+        "alternatives": Alternatives(hypotheses or (RIGHT, second(0.3)), turned, 10_000 / inflation),
+        "residual": ResidualAnalysis(),
+        "scale": ScaleUncertainty(0.9, 0.05),
         "theta_in_bounds": True,
-        "unconstrained_mm": None,
-        "short_of_deviations": 0.0,
-        "source_to_cor_mm": 859.46,
-        "scale_ray_error_mm": 0.05,
     }
-    return judge(**(asked | changes))
+    return judge(Evidence(**(evidence | changes)), Limits(tolerance_mm=0.1, source_to_cor_mm=859.46))
 
 
 @pytest.fixture
@@ -67,10 +73,11 @@ def verdict_of():
 
 
 AMBIGUOUS = {"hypotheses": (RIGHT, second(0.02 * 1.0009))}
-TURNED = {"turned": TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0009)}
+TURNED = {"turned": TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0009)}
 NOT_CONVERGED = {"fit": {"converged": False}}
-IMPRECISE = {"predicted": predicted(0.2)}
-SHORT = {"unconstrained_mm": 850.0, "short_of_deviations": 4.1}
+IMPRECISE = {"bars": {"predicted_ray_error": predicted(0.2)}}
+NO_PSI = {"bars": {"covariance": Covariance(np.eye(5)).without(Parameter.PSI)}}
+SHORT = {"source_distance": SourceDistance(850.0, held=True, deficit_deviations=4.1)}
 
 
 @pytest.mark.parametrize(
@@ -80,7 +87,7 @@ SHORT = {"unconstrained_mm": 850.0, "short_of_deviations": 4.1}
         (IMPRECISE, "imprecise"),
         (TURNED, "ambiguous-turn"),
         (TURNED | IMPRECISE, "ambiguous-turn"),
-        ({"turn_held": False}, "ambiguous-turn"),
+        (NO_PSI, "ambiguous-turn"),
         (SHORT, "inconsistent-scale"),
         (AMBIGUOUS, "ambiguous-handedness"),
         (AMBIGUOUS | TURNED, "ambiguous-handedness"),
@@ -103,7 +110,7 @@ def test_a_good_fit_passes_without_a_reason(verdict_of):
     [(0.05, 0.1, "pass"), (0.05, 0.101, "watch"), (0.1, 0.25, "watch"), (0.101, 0.25, "fail"), (0.5, 0.9, "fail")],
 )
 def test_the_tolerance_is_held_where_it_is_held_with_95_percent(verdict_of, rms, upper_95, verdict):
-    found, reasons = verdict_of(predicted=predicted(upper_95, rms))
+    found, reasons = verdict_of(bars={"predicted_ray_error": predicted(upper_95, rms)})
     assert found == verdict
     told = f"is {rms:.3f} mm, with 95 % below {upper_95:.3f} mm, where 0.100 mm is allowed"
     assert all(told in reason for reason in reasons)
@@ -118,22 +125,25 @@ def test_a_fit_that_did_not_converge_fails(verdict_of):
 
 @pytest.mark.parametrize(("share", "verdict", "count"), [(0.0009, "pass", 0), (0.004, "pass", 1), (0.006, "watch", 1)])
 def test_a_structured_residual_is_told_and_a_large_one_watched(verdict_of, share, verdict, count):
-    found, reasons = verdict_of(structure=Structure(share, Place.EDGES))
+    found, reasons = verdict_of(residual=ResidualAnalysis(Structure(share, Place.EDGES)))
     assert (found, len(reasons)) == (verdict, count)
     assert all(f"{share:.1%} of the sinogram unexplained, and not as noise" in reason for reason in reasons)
 
 
 @pytest.mark.parametrize(
     ("place", "told"),
-    [(Place.EDGES, "draw it anew"), (Place.INSIDE, "use a sound phantom"), (Place.VIEWS, "repeat the scan")],
+    [(Place.EDGES, "draw it anew"), (Place.SHADOW, "use a sound phantom"), (Place.VIEWS, "repeat the scan")],
 )
 def test_where_the_residual_lies_names_the_cause_and_the_cure(verdict_of, place, told):
-    assert told in verdict_of(structure=Structure(0.01, place))[1][0]
+    assert told in verdict_of(residual=ResidualAnalysis(Structure(0.01, place)))[1][0]
 
 
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
-    assert "use more views" in verdict_of(predicted=predicted(0.2))[1][0]
-    assert "more views alone will not help" in verdict_of(predicted=predicted(0.2), widening=5.0)[1][0]
+    assert "use more views" in verdict_of(bars={"predicted_ray_error": predicted(0.2)})[1][0]
+    assert (
+        "more views alone will not help"
+        in verdict_of(bars={"predicted_ray_error": predicted(0.2), "deviation_ratio": 5.0})[1][0]
+    )
 
 
 def test_a_hypothesis_hardly_better_than_the_next_is_watched(verdict_of):
@@ -151,7 +161,7 @@ def test_a_single_hypothesis_has_nothing_to_be_told_from(verdict_of):
 
 
 def test_a_distance_too_short_by_more_than_noise_contradicts_the_scanner(verdict_of):
-    found, reasons = verdict_of(unconstrained_mm=850.0, short_of_deviations=3.9)
+    found, reasons = verdict_of(source_distance=SourceDistance(850.0, held=True, deficit_deviations=3.9))
     assert (found, len(reasons)) == ("pass", 1)
     assert "the source shift is 0 within the noise" in reasons[0]
     found, reasons = verdict_of(**SHORT)
@@ -160,7 +170,7 @@ def test_a_distance_too_short_by_more_than_noise_contradicts_the_scanner(verdict
 
 
 def test_what_the_phantom_s_tolerance_leaves_open_is_told(verdict_of):
-    found, reasons = verdict_of(scale_ray_error_mm=0.43)
+    found, reasons = verdict_of(scale=ScaleUncertainty(0.9, 0.43))
     assert (found, len(reasons)) == ("pass", 1)
     assert "0.430 mm RMS, which no residual shows" in reasons[0]
 
@@ -172,26 +182,30 @@ def test_a_theta_outside_the_bounds_is_watched(verdict_of):
 
 
 def test_a_held_source_distance_is_noted_and_still_passes(verdict_of):
-    found, reasons = verdict_of(unconstrained_mm=858.9)
+    found, reasons = verdict_of(source_distance=SourceDistance(858.9, held=True))
     assert found == "pass"
     assert "858.90 mm, nearer than source_to_cor_mm 859.46" in reasons[0]
 
 
 def test_the_worst_comes_first(verdict_of):
-    found, reasons = verdict_of(unconstrained_mm=858.9, theta_in_bounds=False, predicted=predicted(1.0))
+    found, reasons = verdict_of(
+        source_distance=SourceDistance(858.9, held=True),
+        theta_in_bounds=False,
+        bars={"predicted_ray_error": predicted(1.0)},
+    )
     assert found == "fail"
     assert [word in reason for word, reason in zip(("allowed", "bounds", "nearer"), reasons, strict=True)] == [True] * 3
 
 
 def test_a_phantom_that_looks_the_same_turned_is_watched(verdict_of):
-    found, reasons = verdict_of(turned=TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0009))
+    found, reasons = verdict_of(turned=TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0009))
     assert found == "watch"
     assert "looks the same turned by 180 degrees" in reasons[0]
-    assert verdict_of(turned=TurnedRival(by_deg=180.0, relative_residual=0.02 * 1.0011))[0] == "pass"
+    assert verdict_of(turned=TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0011))[0] == "pass"
 
 
 def test_an_unresolved_source_shift_is_said_and_still_passes(verdict_of):
-    found, reasons = verdict_of(source_shift_resolved=False)
+    found, reasons = verdict_of(bars={"source_shift_resolved": False})
     assert found == "pass"
     assert "not resolved from 0" in reasons[0]
 
@@ -202,7 +216,7 @@ def test_what_changed_counts_by_what_it_puts_the_rays_off(verdict_of, off_mm, ve
     # As in an answer: what is predicted holds what the change puts the rays off by.
     of_it = predicted(max(0.04, 1.96 * off_mm), max(0.02, off_mm))
     found, reasons = verdict_of(
-        unsteady=slip, unsteady_mm=off_mm, predicted=of_it, structure=Structure(0.003, Place.EDGES)
+        residual=ResidualAnalysis(Structure(0.003, Place.EDGES), slip, off_mm), bars={"predicted_ray_error": of_it}
     )
     assert found == verdict
     assert any(reason.startswith("the phantom moved at view 17, by 0.5 mm") for reason in reasons) == (

@@ -55,8 +55,8 @@ def test_the_bound_holds_what_wood_that_is_not_as_drawn_costs(body):
     inside, told, plain = 0, 0, 0
     for seed in SEEDS:
         error, found = calibrated(body(np.random.default_rng(seed)), L_SHAPE, seed)
-        inside += error <= found.predicted_ray_error.upper_95_mm
-        told += any("not as noise" in reason for reason in found.reasons)
+        inside += error <= found.error_bars.predicted_ray_error.upper_95_mm
+        told += any("not as noise" in reason for reason in found.judgement.reasons)
         # What noise alone of 0.5 % predicts: 0.002 mm.
         plain += error <= 2.0 * 0.002
     # Of six at 95 %, five or six are inside in 97 of 100 cases.
@@ -70,12 +70,12 @@ def test_a_coarse_picture_is_told_and_its_pixels_are_the_size_s_uncertainty():
     for number, size in enumerate((190, 173, 154, 141, 137)):
         drawn = trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="picture")
         error, found = calibrated(L_SHAPE, drawn, 1270 + number)
-        assert error <= found.predicted_ray_error.upper_95_mm + 2.0 * found.scale_ray_error_mm
-        assert found.verdict != "pass"
-        assert any("not as noise" in reason for reason in found.reasons)
+        assert error <= found.error_bars.predicted_ray_error.upper_95_mm + 2.0 * found.scale.ray_error_mm
+        assert found.judgement.verdict != "pass"
+        assert any("not as noise" in reason for reason in found.judgement.reasons)
 
 
 def test_a_sound_scan_s_error_bars_are_those_of_its_noise():
     _, found = calibrated(L_SHAPE, L_SHAPE, 1280)
-    assert found.inflation == 1.0
-    assert found.reasons == ()
+    assert found.error_bars.inflation == 1.0
+    assert found.judgement.reasons == ()

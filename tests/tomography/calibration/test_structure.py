@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.calibration.structure import Place, find_structure
+from sawmill_worker.tomography.calibration.faults.structure import Place, find_structure
 
 VIEWS, CELLS = 80, 200
 
@@ -40,7 +40,7 @@ def test_edges_inside_and_views_are_told_apart(model, rng):
     assert find_structure(noise + 3.0 * edges, model).place is Place.EDGES
     inside = np.zeros_like(model)
     inside[:, 90:110] = 1.0
-    assert find_structure(noise + inside, model).place is Place.INSIDE
+    assert find_structure(noise + inside, model).place is Place.SHADOW
     # Flat fields of few frames leave the same error in every view.
     unequal = np.broadcast_to(rng.standard_normal(CELLS), model.shape)
     assert find_structure(noise + unequal, model).place is Place.CELLS

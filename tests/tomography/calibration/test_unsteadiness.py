@@ -45,14 +45,14 @@ def error_mm(found):
 @pytest.mark.parametrize(("view", "mm"), [(20, 0.4), (50, 2.0), (40, 8.0)])
 def test_a_phantom_that_slips_is_told_with_the_view_and_how_far(view, mm, without):
     found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301, without=without)
-    reason = next(reason for reason in found.reasons if "the phantom moved at view" in reason)
+    reason = next(reason for reason in found.judgement.reasons if "the phantom moved at view" in reason)
     told_view, told_mm = reason.split("view ")[1].split(",")[0], reason.split("by ")[1].split(" mm")[0]
     # A slip is found to the view but for the few that noise gives or takes, and its size to first order.
     assert abs(int(told_view) - view) <= 2
     assert float(told_mm) == pytest.approx(mm, rel=0.25)
     assert error_mm(found) > 0.1
-    assert found.verdict != "pass"
-    assert error_mm(found) < found.predicted_ray_error.upper_95_mm
+    assert found.judgement.verdict != "pass"
+    assert error_mm(found) < found.error_bars.predicted_ray_error.upper_95_mm
 
 
 @pytest.mark.parametrize(
@@ -66,14 +66,16 @@ def test_a_phantom_that_slips_is_told_with_the_view_and_how_far(view, mm, withou
 def test_angles_that_are_not_the_turntable_s_are_told(angles, turn_deg, cause):
     sinogram = np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)])
     found = calibrated(sinogram, 1302)
-    assert any(reason.startswith(cause) for reason in found.reasons), found.reasons
-    assert found.verdict != "pass"
-    assert error_mm(found) < found.predicted_ray_error.upper_95_mm
+    assert any(reason.startswith(cause) for reason in found.judgement.reasons), found.judgement
+    assert found.judgement.verdict != "pass"
+    assert error_mm(found) < found.error_bars.predicted_ray_error.upper_95_mm
 
 
 def test_the_pace_is_measured():
     found = calibrated(shadow(ANGLES * 1.006), 1303)
-    pace = next(reason for reason in found.reasons if "turntable turns" in reason).split("turns ")[1].split()[0]
+    pace = (
+        next(reason for reason in found.judgement.reasons if "turntable turns" in reason).split("turns ")[1].split()[0]
+    )
     # To first order, and less what the fit turned to its own use.
     assert float(pace) == pytest.approx(1.006, abs=0.0012)
 
@@ -82,9 +84,11 @@ def test_the_pace_is_measured():
 def test_steady_scans_are_called_nothing_else(seed):
     knot = replace(L_SHAPE, shapes=(*L_SHAPE.shapes, Disc((50.0, -60.0), 12.0, 0.35)))
     plain = calibrated(shadow(ANGLES), seed)
-    assert plain.verdict == "pass"
+    assert plain.judgement.verdict == "pass"
     for found in (plain, calibrated(shadow(ANGLES, body=knot), seed)):
-        assert not any("moved" in reason or "angles" in reason for reason in found.reasons), found.reasons
+        assert not any("moved" in reason or "angles" in reason for reason in found.judgement.reasons), (
+            found.judgement.reasons
+        )
 
 
 @pytest.mark.parametrize("views", [45, 90, 180])
@@ -96,7 +100,9 @@ def test_a_model_finer_than_the_scan_is_no_unsteadiness(scanner, phantom, views)
     clean = analytic.project(phantom, DetectorCells.of(scanner), FRAME, angles, rays_per_cell=1)
     noise = 0.005 * clean.std() * np.random.default_rng(1320).standard_normal(clean.shape)
     found = calibrate(CalibrationTask(scanner, phantom, clean + noise, angles))
-    assert not any("moved" in reason or "angles" in reason for reason in found.reasons), found.reasons
+    assert not any("moved" in reason or "angles" in reason for reason in found.judgement.reasons), (
+        found.judgement.reasons
+    )
 
 
 @pytest.mark.parametrize("views", [4, 9, 10, 12])
@@ -105,4 +111,4 @@ def test_few_views_are_calibrated_all_the_same(views):
     clean = analytic.project(L_SHAPE, DetectorCells.of(SCANNER), FRAME, angles, rays_per_cell=6)
     noise = 0.005 * clean.std() * np.random.default_rng(1330).standard_normal(clean.shape)
     found = calibrate(CalibrationTask(SCANNER, L_SHAPE, clean + noise, angles))
-    assert found.verdict == "pass", found.reasons
+    assert found.judgement.verdict == "pass", found.judgement.reasons

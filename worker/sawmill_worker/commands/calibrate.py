@@ -8,7 +8,7 @@ from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tomography.calibration.calibration import Calibration
-from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.prepare import Stack
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
@@ -38,9 +38,9 @@ def calibrate_scan(
         input_sha256=used.sha256,
         from_counts=used.counts,
     )
-    if scan.rows is None and Adjustment.PHANTOM_ROWS not in options.without:
-        given = with_phantom_rows(given, stack, options)
-    calibration, result = run_calibration(given, options, used.on_progress)
+    rows_given = scan.rows is not None or Adjustment.PHANTOM_ROWS in options.without
+    given, calibration = run_calibration(given, options, used.on_progress, stack=None if rows_given else stack)
+    result = calibration_result(calibration, given)
     if picture is not None:
         _draw(picture, stack, used.rows, given, calibration, result)
     return result
@@ -59,5 +59,5 @@ def _draw(
     from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside  # noqa: PLC0415
 
     log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
-    images = None if log is None else log_images(log, given, result, None)
+    images = None if log is None else log_images(log, given, calibration.geometry, None)
     write_report_png(picture, result, calibration_arrays(calibration, given, images))

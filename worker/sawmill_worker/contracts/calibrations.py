@@ -16,22 +16,29 @@ from sawmill_worker.contracts.geometry import (
 )
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
-from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, CalibrationStatus, Handedness, Rotation
+from sawmill_worker.vocabulary import (
+    Adjustment,
+    CalibrationMethod,
+    CalibrationStatus,
+    Handedness,
+    PaperCorrelation,
+    PaperObjective,
+    PaperStop,
+    Rotation,
+    Verdict,
+    Weighting,
+)
 
 
 class PaperOptions(Contract):
     """Switches of the published search (arXiv 2206.14444)."""
 
-    objective: Literal["image", "projection"] = Field(
-        "image", description="Correlate FBP images, or compare sinograms."
-    )
-    weighting: Literal["none", "exact"] = Field("none", description="FBP weights; the published pipeline has none.")
-    correlation: Literal["unnormalised", "normalised"] = Field(
+    objective: PaperObjective = Field("image", description="Correlate FBP images, or compare sinograms.")
+    weighting: Weighting = Field("none", description="FBP weights; the published pipeline has none.")
+    correlation: PaperCorrelation = Field(
         "unnormalised", description="Of images or sinograms: as published, or normalised."
     )
-    stop: Literal["published", "tight"] = Field(
-        "published", description="SciPy's default stop, or one that waits for convergence."
-    )
+    stop: PaperStop = Field("published", description="SciPy's default stop, or one that waits for convergence.")
     max_generations: Annotated[int, Field(ge=1, le=10_000)] = Field(
         1000, description="The search ends after this number of generations."
     )
@@ -90,7 +97,7 @@ class StandardDeviation(Contract):
 
 
 class PredictedRayError(Contract):
-    """What the covariance says the rays are off by, inside the log's disc."""
+    """The ray error that the covariance predicts, inside the log's disc."""
 
     rms: float = Field(description="Root of the expected mean square over rays and points.")
     max: float = Field(description="Standard deviation at the worst point.")
@@ -120,7 +127,7 @@ class Hypothesis(Contract):
 
 
 class Search(Contract):
-    """How the valley was found."""
+    """How the basin was found."""
 
     method: str
     seed: int
@@ -164,7 +171,7 @@ class CalibrationResult(Contract):
     standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
     covariance: list[list[float]] | None = Field(
         description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "
-        "a fixed parameter's row is zero."
+        "the row of a parameter that was held, or that the scan does not determine, is zero."
     )
     theta_covariance: list[list[float]] | None = Field(
         None,
@@ -190,9 +197,9 @@ class CalibrationResult(Contract):
     status: CalibrationStatus | None = Field(
         None,
         description="How far the answer may be relied on; the verdict is pass only where it is calibrated. "
-        "Null: an answer of an earlier version, which did not tell.",
+        "Null: an answer of an earlier version, which did not report it.",
     )
-    verdict: Literal["pass", "watch", "fail"] = Field(
+    verdict: Verdict = Field(
         description="pass: the predicted ray error's upper_95 is within the scanner's tolerance, and nothing speaks "
         "against the answer. watch: only its RMS is, or a reason asks for a look. fail: neither."
     )

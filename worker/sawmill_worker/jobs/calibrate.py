@@ -13,11 +13,12 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration, with_phantom_rows
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
-from sawmill_worker.use_cases.compare import compared
+from sawmill_worker.use_cases.compare import compared, geometry_of
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_beside
+from sawmill_worker.use_cases.prepare import Stack
 from sawmill_worker.use_cases.reconstruct import volume_unit
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import Adjustment, DataKind
@@ -35,14 +36,15 @@ def run(attempt: Attempt) -> dict[str, Any]:
         }
     )
     scan = usable_scan(store, asked.scan_id)
-    given = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
-    calibration, result = run_calibration(given, options, attempt.report)
+    given, stack = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
+    given, calibration = run_calibration(given, options, attempt.report, stack=stack)
     active = _active(store, scanner)
-    if active is not None:
-        result = compared(active, result, scanner)
+    comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
     log = _log_row(store, scan, options, given)
-    images = None if log is None else log_images(log, given, result, active)
+    before = None if active is None else geometry_of(active)
+    images = None if log is None else log_images(log, given, calibration.geometry, before)
+    result = calibration_result(calibration, given, comparison)
     kept = calibration_arrays(calibration, given, images)
     write_result(attempt.output, result, kept, log_unit=volume_unit(counts=given.from_counts))
     return result.model_dump(mode="json")
@@ -79,7 +81,8 @@ def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
 
 def _load(
     store: Store, scan: Scan, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
-) -> CalibrationInput:
+) -> tuple[CalibrationInput, Stack | None]:
+    """The input, and the stack of its rows where it is not known which of them show the phantom."""
     shape = shape_of(scan)
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows)
     views = chosen_views(options.views, shape.views)
@@ -97,7 +100,7 @@ def _load(
         from_counts=scan.data is DataKind.COUNTS,
     )
     named = options.rows is not None or scan.phantom_rows is not None or Adjustment.PHANTOM_ROWS in options.without
-    return given if named else with_phantom_rows(given, stored.line_integrals, options)
+    return given, None if named else stored.line_integrals
 
 
 def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import eigh
 from scipy.sparse import csr_array
 
-from sawmill_worker.tomography.calibration.screening import screen
+from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError
 from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.view_gain import view_gain
@@ -380,7 +380,9 @@ def conjugate_fit(
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     _check(sinogram, angles_rad)
     screening = screen(sinogram)
-    scan = _Scan(scanner, screening.bridged(sinogram), angles_rad, screening.views, ~screening.cells, screening.done)
+    scan = _Scan(
+        scanner, screening.bridged(sinogram), angles_rad, screening.views, ~screening.cells, screening.adjustments
+    )
     best, rotation, ratio, used = _fit(scan, start, rotation)
     while (odd := _odd_views(scan, best, rotation)).any():
         scan = replace(scan, usable=scan.usable & ~odd)

@@ -7,8 +7,8 @@ import numpy as np
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import PARAMETERS, DetectorCells
-from sawmill_worker.tomography.calibration.calibration import frame_deviation, theta_covariance
-from sawmill_worker.tomography.calibration.fit import reduce
+from sawmill_worker.tomography.calibration.covariance import frame_deviation, theta_covariance
+from sawmill_worker.tomography.calibration.elimination import reduce
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.phantom import Phantom, PhantomError
 from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error, scale_ray_error

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, replace
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,15 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts import calibrations as contracts
 from sawmill_worker.contracts.geometry import ScannerConstants, ThetaBounds
 from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.tomography.calibration.alternatives import Alternatives
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.error_bars import ErrorBars
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.phantom_rows import segments
+from sawmill_worker.tomography.calibration.search import SearchCallback
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
     from_frame,
@@ -25,10 +29,12 @@ from sawmill_worker.use_cases.conversion import (
     to_phantom,
     to_scanner,
 )
-from sawmill_worker.vocabulary import CalibrationMethod, Handedness, Progress, ProgressCallback, Rotation
+from sawmill_worker.vocabulary import CalibrationMethod, Progress, ProgressCallback
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
+# Of the progress: where the search for the phantom's rows ends, and where the search for the geometry ends.
+ROWS_DONE, SEARCH_DONE = 0.5, 0.95
 
 
 @dataclass(frozen=True)
@@ -48,28 +54,87 @@ class CalibrationInput:
     remarks: tuple[str, ...] = ()
 
 
-def with_phantom_rows(
-    given: CalibrationInput, stack: NDArray[np.float32], options: contracts.CalibrationOptions
-) -> CalibrationInput:
-    """The input narrowed to those rows of the stack (views, rows, detector) that show the phantom.
+def run_calibration(
+    given: CalibrationInput,
+    options: contracts.CalibrationOptions,
+    on_progress: ProgressCallback,
+    *,
+    stack: NDArray[np.float32] | None = None,
+) -> tuple[CalibrationInput, Calibration]:
+    """Calibrate by the method asked for; errors of `sawmill_worker.tomography` pass through.
 
-    Where nothing changes from row to row, or no run of rows explains itself by the phantom, all rows stay.
+    Parameters
+    ----------
+    stack : (views, rows, detector) float32, optional
+        Of the input's rows, where it is not known which of them show the phantom: they are found first.
+
+    Returns
+    -------
+    The input, narrowed to the phantom's rows where they were found, and its calibration.
     """
-    runs = segments(stack)
-    found: list[tuple[float, CalibrationInput]] = []
-    for run in runs[:MOST_RUNS] if len(runs) > 1 else []:
+    found = None if stack is None else _in_phantom_rows(given, stack, options, on_progress)
+    if found is not None:
+        given, calibration = found
+        if options.method is CalibrationMethod.DEFAULT:
+            return given, calibration
+    begun = 0.0 if stack is None else ROWS_DONE
+    return given, _calibrated(given, options, _search_callback(on_progress, begun))
+
+
+def _in_phantom_rows(
+    given: CalibrationInput,
+    stack: NDArray[np.float32],
+    options: contracts.CalibrationOptions,
+    on_progress: ProgressCallback,
+) -> tuple[CalibrationInput, Calibration] | None:
+    """The input narrowed to those rows of the stack that show the phantom, and the default calibration with them.
+
+    None where nothing changes from row to row, or no run of rows explains itself by the phantom: all rows stay.
+    """
+    runs = segments(stack)[:MOST_RUNS]
+    if len(runs) <= 1:
+        return None
+    found: list[tuple[CalibrationInput, Calibration]] = []
+    for number, run in enumerate(runs, start=1):
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
         narrowed = replace(given, sinogram=stack[:, run].mean(axis=1, dtype=np.float64), rows=rows)
         try:
-            fit = calibrate(_task(narrowed, options))
+            found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed)))
         except CalibrationError:  # these rows show something else
             continue
-        found.append((fit.relative_residual, narrowed))
+        finally:
+            on_progress(Progress(fraction=ROWS_DONE * number / len(runs), stage="rows"))
     if not found:
-        return given
-    _, best = min(found, key=lambda item: item[0])
-    told = f"of rows {given.rows[0]}:{given.rows[1]}, {best.rows[0]}:{best.rows[1]} show the phantom and were used"
-    return replace(best, remarks=(told,))
+        return None
+    narrowed, calibration = min(found, key=lambda one: one[1].fit.relative_residual)
+    first, last = narrowed.rows
+    remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
+    return replace(narrowed, remarks=(remark,)), calibration
+
+
+def _calibrated(
+    given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback
+) -> Calibration:
+    task = _task(given, options)
+    if options.method is CalibrationMethod.DEFAULT:
+        return calibrate(task, seed=options.seed, progress=on_round)
+    # Imported here because it brings the reconstruction along, for which the default need not wait.
+    from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
+
+    paper = PaperOptions(**options.paper.model_dump())
+    return calibrate_as_published(task, options=paper, seed=options.seed, progress=on_round)
+
+
+def _search_callback(on_progress: ProgressCallback, begun: float) -> SearchCallback:
+    """Rounds of the search as progress, from the fraction `begun` on."""
+
+    def on_round(generation: int, most: int, best: float) -> None:
+        fraction = min(begun + (1.0 - begun) * generation / most, SEARCH_DONE)
+        # Before the first fit there is no best value.
+        value = best if math.isfinite(best) else None
+        on_progress(Progress(fraction=fraction, stage="search", generation=generation, best_value=value))
+
+    return on_round
 
 
 def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
@@ -89,75 +154,62 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
     )
 
 
-def run_calibration(
-    given: CalibrationInput, options: contracts.CalibrationOptions, report: ProgressCallback
-) -> tuple[Calibration, contracts.CalibrationResult]:
-    """Calibrate by the method asked for; errors of `sawmill_worker.tomography` pass through."""
-    task = _task(given, options)
-
-    def progress(generation: int, most: int, best: float) -> None:
-        fraction = min(generation / most, 0.95)
-        # Nothing fits yet: there is no best value to tell.
-        value = best if math.isfinite(best) else None
-        report(Progress(fraction=fraction, stage="search", generation=generation, best_value=value))
-
-    if options.method is CalibrationMethod.PAPER:
-        # Imported here because it brings the reconstruction along, for which the default need not wait.
-        from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
-
-        paper = PaperOptions(**options.paper.model_dump())
-        calibration = calibrate_as_published(task, options=paper, seed=options.seed, progress=progress)
-    else:
-        calibration = calibrate(task, seed=options.seed, progress=progress)
-    return calibration, calibration_result(calibration, given)
-
-
-def calibration_result(calibration: Calibration, given: CalibrationInput) -> contracts.CalibrationResult:
-    """The answer as it crosses a boundary."""
-    predicted, deviation = calibration.predicted_ray_error, calibration.frame_deviation
+def calibration_result(
+    calibration: Calibration, given: CalibrationInput, comparison: contracts.Comparison | None = None
+) -> contracts.CalibrationResult:
+    """The answer as it crosses a boundary; a scanner that moved is the first of its reasons."""
+    fit, bars, judgement = calibration.fit, calibration.error_bars, calibration.judgement
+    moved = [] if comparison is None or comparison.within_tolerance else [comparison.reason]
     return contracts.CalibrationResult(
         theta=from_theta(calibration.theta),
         theta_twin=None if calibration.theta_twin is None else from_theta(calibration.theta_twin),
         source_frame=from_frame(calibration.frame),
-        standard_deviation=None if deviation is None else from_deviation(calibration.theta_deviation, deviation),
-        covariance=None if calibration.covariance is None else calibration.covariance.tolist(),
-        theta_covariance=None if calibration.theta_covariance is None else calibration.theta_covariance.tolist(),
-        unconstrained_source_distance_mm=calibration.unconstrained_source_distance_mm,
-        scale_uncertainty_mm=calibration.scale_uncertainty_mm,
-        scale_ray_error_mm=calibration.scale_ray_error_mm,
-        predicted_ray_error_mm=None if predicted is None else from_predicted(predicted, calibration.log_radius_mm),
-        handedness=Handedness(calibration.handedness),
-        rotation=Rotation(calibration.rotation),
-        hypotheses=_hypotheses(calibration),
-        phantom_position_mm=calibration.position_mm,
-        gain=calibration.gain,
-        offset=calibration.offset,
-        residual=contracts.Residual(rms=calibration.residual_rms, relative=calibration.relative_residual),
+        **_with_error_bars(calibration.frame, bars, given.log_radius_mm),
+        unconstrained_source_distance_mm=calibration.source_distance.unconstrained_mm,
+        scale_uncertainty_mm=calibration.scale.source_distance_mm,
+        scale_ray_error_mm=calibration.scale.ray_error_mm,
+        handedness=calibration.handedness,
+        rotation=calibration.rotation,
+        hypotheses=_hypotheses(calibration.alternatives),
+        phantom_position_mm=fit.position_mm,
+        gain=fit.gain,
+        offset=fit.offset,
+        residual=contracts.Residual(rms=fit.residual_rms, relative=fit.relative_residual),
         adjustments=[*given.remarks, *calibration.adjustments],
-        status=calibration.status,
-        verdict=calibration.verdict,
-        reasons=list(calibration.reasons),
+        status=judgement.status,
+        verdict=judgement.verdict,
+        reasons=[*moved, *judgement.reasons],
         scanner=given.scanner,
         phantom=given.drawing.name,
         views=int(given.angles_rad.size),
         rows=given.rows,
         search=contracts.Search(**{name: getattr(calibration.search, name) for name in contracts.Search.model_fields}),
-        timing_s=contracts.Timing(**calibration.seconds),
+        timing_s=contracts.Timing(**vars(calibration.timing)),
         software_version=version("sawmill-calibration"),
         input_sha256=given.input_sha256,
+        comparison=comparison,
     )
 
 
-def _hypotheses(calibration: Calibration) -> list[contracts.Hypothesis]:
+def _with_error_bars(frame: SourceFrame, bars: ErrorBars | None, radius_mm: float) -> dict[str, Any]:
+    """The fields that are null without error bars."""
+    if bars is None:
+        return dict.fromkeys(("standard_deviation", "covariance", "theta_covariance", "predicted_ray_error_mm"))
+    return {
+        "standard_deviation": from_deviation(bars.theta_deviation, bars.frame_deviation(frame)),
+        "covariance": bars.covariance.values.tolist(),
+        "theta_covariance": None if bars.theta_covariance is None else bars.theta_covariance.tolist(),
+        "predicted_ray_error_mm": from_predicted(bars.predicted_ray_error, radius_mm),
+    }
+
+
+def _hypotheses(alternatives: Alternatives) -> list[contracts.Hypothesis]:
     """All that were tried, with how far each is behind the best in log-likelihood."""
-    best = calibration.hypotheses[0].relative_residual
-    independent = None if calibration.covariance is None else calibration.residual.size / calibration.inflation
+    exact = alternatives.hypotheses[0].relative_residual <= 0.0
     return [
         contracts.Hypothesis(
             **vars(report),
-            log_likelihood_behind=None
-            if independent is None or best <= 0.0
-            else independent * math.log(report.relative_residual / best),
+            log_likelihood_behind=None if exact else alternatives.log_likelihood_behind(report.relative_residual),
         )
-        for report in calibration.hypotheses
+        for report in alternatives.hypotheses
     ]

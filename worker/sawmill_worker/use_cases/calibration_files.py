@@ -74,7 +74,7 @@ def _phantom_image(calibration: Calibration, given: CalibrationInput, field_mm: 
     try:
         fan = FanBeamGeometry(calibration.scanner, calibration.theta, angles)
         projector = Projector(fan, ImageGrid(PHANTOM_SIZE, field_mm))
-        return fbp(projector, (given.sinogram - calibration.offset) / calibration.gain).image
+        return fbp(projector, (given.sinogram - calibration.fit.offset) / calibration.fit.gain).image
     except GeometryError:
         return np.zeros((PHANTOM_SIZE, PHANTOM_SIZE), np.float32)
 

@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibration_arrays import LogImages
-from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.calibrate import CalibrationInput
-from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.
@@ -51,11 +50,11 @@ def log_row_beside(given: CalibrationInput, rows: tuple[int, int], read: Callabl
 
 
 def log_images(
-    log: LogRow, given: CalibrationInput, result: CalibrationResult, active: CalibrationResult | None
+    log: LogRow, given: CalibrationInput, found: CalibratedGeometry, active: CalibratedGeometry | None
 ) -> LogImages | None:
     """The log with the geometry found, and with the active calibration's; None where the views do not go all round."""
     field = 2.0 * MARGIN * given.log_radius_mm
-    after = _image(log, given, result, field)
+    after = _image(log, given, found, field)
     if after is None:
         return None
     comparable = active is not None and active.scanner.num_detector_pixels == given.scanner.num_detector_pixels
@@ -64,11 +63,11 @@ def log_images(
 
 
 def _image(
-    log: LogRow, given: CalibrationInput, calibration: CalibrationResult, field_mm: float
+    log: LogRow, given: CalibrationInput, geometry: CalibratedGeometry, field_mm: float
 ) -> NDArray[np.float32] | None:
-    angles = calibration.rotation.apply(given.angles_rad)
+    angles = geometry.rotation.apply(given.angles_rad)
     try:
-        fan = FanBeamGeometry(to_scanner(calibration.scanner), to_theta(calibration.theta), angles)
+        fan = FanBeamGeometry(geometry.scanner, geometry.theta, angles)
         return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram).image
     except GeometryError:
         return None

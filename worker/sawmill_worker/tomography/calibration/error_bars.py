@@ -1,138 +1,72 @@
-"""How far the residual is from white noise, and what that does to the error bars."""
+"""The error bars of a calibration: the covariance, and the ray error that it predicts."""
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.fit import (
-    DATA,
-    MODEL,
-    MOMENTS,
-    ONE,
-    SQUARE,
-    Fit,
-    SinogramData,
-    project_out,
-    seen_views,
-)
-from sawmill_worker.tomography.geometry import FloatArray
-
-# White noise scatters the estimate of the inflation itself; within so many of its standard deviations it is 1.
-WHITE = 3.0
-# What is wrong with a model is carried round by the turn: it shows in the slowest harmonics of the views' scores, of
-# which two are enough to measure it and few enough to lie close to the mean itself.
-HARMONICS = 2
-# Student's t at 97.5 % for the two or four degrees of freedom of one or two harmonics, against the normal 1.96.
-STUDENT = (4.303 / 1.96, 2.776 / 1.96)
-# An eigenvalue of the scaled normal equations below this is zero within rounding: nothing in the scan holds it.
-SINGULAR = 1e-11
-# A combination of parameters that nothing holds moves the rays when this much of it is R, SDD, u_c and tau.
-PSI, RAYS, RAYS_SHARE = 0, range(1, 5), 1e-3
+from sawmill_worker.tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
+from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
+from sawmill_worker.tomography.calibration.scatter import Scatter
+from sawmill_worker.tomography.fit_parameters import Parameter
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
+from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error
 
 
-@dataclass(frozen=True)
-class Spread:
-    """How much the parameters scatter.
+@dataclass(frozen=True, eq=False)
+class ErrorBars:
+    """What is known of the errors.
 
     Attributes
     ----------
-    covariance : (7, 7) float64
-        Of (psi, R, SDD, u_c, tau, t_x, t_y), widened by what is in the residual beside white noise.
+    covariance : Covariance
+        Of the geometry's five unknowns.
+    theta_covariance : (5, 5) float64 or None
+        Of theta; None where the source shift, or the first angle, is not resolved.
+    predicted_ray_error : PredictedRayError
+        Inside the log's disc.
     inflation : float
-        Factor by which correlation within the views widens it; 1 for white noise.
-    widening : float
-        By how much the standard deviations are wider than white noise of the residual's RMS would make them (RMS).
-    structured : bool
-        Whether the residual is more than white noise.
-    turn_held : bool
-        Whether the scan holds the first angle: that of a disc turns with its position.
+        Factor by which the residual's correlation within views inflated the covariance; 1 for white noise.
+    deviation_ratio : float
+        The standard deviations against those for white noise of the residual's RMS.
+    source_shift_resolved : bool
+        Whether the source shift differs from zero by more than its uncertainty.
     """
 
-    covariance: FloatArray
+    covariance: Covariance
+    theta_covariance: FloatArray | None
+    predicted_ray_error: PredictedRayError
     inflation: float
-    widening: float
-    structured: bool
-    turn_held: bool
+    deviation_ratio: float
+    source_shift_resolved: bool
+
+    @property
+    def psi_identifiable(self) -> bool:
+        """Whether the scan determines the first angle."""
+        return Parameter.PSI not in self.covariance.unknown
+
+    @property
+    def theta_deviation(self) -> FloatArray | None:
+        """Standard deviations of theta, (5,); None where it has no covariance."""
+        return None if self.theta_covariance is None else np.sqrt(np.diag(self.theta_covariance))
+
+    def frame_deviation(self, frame: SourceFrame) -> FloatArray:
+        """Standard deviations of (psi, R, SDD, u_c, tau, M), (6,); zero where held or unknown."""
+        return frame_deviation(frame, self.covariance.values)
 
 
-@dataclass(frozen=True)
-class _Scores:
-    """Each view's derivative times residual (views, unknowns), by angle, where every unknown has the Gram matrix 1."""
-
-    white: FloatArray
-    unscale: FloatArray
-    free: list[int]
-    turn_held: bool
-
-
-def parameter_spread(grams: FloatArray, data: SinogramData, fit: Fit) -> Spread:
-    """The covariance that the residual warrants.
-
-    Two things widen it. Residuals that are correlated within a view: the views' scores are compared with what
-    independent cells would give, the mean eigenvalue of the cluster-robust covariance against the classical one (Liang
-    and Zeger 1986). And residuals that go on from view to view, as those of a wrong drawing, of blur or of a knot do:
-    the power of the scores' slowest harmonics over the turn is added as the covariance of their mean (a long-run
-    variance; Newey and West 1987 with the periodogram's lowest ordinates for a kernel).
-
-    Parameters
-    ----------
-    grams : (views, 10 or 13, 10 or 13) float64
-        `analytic.gram` at the fit.
-
-    Raises
-    ------
-    CalibrationError
-        If the views do not determine the geometry at all.
-    """
-    scores = _scores(grams, data, fit)
-    views, unknowns = scores.white.shape
-    noise = fit.residual_rms**2
-    if noise <= 0.0:
-        return Spread(fit.covariance, 1.0, 1.0, structured=False, turn_held=scores.turn_held)
-    inflation = 1.0
-    if views > unknowns:
-        clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
-        inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
-    count = min(HARMONICS, (views - 1) // 2)
-    waves = np.fft.rfft(scores.white, axis=0)[1 : count + 1]
-    slow = float((np.abs(waves) ** 2).sum()) / (count * unknowns * noise)
-    structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (count * unknowns))
-    covariance = fit.covariance * inflation
-    if structured:
-        back = (waves @ scores.unscale.T)[:, : len(scores.free)] * (STUDENT[count - 1] / fit.gain)
-        covariance[np.ix_(scores.free, scores.free)] += np.real(back.conj().T @ back) / count
-    ratio = np.diag(covariance)[scores.free] / np.diag(fit.covariance)[scores.free]
-    return Spread(covariance, inflation, math.sqrt(float(ratio.mean())), structured, scores.turn_held)
-
-
-def _scores(grams: FloatArray, data: SinogramData, fit: Fit) -> _Scores:
-    free = [i for i in range(7) if fit.covariance[i, i] > 0.0]
-    unknowns = [*free, MODEL, ONE, *data.extras]
-    coefficients = {MODEL: -fit.gain, ONE: -fit.offset, SQUARE: -fit.gain * fit.hardening, DATA: 1.0}
-    coefficients |= {place: -fit.gain * slope for place, slope in zip(MOMENTS, fit.gradient_per_mm, strict=True)}
-    if data.view_gain:
-        unknowns = [*free, *data.extras]
-        seen = seen_views(grams)
-        kept = [*range(grams.shape[1])]
-        grams, _ = project_out(grams[seen], [MODEL, ONE], kept)
-        angles = data.angles_rad[seen]
-    else:
-        angles = data.angles_rad
-    weights = np.array([coefficients.get(place, 0.0) for place in range(grams.shape[1])])
-    scores = (grams[:, unknowns, :] @ weights)[np.argsort(np.mod(angles, 2.0 * math.pi))]
-    bread = grams.sum(axis=0)[np.ix_(unknowns, unknowns)]
-    scale = 1.0 / np.sqrt(np.diag(bread))
-    values, vectors = np.linalg.eigh(bread * np.outer(scale, scale))
-    kept = values > SINGULAR * values[-1]
-    held_by_nothing = vectors[[place for place, i in enumerate(free) if i in RAYS], :][:, ~kept]
-    if (held_by_nothing**2).sum() > RAYS_SHARE:
-        raise CalibrationError(
-            "too-few-views",
-            f"the {len(scores)} views do not determine the geometry: other scanners would show the same; give more "
-            "views, spread over the turn, or use a phantom with corners",
-        )
-    root = vectors[:, kept] / np.sqrt(values[kept])
-    turn_held = PSI in free and float((vectors[free.index(PSI), ~kept] ** 2).sum()) <= RAYS_SHARE
-    return _Scores((scores * scale) @ root, scale[:, None] * root, free, turn_held)
+def error_bars(
+    scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, residual: ResidualAnalysis, radius_mm: float
+) -> ErrorBars:
+    """From the scatter of the parameters, and the bias that a change during the scan causes."""
+    bias = residual.frame_bias
+    covariance = scatter.covariance.of_frame
+    covariance = replace(covariance, values=covariance.values + np.outer(bias, bias))
+    of_theta = theta_covariance(scanner, frame, theta, covariance.values)
+    return ErrorBars(
+        covariance=covariance if scatter.psi_identifiable else covariance.without(Parameter.PSI),
+        theta_covariance=of_theta if scatter.psi_identifiable else None,
+        predicted_ray_error=predicted_ray_error(scanner, frame, covariance.values, radius_mm=radius_mm),
+        inflation=scatter.inflation,
+        deviation_ratio=scatter.deviation_ratio,
+        source_shift_resolved=of_theta is not None,
+    )

@@ -1,27 +1,32 @@
-"""CalibrationStatus and verdict, with reasons that name a likely cause and what to do."""
+"""Status, verdict and reasons: each kind of evidence is one function that yields remarks; the worst decide."""
 
-import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import Enum
 
-from sawmill_worker.tomography.calibration.calibration import HypothesisReport
+from sawmill_worker.tomography.calibration.alternatives import Alternatives
+from sawmill_worker.tomography.calibration.error_bars import ErrorBars
+from sawmill_worker.tomography.calibration.faults.structure import Place
+from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.calibration.structure import Place, Structure
-from sawmill_worker.tomography.calibration.unsteadiness import Change, Unsteadiness
-from sawmill_worker.tomography.ray_error import PredictedRayError
-from sawmill_worker.vocabulary import CalibrationStatus
+from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
+from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
+from sawmill_worker.tomography.calibration.source_distance import SourceDistance
+from sawmill_worker.vocabulary import CalibrationStatus, Verdict
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
-# What the residual holds beside noise, as a share of the sinogram: above the first it is told, above the second the
-# model is not the scan's and the calibration is to be watched.
-TOLD, STRUCTURED = 0.001, 0.005
-# Error bars that the residual widened by more than this are wide because of the model, not of the noise.
-WIDENED = 2.0
-# What changed during the scan is told where it puts the rays off by more than this share of the tolerance: a model that
-# takes a mean over each cell where the scan has a few rays is itself off by less, and that can look like a change.
+# What the residual holds beside noise, as a share of the sinogram: above the first it is reported, above the second the
+# model is not the scan's and the calibration is to be watched (benchmarks/misspecified.py).
+REPORTED, STRUCTURED = 0.001, 0.005
+# Error bars larger by more than this factor than white noise makes them are large because of the model.
+MODEL_DOMINATED = 2.0
+# A change during the scan is reported where it puts the rays off by more than this share of the tolerance: a model that
+# takes a mean over each cell where the scan has a few rays is itself off by less, and that can look like a change
+# (benchmarks/unsteady.py).
 UNSTEADY = 0.1
-# A free source distance that falls short of source_to_cor_mm by more standard deviations is no noise.
-SHORT = 4.0
+# A free source distance that is less than source_to_cor_mm by more standard deviations is no noise.
+CONTRADICTION = 4.0
 
 CAUSES = {
     Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
@@ -29,204 +34,247 @@ CAUSES = {
     "gain: take more flat frames, or have rings removed",
     Place.EDGES: "at the phantom's edges, as from a drawing that is not its shape (a coarse picture, worn corners): "
     "measure the phantom and draw it anew",
-    Place.INSIDE: "inside the phantom's shadow, as from wood that is not uniform (a knot, moisture), beam hardening, "
+    Place.SHADOW: "inside the phantom's shadow, as from wood that is not uniform (a knot, moisture), beam hardening, "
     "or rows that show something else: use a sound phantom, and check the rows",
 }
 
 
 @dataclass(frozen=True)
-class TurnedRival:
-    """The best fit of the same hypothesis with the phantom turned."""
-
-    by_deg: float
-    relative_residual: float
-
-
-@dataclass(frozen=True)
 class Judgement:
-    """What is thought of a calibration, reasons worst first."""
+    """How far a calibration may be relied on, reasons worst first."""
 
     status: CalibrationStatus
-    verdict: str
+    verdict: Verdict
     reasons: tuple[str, ...]
 
 
-def judge(
-    *,
-    predicted: PredictedRayError,
-    tolerance_mm: float,
-    fit: Fit,
-    inflation: float,
-    widening: float,
-    structure: Structure | None,
-    unsteady: Unsteadiness | None,
-    unsteady_mm: float,
-    hypotheses: tuple[HypothesisReport, ...],
-    turned: TurnedRival | None,
-    turn_held: bool,
-    samples: int,
-    source_shift_resolved: bool,
-    theta_in_bounds: bool,
-    unconstrained_mm: float | None,
-    short_of_deviations: float,
-    source_to_cor_mm: float,
-    scale_ray_error_mm: float,
-) -> Judgement:
-    """Status, verdict and reasons; `structure` is None where the residual is noise, `unsteady` where nothing changed.
+@dataclass(frozen=True)
+class Limits:
+    """What is allowed, and the scanner's known r_S."""
 
-    A tolerance is held when it is held with 95 % (ISO 14253-1): by the predicted ray error's upper bound. Where only
-    its RMS is within the tolerance the calibration is to be watched. `unsteady_mm` is what the change puts the rays off
-    by.
-    """
-    found = _Findings()
-    if not fit.converged:
-        cure = "repeat it with more views or another seed" if turn_held else "use a phantom with corners"
-        found.fail(f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
-    if unsteady_mm <= UNSTEADY * tolerance_mm:
-        unsteady = None
-    if unsteady is not None:
-        of_it = f"this puts the rays off by {unsteady_mm:.2g} mm, which the error bars include"
-        found.watch(f"{_change(unsteady)}; {of_it}")
-    _judge_rivals(found, hypotheses, turned, samples / inflation, turn_held=turn_held)
-    if unconstrained_mm is not None:
-        _judge_short_distance(found, unconstrained_mm, source_to_cor_mm, short_of_deviations)
-    if predicted.upper_95_mm > tolerance_mm:
-        imprecise = _imprecise(predicted, tolerance_mm, of_the_model=widening > WIDENED or unsteady is not None)
-        (found.watch if predicted.rms_mm <= tolerance_mm else found.fail)(imprecise, CalibrationStatus.IMPRECISE)
-    if structure is not None and structure.share > TOLD and unsteady is None:
-        told = (
-            f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
-            f"it {CAUSES[structure.place]}"
-        )
-        (found.watch if structure.share > STRUCTURED else found.note)(told)
-    if not theta_in_bounds:
-        found.watch("theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds")
-    if unconstrained_mm is None and not source_shift_resolved:
-        found.note("the source shift is not resolved from 0, so theta has no standard deviations; the rays have")
-    if scale_ray_error_mm > tolerance_mm:
-        found.note(
-            f"the phantom's stated size tolerance alone leaves the rays uncertain by {scale_ray_error_mm:.3f} mm "
-            f"RMS, which no residual shows, where {tolerance_mm:.3f} mm is allowed: measure the phantom and state a "
-            "smaller size_tolerance"
-        )
-    return found.judgement()
+    tolerance_mm: float
+    source_to_cor_mm: float
 
 
-class _Findings:
-    """What speaks against an answer, in three degrees, and what it is to be called: the first status is the worst."""
+@dataclass(frozen=True)
+class Evidence:
+    """What a calibration is judged by."""
 
-    def __init__(self) -> None:
-        self._fails: list[str] = []
-        self._watches: list[str] = []
-        self._notes: list[str] = []
-        self._statuses: list[CalibrationStatus] = []
+    fit: Fit
+    source_distance: SourceDistance
+    error_bars: ErrorBars
+    alternatives: Alternatives
+    residual: ResidualAnalysis
+    scale: ScaleUncertainty
+    theta_in_bounds: bool
 
-    def fail(self, reason: str, status: CalibrationStatus) -> None:
-        self._fails.append(reason)
-        self._statuses.append(status)
-
-    def watch(self, reason: str, status: CalibrationStatus | None = None) -> None:
-        self._watches.append(reason)
-        if status is not None:
-            self._statuses.append(status)
-
-    def note(self, reason: str) -> None:
-        self._notes.append(reason)
-
-    def judgement(self) -> Judgement:
-        verdict = "fail" if self._fails else "watch" if self._watches else "pass"
-        status = next(iter(self._statuses), CalibrationStatus.CALIBRATED)
-        return Judgement(status, verdict, (*self._fails, *self._watches, *self._notes))
+    def change(self, limits: Limits) -> Unsteadiness | None:
+        """The change during the scan, where it matters."""
+        matters = self.residual.unsteadiness_ray_error_mm > UNSTEADY * limits.tolerance_mm
+        return self.residual.unsteadiness if matters else None
 
 
-def _judge_rivals(
-    found: _Findings,
-    hypotheses: tuple[HypothesisReport, ...],
-    turned: TurnedRival | None,
-    independent_samples: float,
-    *,
-    turn_held: bool,
-) -> None:
-    """Whether another side, sense of rotation or first angle explains the scan as well."""
-    best = hypotheses[0]
+class Degree(Enum):
+    """How much a remark speaks against an answer, the worst first."""
 
-    def undecided(rival: float) -> bool:
-        """Whether the best hypothesis's log-likelihood hardly beats another's, told by its relative residual."""
-        return independent_samples * math.log(max(rival, 1e-12) / max(best.relative_residual, 1e-12)) < DECISIVE
+    FAIL = "fail"
+    WATCH = "watch"
+    NOTE = "pass"
 
-    if len(hypotheses) > 1 and undecided(hypotheses[1].relative_residual):
-        second = hypotheses[1]
-        found.watch(
+
+@dataclass(frozen=True)
+class Remark:
+    """A reason, and the status that an answer has because of it, if it is one."""
+
+    degree: Degree
+    reason: str
+    status: CalibrationStatus | None = None
+
+
+def judge(evidence: Evidence, limits: Limits) -> Judgement:
+    """The verdict is that of the worst remark, the status that of the first remark that has one."""
+    return combined([remark for kind in KINDS for remark in kind(evidence, limits)])
+
+
+def combined(remarks: list[Remark]) -> Judgement:
+    """The judgement of all remarks."""
+    degrees = {remark.degree for remark in remarks}
+    verdict: Verdict = "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
+    status = next((remark.status for remark in remarks if remark.status is not None), CalibrationStatus.CALIBRATED)
+    reasons = tuple(remark.reason for degree in Degree for remark in remarks if remark.degree is degree)
+    return Judgement(status, verdict, reasons)
+
+
+def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    if not evidence.fit.converged:
+        identifiable = evidence.error_bars.psi_identifiable
+        cure = "repeat it with more views or another seed" if identifiable else "use a phantom with corners"
+        yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
+
+
+def _change_during_the_scan(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    change = evidence.change(limits)
+    if change is not None:
+        off_mm = evidence.residual.unsteadiness_ray_error_mm
+        effect = f"this puts the rays off by {off_mm:.2g} mm, which the error bars include"
+        yield Remark(Degree.WATCH, f"{_described(change)}; {effect}")
+
+
+def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    """Whether another side or sense of rotation explains the scan as well."""
+    hypotheses = evidence.alternatives.hypotheses
+    if len(hypotheses) > 1 and _undecided(evidence.alternatives, hypotheses[1].relative_residual):
+        best, second = hypotheses[:2]
+        yield Remark(
+            Degree.WATCH,
             f"the scan does not tell {best.handedness.value}, {best.rotation.value} from {second.handedness.value}, "
-            f"{second.rotation.value}: say which it is, or use a phantom without symmetry",
+            f"{second.rotation.value}: give the right one, or use a phantom without symmetry",
             CalibrationStatus.AMBIGUOUS_HANDEDNESS,
         )
-    if not turn_held:
-        found.watch(
-            "the phantom looks the same from every side, so nothing holds the first angle and its position: "
+
+
+def _first_angle(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    """Whether another first angle explains the scan as well."""
+    turned = evidence.alternatives.turned
+    if not evidence.error_bars.psi_identifiable:
+        yield Remark(
+            Degree.WATCH,
+            "the phantom looks the same from every side, so the scan does not determine the first angle: "
             "use a phantom without symmetry",
             CalibrationStatus.AMBIGUOUS_TURN,
         )
-    elif turned is not None and undecided(turned.relative_residual):
-        found.watch(
+    elif turned is not None and _undecided(evidence.alternatives, turned.relative_residual):
+        yield Remark(
+            Degree.WATCH,
             f"the phantom looks the same turned by {turned.by_deg:.0f} degrees, so the first angle may be off by as "
             "much: use a phantom without symmetry",
             CalibrationStatus.AMBIGUOUS_TURN,
         )
 
 
-def _judge_short_distance(
-    found: _Findings, unconstrained_mm: float, source_to_cor_mm: float, short_of_deviations: float
-) -> None:
+def _held_distance(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     """Whether a free source distance below r_S is noise or a contradiction."""
-    told = (
-        f"the free fit put the source at {unconstrained_mm:.2f} mm, nearer than source_to_cor_mm {source_to_cor_mm:.2f}"
-    )
-    if short_of_deviations > SHORT:
-        found.fail(
-            f"{told} by {short_of_deviations:.0f} standard deviations: the phantom is larger than its drawing, by "
-            f"{source_to_cor_mm / unconstrained_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
+    distance, r_s = evidence.source_distance, limits.source_to_cor_mm
+    if not distance.held:
+        return
+    free_mm = distance.unconstrained_mm
+    found = f"the free fit put the source at {free_mm:.2f} mm, nearer than source_to_cor_mm {r_s:.2f}"
+    if distance.deficit_deviations > CONTRADICTION:
+        yield Remark(
+            Degree.FAIL,
+            f"{found} by {distance.deficit_deviations:.0f} standard deviations: the phantom is larger than its "
+            f"drawing, by {r_s / free_mm - 1.0:.1%} or more, or that constant is wrong: measure both",
             CalibrationStatus.INCONSISTENT_SCALE,
         )
     else:
-        found.note(
-            f"{told}, for which no theta exists: the source distance was held there, and the source shift is 0 within "
-            "the noise"
+        yield Remark(
+            Degree.NOTE,
+            f"{found}, for which no theta exists: the source distance was held there, and the source shift is 0 within "
+            "the noise",
         )
 
 
-def _change(unsteady: Unsteadiness) -> str:
+def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    """Whether the tolerance is held with 95 % (ISO 14253-1): by the predicted ray error's upper bound.
+
+    Where only its RMS is within the tolerance the calibration is to be watched.
+    """
+    predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
+    if predicted.upper_95_mm <= tolerance_mm:
+        return
+    of_the_model = evidence.error_bars.deviation_ratio > MODEL_DOMINATED or evidence.change(limits) is not None
+    cure = (
+        "the model does not fit the scan, as another reason states, and more views alone will not help"
+        if of_the_model
+        else "use more views, more rows or a longer exposure"
+    )
+    yield Remark(
+        Degree.WATCH if predicted.rms_mm <= tolerance_mm else Degree.FAIL,
+        f"the predicted ray error is {predicted.rms_mm:.3f} mm, with 95 % below {predicted.upper_95_mm:.3f} mm, where "
+        f"{tolerance_mm:.3f} mm is allowed: {cure}",
+        CalibrationStatus.IMPRECISE,
+    )
+
+
+def _structured_residual(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    """What the model leaves of the sinogram, unless a change during the scan explains it."""
+    structure = evidence.residual.structure
+    if structure is not None and structure.share > REPORTED and evidence.change(limits) is None:
+        yield Remark(
+            Degree.WATCH if structure.share > STRUCTURED else Degree.NOTE,
+            f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
+            f"it {CAUSES[structure.place]}",
+        )
+
+
+def _bounds(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    if not evidence.theta_in_bounds:
+        yield Remark(
+            Degree.WATCH,
+            "theta lies outside the scanner's bounds: check the scanner's constants, or widen the bounds",
+        )
+
+
+def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    if not evidence.source_distance.held and not evidence.error_bars.source_shift_resolved:
+        yield Remark(
+            Degree.NOTE,
+            "the source shift is not resolved from 0, so theta has no standard deviations; the rays have",
+        )
+
+
+def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    error_mm = evidence.scale.ray_error_mm
+    if error_mm > limits.tolerance_mm:
+        yield Remark(
+            Degree.NOTE,
+            f"the phantom's stated size tolerance alone leaves the rays uncertain by {error_mm:.3f} mm "
+            f"RMS, which no residual shows, where {limits.tolerance_mm:.3f} mm is allowed: measure the phantom and "
+            "state a smaller size_tolerance",
+        )
+
+
+# In the order of their statuses, the worst first.
+KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
+    _convergence,
+    _change_during_the_scan,
+    _other_hypothesis,
+    _first_angle,
+    _held_distance,
+    _precision,
+    _structured_residual,
+    _bounds,
+    _source_shift,
+    _scale,
+)
+
+
+def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
+    """Whether the best fit's log-likelihood hardly exceeds that of one with this relative residual."""
+    behind = alternatives.log_likelihood_behind(relative_residual)
+    return behind is not None and behind < DECISIVE
+
+
+def _described(change: Unsteadiness) -> str:
     """What changed, and what to do."""
-    match unsteady.change:
+    match change.change:
         case Change.PHANTOM:
             return (
-                f"the phantom moved at view {unsteady.view}, by {unsteady.by_mm:.2g} mm and {unsteady.by_deg:.2g} "
+                f"the phantom moved at view {change.view}, by {change.by_mm:.2g} mm and {change.by_deg:.2g} "
                 "degrees: fasten it on the turntable and repeat the scan"
             )
         case Change.ANGLES:
             return (
-                f"the angles jump at view {unsteady.view}, by {unsteady.by_deg:.2g} degrees: the drive or its encoder "
+                f"the angles jump at view {change.view}, by {change.by_deg:.2g} degrees: the drive or its encoder "
                 "lost steps there, or the phantom turned in its place; look at them and repeat the scan"
             )
         case Change.PACE:
             return (
-                f"the turntable turns {unsteady.pace:.4f} times as far as the angles say: check the angles' step and "
+                f"the turntable turns {change.pace:.4f} times as far as the angles say: check the angles' step and "
                 "the encoder's counts in a turn"
             )
         case Change.SWING:
             return (
-                f"the angles are ahead and behind once a turn, by {unsteady.by_deg:.2g} degrees: the encoder is off "
+                f"the angles are ahead and behind once a turn, by {change.by_deg:.2g} degrees: the encoder is off "
                 "its axis, or the turntable's drive slips and catches; look at them"
             )
-
-
-def _imprecise(predicted: PredictedRayError, tolerance_mm: float, *, of_the_model: bool) -> str:
-    cure = (
-        "the model is not the scan's, as is said beside this, and more views alone will not help"
-        if of_the_model
-        else "use more views, more rows or a longer exposure"
-    )
-    return (
-        f"the predicted ray error is {predicted.rms_mm:.3f} mm, with 95 % below {predicted.upper_95_mm:.3f} mm, where "
-        f"{tolerance_mm:.3f} mm is allowed: {cure}"
-    )

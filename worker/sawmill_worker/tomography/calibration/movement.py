@@ -6,12 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sawmill_worker.tomography.fit_parameters import RAYS, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import ray_error
 
-# Places in (R, SDD, u_c, tau).
-R, SDD, U_C, TAU = range(4)
-# What a cause leaves over must be within so many standard deviations (Mahalanobis).
+# What a cause does not explain must be within this number of standard deviations (Mahalanobis).
 SIGNIFICANT = 3.5
 # A change that moves the rays by less than this share of what is allowed is no movement, however precisely it is known.
 NEGLIGIBLE = 0.15
@@ -19,58 +18,61 @@ NEGLIGIBLE = 0.15
 
 @dataclass(frozen=True)
 class _Cause:
-    """Directions of (R, SDD, u_c, tau) in which it moves a scanner, and what to say of such a change."""
+    """Directions of (R, SDD, u_c, tau) in which it moves a scanner, and how such a change is described."""
 
     directions: tuple[tuple[float, float, float, float], ...]
-    told: Callable[[FloatArray], str]
+    described: Callable[[FloatArray], str]
 
 
 def _cor(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[U_C]:+.2f} mm on the detector and the tilt did not: look at the turntable, not the "
-        "detector, unless the detector slid along its own line"
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt did not: "
+        "look at the turntable, not the detector, unless the detector slid along its own line"
     )
 
 
 def _tilt(change: FloatArray) -> str:
     return (
-        f"the detector's tilt changed by {math.degrees(change[TAU]):+.3f} degrees and nothing else: "
+        f"the detector's tilt changed by {math.degrees(change[Parameter.TILT]):+.3f} degrees and nothing else: "
         "look at the detector's mount"
     )
 
 
 def _stand(change: FloatArray) -> str:
     return (
-        f"the detector moved {change[SDD]:+.2f} mm along the beam and the source did not: look at the detector's stand"
+        f"the detector moved {change[Parameter.SDD]:+.2f} mm along the beam and the source did not: "
+        "look at the detector's stand"
     )
 
 
 def _scale(change: FloatArray) -> str:
     return (
-        f"the source distance changed by {change[R]:+.2f} mm and nothing else, as it does when the phantom's size is "
-        "not the stated one: check which phantom was scanned and measure it, then look at the turntable along the beam"
+        f"the source distance changed by {change[Parameter.R]:+.2f} mm and nothing else, as it does when the "
+        "phantom's size is not the stated one: check which phantom was scanned and measure it, then look at the "
+        "turntable along the beam"
     )
 
 
 def _source(change: FloatArray) -> str:
     return (
-        f"the source moved {change[R]:+.2f} mm along the beam, against turntable and detector alike: look at the "
-        "source's mount"
+        f"the source moved {change[Parameter.R]:+.2f} mm along the beam, against turntable and detector "
+        "alike: look at the source's mount"
     )
 
 
 def _knocked(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[U_C]:+.2f} mm on the detector and the tilt changed by "
-        f"{math.degrees(change[TAU]):+.3f} degrees: the detector was knocked; look at its mount"
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector and the tilt changed by "
+        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees: the detector was knocked; look at its mount"
     )
 
 
 def _several(change: FloatArray) -> str:
     return (
-        f"the COR moved {change[U_C]:+.2f} mm on the detector, the tilt changed by "
-        f"{math.degrees(change[TAU]):+.3f} degrees, the source distance by {change[R]:+.2f} mm and the distance from "
-        f"source to detector by {change[SDD]:+.2f} mm: the scanner was moved, or another phantom was scanned"
+        f"the COR moved {change[Parameter.U_C]:+.2f} mm on the detector, the tilt changed by "
+        f"{math.degrees(change[Parameter.TILT]):+.3f} degrees, the source distance by {change[Parameter.R]:+.2f} mm "
+        f"and the distance from source to detector by {change[Parameter.SDD]:+.2f} mm: the scanner was moved, "
+        "or another phantom was scanned"
     )
 
 
@@ -105,15 +107,15 @@ def likely_cause(
     allowed_mm, radius_mm : float
         RMS ray distance up to which nothing moved, and the disc in which it is counted.
     """
-    change = after.to_vector()[1:] - before.to_vector()[1:]
+    change = after.to_vector() - before.to_vector()
     spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
     if covariance is not None:
-        spread += covariance[1:, 1:]
+        spread += covariance[RAYS, RAYS]
     for causes in _CAUSES:
-        left = [_left_over(change, spread, np.array(cause.directions).T) for cause in causes]
-        best = int(np.argmin(left))
-        if left[best] < SIGNIFICANT:
-            return causes[best].told(change)
+        remaining = [_remaining(change[RAYS], spread, np.array(cause.directions).T) for cause in causes]
+        best = int(np.argmin(remaining))
+        if remaining[best] < SIGNIFICANT:
+            return causes[best].described(change)
     return _several(change)
 
 
@@ -125,12 +127,12 @@ def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_
         moved = replace(frame, **{name: getattr(frame, name) + step})
         try:
             sizes.append(NEGLIGIBLE * allowed_mm * step / ray_error(scanner, frame, moved, radius_mm=radius_mm).rms_mm)
-        except GeometryError:  # these rays do not meet the log: no size of a change can be told
+        except GeometryError:  # these rays do not meet the log: no change has a known size
             sizes.append(step)
     return np.array(sizes)
 
 
-def _left_over(change: FloatArray, spread: FloatArray, directions: FloatArray) -> float:
+def _remaining(change: FloatArray, spread: FloatArray, directions: FloatArray) -> float:
     """How many standard deviations of a change remain when it may go in these directions (4, k) as far as it likes."""
     weight = np.linalg.inv(spread)
     amount = np.linalg.solve(directions.T @ weight @ directions, directions.T @ weight @ change)

@@ -7,25 +7,38 @@ J(theta) = -max(<X_ref, FBP_theta>, <mirror X_ref, FBP_theta>), best/1/bin, cros
 import math
 import time
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution
 
+from sawmill_worker import vocabulary
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.calibration import Calibration, HypothesisReport, choose_theta
+from sawmill_worker.tomography.calibration.alternatives import Alternatives, HypothesisReport
+from sawmill_worker.tomography.calibration.calibration import Calibration, Timing, choose_theta
 from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.calibration.fit import FittedModel
+from sawmill_worker.tomography.calibration.judgement import Degree, Judgement, Remark, combined
 from sawmill_worker.tomography.calibration.refusals import NOT_FOUND
+from sawmill_worker.tomography.calibration.scale import scale_uncertainty
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchReport
-from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.calibration.source_distance import SourceDistance
+from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta, ThetaBounds
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
-from sawmill_worker.tomography.ray_error import scale_ray_error
-from sawmill_worker.vocabulary import CalibrationStatus, FilterName, Handedness, Rotation, Weighting
+from sawmill_worker.vocabulary import (
+    CalibrationStatus,
+    FilterName,
+    Handedness,
+    PaperCorrelation,
+    PaperStop,
+    Rotation,
+    Weighting,
+)
 
 # Spread of the tight stop, as a share of the objective of a perfect image.
 TIGHT = 1e-6
@@ -49,10 +62,10 @@ class PaperOptions:
         Side of the image; the published drawing's is 400 mm.
     """
 
-    objective: Literal["image", "projection"] = "image"
+    objective: vocabulary.PaperObjective = "image"
     weighting: Weighting = "none"
-    correlation: Literal["unnormalised", "normalised"] = "unnormalised"
-    stop: Literal["published", "tight"] = "published"
+    correlation: PaperCorrelation = "unnormalised"
+    stop: PaperStop = "published"
     max_generations: int = 1000
     image_size: int = 256
     field_mm: float = 400.0
@@ -198,6 +211,7 @@ def _answer(
     gain, offset, model = fitted[handedness]
     residual = data.sinogram - model
     spread = float(data.sinogram.std())
+    rms = float(np.sqrt(np.mean(residual**2)))
     reported, twin = choose_theta(task.scanner, frame, task.bounds or ThetaBounds())
     ended = time.perf_counter()
     hypotheses = sorted(
@@ -205,57 +219,39 @@ def _answer(
         key=lambda report: report.handedness is not handedness,
     )
     return Calibration(
-        scanner=task.scanner,
-        phantom=task.phantom,
-        frame=frame,
+        task=task,
+        hypothesis=Hypothesis(handedness, rotation),
         theta=reported,
         theta_twin=twin,
-        covariance=None,
-        theta_covariance=None,
-        source_distance_fixed=False,
-        unconstrained_source_distance_mm=frame.source_distance_mm,
-        scale_uncertainty_mm=task.phantom.size_tolerance * frame.source_distance_mm,
-        scale_ray_error_mm=scale_ray_error(
-            task.scanner, frame, task.phantom.size_tolerance, radius_mm=task.log_radius_mm
-        ),
-        predicted_ray_error=None,
-        log_radius_mm=task.log_radius_mm,
-        inflation=1.0,
-        handedness=handedness,
-        rotation=rotation,
-        hypotheses=tuple(hypotheses),
-        position_mm=(0.0, 0.0),
-        gain=gain,
-        offset=offset,
-        residual_rms=float(np.sqrt(np.mean(residual**2))),
-        relative_residual=float(np.sqrt(np.mean(residual**2))) / spread,
+        fit=FittedModel(frame, (0.0, 0.0), gain, offset, rms, rms / spread),
         model=model,
         residual=residual,
+        source_distance=SourceDistance(frame.source_distance_mm),
+        scale=scale_uncertainty(task.scanner, frame, task.phantom, task.log_radius_mm),
+        error_bars=None,
+        alternatives=Alternatives(tuple(hypotheses)),
         adjustments=(),
-        status=CalibrationStatus.WITHOUT_ERROR_BARS
-        if hypotheses[0].relative_residual < NOT_FOUND
-        else CalibrationStatus.NOT_CONVERGED,
-        verdict="watch" if hypotheses[0].relative_residual < NOT_FOUND else "fail",
-        reasons=_reasons(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
+        judgement=_judgement(hypotheses[0].relative_residual, rotation_given=task.rotation is not None),
         search=search,
-        seconds={
-            "total": ended - started,
-            "search": found - started,
-            "refine": 0.0,
-            "uncertainty": 0.0,
-        },
+        timing=Timing(ended - started, found - started, 0.0, 0.0),
     )
 
 
-def _reasons(unexplained: float, *, rotation_given: bool) -> tuple[str, ...]:
-    reasons = ["the published search gives no error bars: its theta is not known to be within tolerance"]
-    if unexplained >= NOT_FOUND:
-        reasons.insert(
-            0, f"its theta leaves {unexplained:.0%} of the sinogram unexplained: it did not find the phantom"
+def _judgement(unexplained: float, *, rotation_given: bool) -> Judgement:
+    remarks = [
+        Remark(
+            Degree.WATCH,
+            "the published search gives no error bars: its theta is not known to be within tolerance",
+            CalibrationStatus.WITHOUT_ERROR_BARS,
         )
+    ]
+    if unexplained >= NOT_FOUND:
+        reason = f"its theta leaves {unexplained:.0%} of the sinogram unexplained: it did not find the phantom"
+        remarks.insert(0, Remark(Degree.FAIL, reason, CalibrationStatus.NOT_CONVERGED))
     if not rotation_given:
-        reasons.append("it takes the rotation as given: say --rotation reversed for a scanner that turns the other way")
-    return tuple(reasons)
+        reason = "it takes the rotation as given: use --rotation reversed for a scanner that turns the other way"
+        remarks.append(Remark(Degree.WATCH, reason))
+    return combined(remarks)
 
 
 def _explain(

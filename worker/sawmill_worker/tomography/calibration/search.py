@@ -8,9 +8,10 @@ import numpy as np
 
 from sawmill_worker.tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.fit import Fit, SinogramData, refine
+from sawmill_worker.tomography.calibration.fit import Fit, refine
 from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 

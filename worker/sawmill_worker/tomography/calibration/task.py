@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.calibration.fit import SinogramData
+from sawmill_worker.tomography.calibration.faults.screening import Screening, screen
 from sawmill_worker.tomography.calibration.refusals import refuse_unusable
-from sawmill_worker.tomography.calibration.screening import Screening, screen
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation

@@ -1,7 +1,7 @@
-"""Whether the phantom, or the angles, kept still during the scan.
+"""Whether the phantom moved during the scan, or the angles are not those of the turntable.
 
-What the fit left of the scan is compared, to first order, with what a jump of the pose from some view on, angles that
-run too fast or too slowly, and angles that swing once a turn would have left. Each is judged by its own pattern alone:
+The residual of the fit is compared, to first order, with what a jump of the pose from some view on, angles that
+run too fast or too slowly, and angles that swing once a turn would leave. Each is judged by its own pattern alone:
 samples weigh by their noise, and a pattern counts where it explains many times what the pose scatters by from stretch
 to stretch of the scan once the pattern is taken out. What else the residual holds, such as stripes of a short flat
 field, has no part in it. Every inner product that this needs is in the per-view Gram matrices of least squares.
@@ -13,27 +13,28 @@ from enum import StrEnum
 
 import numpy as np
 
-from sawmill_worker.tomography.analytic import PARAMETERS
-from sawmill_worker.tomography.calibration.fit import DATA, MODEL, ONE, Fit, SinogramData, project_out, seen_views
+from sawmill_worker.tomography.calibration.elimination import project_out, seen_views
+from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
+from sawmill_worker.tomography.fit_parameters import POSE, GramTerm, Parameter
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
 
-PSI, T_X, T_Y = 0, 5, 6
-# A pattern is no chance when it explains so many times the variance of a sample: the best of several hundred jumps
+# A pattern is no chance when it explains this multiple of the variance of a sample: the best of several hundred jumps
 # reaches 30 in one of a thousand scans of white noise.
 CHANCE = 35.0
-# It is no fault of a few views when its size, squared, is so many times its variance from view to view. Both figures
+# It is no fault of a few views when its size, squared, is this multiple of its variance from view to view. Both figures
 # stand between what steady scans and what slips reach: benchmarks/unsteady.py.
 IN_ALL_VIEWS = 20.0
 # Added to scaled normal equations of which the rest without one view may not be enough.
-RIDGE = 1e-9
-# Levels of the model in each of which noise is alike, and how many samples are enough to measure it.
+REGULARISATION = 1e-9
+# Levels of the model in each of which noise is alike, and the number of samples that are enough to measure it.
 LEVELS, ENOUGH = 8, 50
-# Noise is measured on about so many samples; a level's is at least this share of the mean: air may be free of it.
+# Noise is measured on about this number of samples. A level's is at least this share of the mean: air may have none.
 MEASURED, LEAST_NOISE = 20_000, 0.05
-# Stretches of the scan in which what is left of the pose is looked at.
+# Stretches of the scan in which the rest of the pose is compared.
 STRETCHES = (8, 16, 32, 64)
-# A jump is known by so many views, and such a share of them, before and after it.
+# A jump is known by this number of views, and this share of them, before and after it.
 FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 16
 # A jump that moves the phantom by less than this share of what it turns its rim by is one of the angles.
 TURN_ALONE = 0.1
@@ -56,7 +57,7 @@ class Unsteadiness:
     ----------
     change : Change
     bias : (7,) float64
-        By how much (psi, R, SDD, u_c, tau, t_x, t_y) are off for not knowing of it.
+        Of the seven unknowns, in the order of `Parameter`, when it is not modelled.
     by_deg, by_mm : float
         Turn and move of the phantom in a jump; the most that angles are off in a swing.
     view : int
@@ -76,7 +77,7 @@ class Unsteadiness:
 def find_unsteadiness(
     phantom: Phantom, data: SinogramData, fit: Fit, grams: FloatArray, residual: FloatArray, model: FloatArray
 ) -> Unsteadiness | None:
-    """What changed during the scan that left this residual (views, cells) beside the model, if anything here did.
+    """What changed during the scan that explains this residual (views, cells) of the model, if anything here does.
 
     Parameters
     ----------
@@ -88,14 +89,16 @@ def find_unsteadiness(
         0 where nothing may be used.
     """
     by_noise = replace(data, weights=_noise_weights(data, residual, model))
-    left = _Left(by_noise.gram(phantom, fit.to_vector(), fit.hardening), by_noise, fit)
-    patterns = [_pace(left), _swing(left)]
+    by_weight = _ResidualPatterns(by_noise.gram(phantom, fit.to_vector(), fit.hardening), by_noise, fit)
+    patterns = [_pace(by_weight), _swing(by_weight)]
     if len(grams) >= 2 * FEWEST_VIEWS:
-        patterns.append(_jump(left))
+        patterns.append(_jump(by_weight))
     best = max(patterns, key=lambda pattern: pattern.found.power)
-    if best.found.power < CHANCE * left.variance_without(best) or left.significance(best) < IN_ALL_VIEWS:
+    if best.found.power < CHANCE * by_weight.variance_without(best) or by_weight.significance(best) < IN_ALL_VIEWS:
         return None
-    return _described(best, left.in_parameters(best), _Left(grams, data, fit).bias_of(best), phantom.radius_mm)
+    return _described(
+        best, by_weight.in_parameters(best), _ResidualPatterns(grams, data, fit).bias_of(best), phantom.radius_mm
+    )
 
 
 def _noise_weights(data: SinogramData, residual: FloatArray, model: FloatArray) -> FloatArray:
@@ -144,33 +147,35 @@ class _Pattern:
     """A change, and the derivatives, each times its shape (terms, views), that show it."""
 
     change: Change
-    which: list[int]
+    which: list[Parameter]
     shapes: FloatArray
     found: _Explanation
 
 
-class _Left:
-    """What the fit left, and how much of it additional derivatives explain."""
+class _ResidualPatterns:
+    """The residual of a fit, and how much of it additional derivatives explain."""
 
     def __init__(self, grams: FloatArray, data: SinogramData, fit: Fit) -> None:
         self.angles = data.angles_rad
-        self._free = [i for i in range(PARAMETERS) if fit.covariance[i, i] > 0.0]
+        self._free = fit.covariance.determined
         self._gain = fit.gain
         if data.view_gain:
-            rest = [*range(PARAMETERS), DATA, *data.extras]
+            rest = [*Parameter, GramTerm.DATA, *data.extras]
             seen = seen_views(grams)
             free_of_them = np.zeros_like(grams)
-            free_of_them[np.ix_(np.flatnonzero(seen), rest, rest)] = project_out(grams[seen], [MODEL, ONE], rest)[0]
+            free_of_them[np.ix_(np.flatnonzero(seen), rest, rest)] = project_out(
+                grams[seen], [GramTerm.SHADOW, GramTerm.ONE], rest
+            )[0]
             self.grams, linear = free_of_them, list(data.extras)
         else:
-            self.grams, linear = grams, [MODEL, ONE, *data.extras]
+            self.grams, linear = grams, [GramTerm.SHADOW, GramTerm.ONE, *data.extras]
         self._known = [*self._free, *linear]
         self._total = self.grams.sum(axis=0)
         self._scale = 1.0 / np.sqrt(np.diag(self._total)[self._known])
         self._normal = self._total[np.ix_(self._known, self._known)] * np.outer(self._scale, self._scale)
         self._samples = data.samples
 
-    def shaped(self, which: list[int], shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def shaped(self, which: list[Parameter], shapes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Inner products of derivatives `which`, each times its shape (terms, views): with all, and their own."""
         grams = self.grams[:, which]
         return np.einsum("tk,kti->ti", shapes, grams), np.einsum("tk,sk,kts->ts", shapes, shapes, grams[:, :, which])
@@ -179,8 +184,8 @@ class _Left:
         """By the best of some trials: products (trials, terms, 10 or 13), own (trials, terms, terms)."""
         solved = self._solved(products)
         matrix = own - (products[:, :, self._known] * self._scale) @ solved
-        data = self._scale * self._total[self._known, DATA]
-        right = products[:, :, DATA] - data @ solved
+        data = self._scale * self._total[self._known, GramTerm.DATA]
+        right = products[:, :, GramTerm.DATA] - data @ solved
         coefficients = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ right[..., None])[..., 0]
         powers = np.einsum("nt,nt->n", right, coefficients)
         best = int(powers.argmax())
@@ -192,15 +197,15 @@ class _Left:
         """Of a sample, once the pattern is taken out: as large as the pose scatters from stretch to stretch.
 
         Where a model is finer than the scan's rays, or lacks something, the residual is large just where the pose
-        matters, and goes on from view to view. What is left in the pose of some views together says so.
+        matters, and goes on from view to view. The pose that fits some views together shows it.
         """
-        pose, found = [PSI, T_X, T_Y], pattern.found
+        pose, found = POSE, pattern.found
         grams = self.grams[:, pose]
-        scores = grams[:, :, DATA] - grams[:, :, self._known] @ found.known
+        scores = grams[:, :, GramTerm.DATA] - grams[:, :, self._known] @ found.known
         scores -= np.einsum("tk,kpt,t->kp", pattern.shapes, grams[:, :, pattern.which], found.coefficients)
         own = np.einsum("kpp->kp", grams[:, :, pose])
-        left = project_out(self._total, self._known, [DATA])[0].item()
-        variance = max(left - found.power, 0.0) / self._samples
+        remaining = project_out(self._total, self._known, [GramTerm.DATA])[0].item()
+        variance = max(remaining - found.power, 0.0) / self._samples
         for stretches in STRETCHES:
             first = np.unique(np.linspace(0, len(grams), stretches, endpoint=False).astype(np.intp))
             power, expected = np.add.reduceat(scores, first) ** 2, np.add.reduceat(own, first)
@@ -219,11 +224,11 @@ class _Left:
         shapes = np.ones((views, len(columns)))
         shapes[:, :terms] = pattern.shapes.T
         normals = shapes[:, :, None] * shapes[:, None, :] * grams[:, columns][:, :, columns]
-        rights = shapes * grams[:, columns, DATA]
+        rights = shapes * grams[:, columns, GramTerm.DATA]
         scale = 1.0 / np.sqrt(np.diag(normals.sum(axis=0)))
         normals *= np.outer(scale, scale)
         rights *= scale
-        without_one = normals.sum(axis=0) - normals + RIDGE * np.eye(len(columns))
+        without_one = normals.sum(axis=0) - normals + REGULARISATION * np.eye(len(columns))
         found = np.linalg.solve(without_one, (rights.sum(axis=0) - rights)[..., None])[:, :terms, 0]
         coefficients = pattern.found.coefficients / scale[:terms]
         off = found - coefficients
@@ -235,10 +240,10 @@ class _Left:
         return pattern.found.coefficients / self._gain
 
     def bias_of(self, pattern: _Pattern) -> FloatArray:
-        """By how much the fit's seven parameters (7,) are off for not knowing of a pattern."""
+        """The bias of the fit's seven unknowns, (7,), when a pattern is not modelled."""
         products, _ = self.shaped(pattern.which, pattern.shapes)
         moved = -(self._solved(products) @ pattern.found.coefficients) * self._scale
-        bias = np.zeros(PARAMETERS)
+        bias = np.zeros(len(Parameter))
         bias[self._free] = moved[: len(self._free)] / self._gain
         return bias
 
@@ -248,31 +253,31 @@ class _Left:
         return np.asarray(np.linalg.solve(self._normal, np.swapaxes(cross, -1, -2)), np.float64)
 
 
-def _jump(left: _Left) -> _Pattern:
+def _jump(residual: _ResidualPatterns) -> _Pattern:
     """Of the pose, from some view on."""
-    pose, views = [PSI, T_X, T_Y], len(left.grams)
+    pose, views = POSE, len(residual.grams)
     fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
     # Of the views from each on, the first and the last few left out.
-    after = np.cumsum(left.grams[::-1, pose], axis=0)[::-1][fewest : views - fewest + 1]
-    found = left.explained(after, after[:, :, pose])
+    after = np.cumsum(residual.grams[::-1, pose], axis=0)[::-1][fewest : views - fewest + 1]
+    found = residual.explained(after, after[:, :, pose])
     shape = (np.arange(views) >= fewest + found.trial).astype(np.float64)
     return _Pattern(Change.PHANTOM, pose, np.tile(shape, (3, 1)), found)
 
 
-def _pace(left: _Left) -> _Pattern:
+def _pace(residual: _ResidualPatterns) -> _Pattern:
     """Angles that run too fast or too slowly."""
-    return _turning(left, Change.PACE, (left.angles - left.angles.mean())[None])
+    return _turning(residual, Change.PACE, (residual.angles - residual.angles.mean())[None])
 
 
-def _swing(left: _Left) -> _Pattern:
+def _swing(residual: _ResidualPatterns) -> _Pattern:
     """Angles that are ahead and behind once a turn."""
-    return _turning(left, Change.SWING, np.stack([np.cos(left.angles), np.sin(left.angles)]))
+    return _turning(residual, Change.SWING, np.stack([np.cos(residual.angles), np.sin(residual.angles)]))
 
 
-def _turning(left: _Left, change: Change, shapes: FloatArray) -> _Pattern:
-    which = [PSI] * len(shapes)
-    products, own = left.shaped(which, shapes)
-    return _Pattern(change, which, shapes, left.explained(products[None], own[None]))
+def _turning(residual: _ResidualPatterns, change: Change, shapes: FloatArray) -> _Pattern:
+    which = [Parameter.PSI] * len(shapes)
+    products, own = residual.shaped(which, shapes)
+    return _Pattern(change, which, shapes, residual.explained(products[None], own[None]))
 
 
 def _described(pattern: _Pattern, size: FloatArray, bias: FloatArray, radius_mm: float) -> Unsteadiness:

@@ -10,14 +10,14 @@ from scipy.ndimage import maximum_filter1d
 
 from sawmill_worker.tomography.geometry import FloatArray
 
-# Views are to blame when so small a part of them holds so much of the residual's power, and holds it all over: their
-# mean square root of it, which a few strong cells do not carry, exceeds the other views' by so much.
+# Views are to blame when this small share of them holds this share of the residual's power, and over the whole view:
+# their mean square root of it, which a few strong cells do not dominate, exceeds the other views' by this factor.
 FEW_VIEWS, MOST_POWER, ALL_OVER = 0.05, 0.5, 2.0
-# A kink of the shadow stands out by this share of its depth, from cell to cell; so many cells beside it belong to it.
+# A kink of the shadow stands out by this share of its depth, from cell to cell; so do the cells beside it, this number.
 KINK, BESIDE = 0.005, 2
-# Edges are to blame when a cell there holds so many times the power of one elsewhere in the shadow.
+# Edges are to blame when a cell there holds this multiple of the power of one elsewhere in the shadow.
 EDGES_STAND_OUT = 3.0
-# A mean of products is noise up to so many of its standard deviations.
+# A mean of products is noise up to this number of its standard deviations.
 CHANCE = 4.0
 # The shadow proper, as a share of its depth.
 SHADOW = 0.02
@@ -29,7 +29,7 @@ class Place(StrEnum):
     VIEWS = "few views"
     CELLS = "single cells"
     EDGES = "edges"
-    INSIDE = "inside"
+    SHADOW = "shadow"
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Structure:
 
 
 def find_structure(residual: FloatArray, model: FloatArray) -> Structure:
-    """Of a residual (views, cells) beside the model sinogram that left it; 0 where nothing may be used."""
+    """Of a residual (views, cells) of this model sinogram; 0 where nothing may be used."""
     shared = shared_power(residual)
     spread = float(model.std())
     return Structure(math.sqrt(shared) / spread if spread > 0.0 else 0.0, _place(residual, model, shared))
@@ -85,8 +85,8 @@ def _place(residual: FloatArray, model: FloatArray, shared: float) -> Place:
     depth = float(np.ptp(model))
     edges = maximum_filter1d(np.abs(np.diff(model, 2, axis=1, prepend=0.0, append=0.0)), 2 * BESIDE + 1, axis=1)
     at_edges = edges > KINK * depth
-    inside = (model > model.min() + SHADOW * depth) & ~at_edges
-    return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, inside) else Place.INSIDE
+    in_shadow = (model > model.min() + SHADOW * depth) & ~at_edges
+    return Place.EDGES if _mean(power, at_edges) > EDGES_STAND_OUT * _mean(power, in_shadow) else Place.SHADOW
 
 
 def _mean(power: FloatArray, where: NDArray[np.bool_]) -> float:

@@ -43,14 +43,14 @@ class Screening:
         return used
 
     @property
-    def done(self) -> tuple[str, ...]:
+    def adjustments(self) -> tuple[str, ...]:
         """One sentence for each thing left out."""
-        told = []
+        sentences = []
         if not self.cells.all():
-            told.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
+            sentences.append(f"{int((~self.cells).sum())} detector cells without a usable signal were left out")
         if not self.views.all():
-            told.append(f"{int((~self.views).sum())} corrupt views were left out")
-        return tuple(told)
+            sentences.append(f"{int((~self.views).sum())} corrupt views were left out")
+        return tuple(sentences)
 
     def bridged(self, sinogram: FloatArray) -> FloatArray:
         """The sinogram with the cells left out interpolated along the detector."""

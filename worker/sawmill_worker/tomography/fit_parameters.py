@@ -1,0 +1,40 @@
+"""The order of a fit's seven unknowns, and of the terms of `analytic.gram`: named here and nowhere else."""
+
+from enum import IntEnum
+
+
+class Parameter(IntEnum):
+    """An unknown of the fit: its place in every vector, derivative and covariance.
+
+    The first five are those of `SourceFrame.to_vector`. R and SDD are distances in mm, U_C the COR's column in mm,
+    PSI and TILT (tau) angles in radians; T_X and T_Y are the phantom's position in mm.
+    """
+
+    PSI = 0
+    R = 1
+    SDD = 2
+    U_C = 3
+    TILT = 4
+    T_X = 5
+    T_Y = 6
+
+
+# The geometry's five unknowns, and of these the four that move the rays: psi is a common turn of all.
+FRAME = slice(0, 5)
+RAYS = slice(1, 5)
+# The unknowns of the phantom's pose.
+POSE = [Parameter.PSI, Parameter.T_X, Parameter.T_Y]
+
+
+class GramTerm(IntEnum):
+    """A term of `analytic.gram` behind the seven derivatives. The last three are there where it is extended."""
+
+    SHADOW = 7
+    ONE = 8
+    DATA = 9
+    SHADOW_SQUARED = 10
+    MOMENT_X = 11
+    MOMENT_Y = 12
+
+
+MOMENTS = [GramTerm.MOMENT_X, GramTerm.MOMENT_Y]
