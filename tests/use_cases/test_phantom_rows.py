@@ -10,7 +10,7 @@ from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mil
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
 from sawmill_worker.use_cases.conversion import to_frame
 
 
@@ -57,6 +57,7 @@ def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_na
 
 def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):
     log = stack[:, PHANTOM_ROWS:]
+    assert _in_phantom_rows(given(log), log, CalibrationOptions(), lambda _: None) is None
     with pytest.raises(CalibrationError) as caught:
         run_calibration(given(log), CalibrationOptions(), lambda _: None, stack=log)
     assert caught.value.code == "phantom-not-found"
