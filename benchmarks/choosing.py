@@ -28,7 +28,7 @@ from typing import TypeVar
 import numpy as np
 
 from sawmill_worker.tomography.cauchy_map import STRENGTH, cauchy_map
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta, to_vector
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import Floats, Images
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
@@ -114,7 +114,7 @@ def random_geometry(rng: np.random.Generator, views: int, cells: int) -> FanBeam
         rng.uniform(0.0, TAU), rng.uniform(550.0, 800.0), rng.uniform(-250.0, 250.0), rng.uniform(-60.0, 60.0), 0.0
     )
     tilt = math.tan(math.atan2(theta.source_shift_mm, 900.0) + rng.uniform(-0.15, 0.15))
-    theta = Theta(*theta.to_vector()[:4], tilt)
+    theta = Theta(*to_vector(theta)[:4], tilt)
     frame = theta.source_frame(900.0)
     # The cells are shared out over the shadow of the field's middle, wherever the shifts put it.
     pitch = 2.0 * (abs(frame.cor_column_mm) + 190.0 * frame.magnification) / cells

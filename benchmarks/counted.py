@@ -17,7 +17,15 @@ from scipy.signal import lfilter
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, SourceFrame, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import (
+    TAU,
+    FloatArray,
+    GeometryError,
+    SourceFrame,
+    Theta,
+    ThetaBounds,
+    bounds_array,
+)
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
@@ -196,7 +204,7 @@ def _scanner(
     rng: np.random.Generator, views: tuple[int, ...]
 ) -> tuple[Phantom, SourceFrame, FloatArray, tuple[float, float], Handedness, Rotation]:
     """A random one whose shadow leaves air at both ends of the detector in every view."""
-    ranges = ThetaBounds().as_array()
+    ranges = bounds_array(ThetaBounds())
     while True:
         phantom = PHANTOMS[rng.integers(len(PHANTOMS))]
         theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))

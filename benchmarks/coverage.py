@@ -16,7 +16,7 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import angle_difference
+from sawmill_worker.tomography.geometry import angle_difference, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Handedness
 
@@ -61,7 +61,7 @@ def main() -> None:
             bars = found.error_bars
             if found.source_distance.held or bars is None:
                 continue
-            difference = found.frame.to_vector() - scan.frame.to_vector()
+            difference = to_vector(found.frame) - to_vector(scan.frame)
             difference[0] = angle_difference(found.frame.psi_rad, scan.frame.psi_rad)
             inside.append(np.abs(difference) <= 1.96 * np.sqrt(np.diag(bars.covariance.values)))
             error = ray_error(SCANNER, scan.frame, found.frame).rms_mm

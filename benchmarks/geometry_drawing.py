@@ -16,7 +16,15 @@ mpl.use("agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame, Theta, rotate
+from sawmill_worker.tomography.geometry import (
+    FanBeamGeometry,
+    FloatArray,
+    Scanner,
+    SourceFrame,
+    Theta,
+    cell_borders_mm,
+    rotate,
+)
 
 DRAWING = Path(__file__).parents[1] / "docs/geometry.svg"
 # Not to any scanner's scale: shifts and tilt are large, so that they can be seen.
@@ -62,7 +70,7 @@ def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, c
 def ground(axes: Axes, geometry: FanBeamGeometry, title: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Axes, log, source, rays and detector of the one view; its source, detector's middle and detector's axis."""
     source, centre, axis = (vectors[0] for vectors in geometry.vectors())
-    cells = centre + SCANNER.cell_borders_mm[:, None] * axis
+    cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
     for end in (cells[0], cells[-1]):
         line(axes, source, end, color="#dddddd")
     axes.add_patch(plt.Circle((0.0, 0.0), LOG_RADIUS_MM, facecolor="#f3e6d0", edgecolor="#c8a26b", lw=0.8, zorder=0))

@@ -10,7 +10,7 @@ from odl.applications import tomo
 from scipy.optimize import OptimizeResult, differential_evolution
 
 from sawmill_worker.tomography.calibration.paper import remove_background
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, Theta, ThetaBounds, bounds_array
 from sawmill_worker.tomography.phantom import Phantom
 
 SIZE, FIELD_MM = 256, 400.0
@@ -66,7 +66,7 @@ def search(objective: PublishedObjective, seed: int) -> OptimizeResult:
     """The published search: best/1/bin, crossover 0.7, SciPy's defaults for the rest."""
     return differential_evolution(
         objective,
-        ThetaBounds().as_array(),
+        bounds_array(ThetaBounds()),
         strategy="best1bin",
         recombination=0.7,
         mutation=(0.5, 1.0),

@@ -40,7 +40,6 @@ from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray,
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent, reconstruct_stack
-from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.vocabulary import FilterName, Handedness, Progress, Rotation
 
@@ -239,7 +238,7 @@ def reconstruct_log(scan: Path, volume: Path) -> None:
             angles_rad=stored.angles_rad,
             rows=(0, stored.shape[1]),
             scanner=ScannerConstants(**vars(SCANNER), row_pitch_mm=stored.row_pitch_mm),
-            theta=from_theta(THETA),
+            theta=THETA,
             rotation=Rotation.AS_GIVEN,
             handedness=Handedness.AS_DRAWN,
             input_sha256="0" * 64,

@@ -8,7 +8,15 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import TAU, GeometryError, Scanner, SourceFrame, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import (
+    TAU,
+    GeometryError,
+    Scanner,
+    SourceFrame,
+    Theta,
+    ThetaBounds,
+    bounds_array,
+)
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.vocabulary import Handedness, Rotation
 
@@ -42,7 +50,7 @@ def random_scan(rng: np.random.Generator) -> RandomScan:
     """A scanner from the published bounds whose shadow stays on the detector, and a noisy scan by it."""
     while True:
         phantom = PHANTOMS[rng.integers(len(PHANTOMS))]
-        ranges = ThetaBounds().as_array()
+        ranges = bounds_array(ThetaBounds())
         theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
         distance, direction = REACH_MM * np.sqrt(rng.uniform()), rng.uniform(0.0, TAU)
         position = (float(distance * np.cos(direction)), float(distance * np.sin(direction)))

@@ -25,7 +25,7 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, angle_difference
+from sawmill_worker.tomography.geometry import FloatArray, angle_difference, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 
 NOISE = 0.02
@@ -90,14 +90,14 @@ def draw(answers: list[Calibration], path: Path) -> None:
     curve = curve_units(plan, plan.dense_views)
     results = {unit.name: result for unit in curve if (result := load(RESULTS, unit)) is not None}
     done = [unit for unit in curve if unit.name in results]
-    found = np.array([answer.theta.to_vector() for answer in answers])
+    found = np.array([to_vector(answer.theta) for answer in answers])
     published = thetas(results, done) if done else np.zeros((0, 5))
     points = {
         "curve": published,
         "curve's twins": twins(published),
         "found": found,
         "twin": twins(found),
-        "truth": TRUE_THETA.to_vector()[None],
+        "truth": to_vector(TRUE_THETA)[None],
     }
     pair_grid(points, path, f"L-phantom, 360 views, {len(answers)} seeds of the default calibration")
 

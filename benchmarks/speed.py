@@ -25,7 +25,7 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Theta, to_vector
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.ray_error import ray_error
@@ -53,7 +53,7 @@ def l_phantom() -> tuple[str, FloatArray]:
 def published_seconds(sinogram: FloatArray, *, full: bool) -> tuple[float, float, str]:
     """Seconds of one evaluation, of the whole search, and how the latter is known."""
     objective = PublishedObjective(SCANNER, L_SHAPE, sinogram)
-    vector = THETA.to_vector()
+    vector = to_vector(THETA)
     objective(vector)
     laps = []
     for _ in range(5):

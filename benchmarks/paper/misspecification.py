@@ -9,7 +9,7 @@ from scans import GRID, TRUE_FRAME, TRUE_THETA, log_image, log_quality, sources
 
 from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
-from sawmill_worker.tomography.geometry import Theta, angle_difference
+from sawmill_worker.tomography.geometry import Theta, angle_difference, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 
 Five = tuple[float, float, float, float, float]
@@ -29,7 +29,7 @@ class Case:
     @property
     def theta(self) -> Theta:
         """The wrong theta."""
-        return Theta.from_vector(TRUE_THETA.to_vector() * np.array(self.left) + np.array(self.added))
+        return Theta.from_vector(to_vector(TRUE_THETA) * np.array(self.left) + np.array(self.added))
 
 
 # The paper's letters; a zero stands where a parameter is left out.
@@ -67,7 +67,7 @@ def run(theta: list[float]) -> Result:
 
 def unit(case: Case) -> Unit:
     """One image."""
-    return Unit(f"misspecified-{case.name}", run, {"theta": case.theta.to_vector().tolist()})
+    return Unit(f"misspecified-{case.name}", run, {"theta": to_vector(case.theta).tolist()})
 
 
 def units(plan: Plan) -> list[Unit]:  # noqa: ARG001 - as many as there are cases

@@ -15,7 +15,7 @@ from paper.searches import MadeOf, binned, default_source, every_so_many, phanto
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions, calibrate_as_published
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, to_vector
 from sawmill_worker.vocabulary import Rotation
 
 # Farthest from the truth that each profile goes: psi, R, SDD, u_c, tau.
@@ -39,10 +39,10 @@ def run_profile(objective: str, views: int, points: int) -> Result:
     values = np.empty((len(REACH), points))
     for parameter, reach in enumerate(REACH):
         for number, offset in enumerate(np.linspace(-reach, reach, points)):
-            vector = TRUE_FRAME.to_vector()
+            vector = to_vector(TRUE_FRAME)
             vector[parameter] += offset
             theta = SourceFrame.from_vector(vector).theta(SCANNER.source_to_cor_mm)
-            values[parameter, number] = measure(theta.to_vector())
+            values[parameter, number] = measure(to_vector(theta))
     return {"values": values}
 
 

@@ -14,7 +14,7 @@ from paper.searches import MadeOf, default_source, default_unit, every_so_many, 
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.calibration.paper import PaperObjective, PaperOptions
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import FloatArray, Theta, ThetaBounds, bounds_array
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Rotation
 
@@ -34,7 +34,7 @@ class Counted:
 
     def __init__(self, objective: PaperObjective, budget: int) -> None:
         self._objective, self._budget = objective, budget
-        bounds = ThetaBounds().as_array()
+        bounds = bounds_array(ThetaBounds())
         self._low, self._width = bounds[:, 0], bounds[:, 1] - bounds[:, 0]
         self.scale = objective.scale
         self.best: list[float] = []

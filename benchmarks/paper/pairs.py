@@ -13,7 +13,7 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Results, Unit, Values
 from paper.printed import shift_range
 from paper.searches import default_source, default_unit, paper_unit
-from sawmill_worker.tomography.geometry import FloatArray, Theta
+from sawmill_worker.tomography.geometry import FloatArray, Theta, to_vector
 
 PHANTOM = "l-shape"
 LABELS = ("initial angle, rad", "detector to COR, mm", "source shift, mm", "detector shift, mm", "detector tilt, slope")
@@ -77,7 +77,7 @@ def thetas(results: Results, wanted: list[Unit]) -> FloatArray:
 
 def twins(points: FloatArray) -> FloatArray:
     """The exact twin of each theta, (points, 5)."""
-    made = [Theta.from_vector(point).twin(SCANNER.source_to_cor_mm).to_vector() for point in points]
+    made = [to_vector(Theta.from_vector(point).twin(SCANNER.source_to_cor_mm)) for point in points]
     return np.array(made).reshape(-1, 5)
 
 
@@ -123,7 +123,7 @@ def curve_points(plan: Plan, results: Results, views: int) -> dict[str, FloatArr
         "curve's twins": twins(curve),
         "found": np.array([found["theta"]]),
         "twin": np.array([found["twin"]]),
-        "truth": TRUE_THETA.to_vector()[None],
+        "truth": to_vector(TRUE_THETA)[None],
     }
 
 
@@ -133,7 +133,7 @@ def _close_up(plan: Plan, results: Results, path: Path) -> None:
     pairs = ((1, 2), (3, 4), (0, 3))
     for row, views in enumerate((plan.dense_views, plan.sparse_views)):
         runs = [results[unit.name] for unit in cloud_units(plan, views)]
-        errors = np.array([run["frame"] for run in runs]) - TRUE_FRAME.to_vector()
+        errors = np.array([run["frame"] for run in runs]) - to_vector(TRUE_FRAME)
         errors[:, 0] = np.remainder(errors[:, 0] + np.pi, 2.0 * np.pi) - np.pi
         covariance = np.array(runs[0]["covariance"]) * np.outer(TO_DEGREES, TO_DEGREES)
         for column, pair in enumerate(pairs):

@@ -14,7 +14,7 @@ from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, angle_difference, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Handedness, Rotation
 
@@ -50,8 +50,8 @@ def binned(scanner: Scanner, sinogram: FloatArray, by: int) -> tuple[Scanner, Fl
 def scores(theta: Theta, frame: SourceFrame, rotation: Rotation = Rotation.AS_GIVEN) -> Result:
     """How far a geometry is from the true one, by every measure that the page uses."""
     result: Result = {
-        "theta": theta.to_vector().tolist(),
-        "frame": frame.to_vector().tolist(),
+        "theta": to_vector(theta).tolist(),
+        "frame": to_vector(frame).tolist(),
         "ray_error_mm": ray_error(SCANNER, TRUE_FRAME, frame).rms_mm,
         "psi_error_deg": float(np.degrees(angle_difference(frame.psi_rad, TRUE_FRAME.psi_rad))),
     }
@@ -82,7 +82,7 @@ def run_default(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
         result["covariance"] = found.error_bars.covariance.values.tolist()
         result["predicted_ray_error_mm"] = found.error_bars.predicted_ray_error.rms_mm
     if found.theta_twin is not None:
-        result["twin"] = found.theta_twin.to_vector().tolist()
+        result["twin"] = to_vector(found.theta_twin).tolist()
         twin_frame = found.theta_twin.source_frame(SCANNER.source_to_cor_mm)
         result["twin_ray_error_mm"] = ray_error(SCANNER, found.frame, twin_frame).rms_mm
     return result
@@ -126,7 +126,7 @@ def run_in_odl(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
 
 def theta_with_first_angle(theta: Theta, further_deg: float) -> Theta:
     """Theta with its initial angle so many degrees further on."""
-    vector = theta.to_vector()
+    vector = to_vector(theta)
     vector[0] += np.radians(further_deg)
     return Theta.from_vector(vector)
 

@@ -9,6 +9,7 @@ from paper import pictures
 from paper.experiment import Experiment, Plan, Result, Results, Unit, Values
 from paper.printed import TABLE_1, PrintedRun, judge
 from paper.searches import MadeOf, default_unit, odl_unit, paper_unit
+from sawmill_worker.tomography.geometry import to_vector
 
 # Rays that are off by more are of no run whose log came out with a relative error of a tenth.
 MOST_CREDIBLE_MM = 5.0
@@ -62,7 +63,7 @@ def _row(method: str, number: int, result: Result) -> list[str]:
 
 
 def _truth() -> list[str]:
-    alpha0, r_d, h_s, h_d, alpha_d = TRUE_THETA.to_vector()
+    alpha0, r_d, h_s, h_d, alpha_d = to_vector(TRUE_THETA)
     return [
         "truth",
         f"{alpha0:.4f}",

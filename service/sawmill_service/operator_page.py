@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
-from sawmill_worker.contracts.scanners import Activation, Scanner
+from sawmill_worker.contracts.scanners import Activation, StoredScanner
 from sawmill_worker.templating import templates_of
 
 TEMPLATES = templates_of("sawmill_service")
@@ -30,7 +30,7 @@ class ScannerCondition:
     check that succeeded or failed; `history` has the newest activation first.
     """
 
-    scanner: Scanner
+    scanner: StoredScanner
     newest: CalibrationSucceeded | None
     failure: Failure | None
     drift: Drift | None

@@ -100,7 +100,7 @@ def _message(error: Mapping[str, Any]) -> str:
         return "must be JSON, with Content-Type: application/json"
     if error["type"] == "missing":
         return "is required"
-    if error["type"] == "extra_forbidden":
+    if error["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
         return "is not a known field"
     if error["type"] == "value_error":
         return f"is refused: {message.removeprefix('Value error, ')}"

@@ -13,7 +13,6 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases import scan_rows
-from sawmill_worker.use_cases.conversion import to_frame
 
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 SCANNER = Scanner(859.46, 256, 4.508593749)
@@ -28,7 +27,7 @@ def calibrated(run, *arguments):
 
 def error_mm(document) -> float:
     found = CalibrationFile.read(json.dumps(document)).source_frame
-    return ray_error(SCANNER, TRUTH.source_frame(859.46), to_frame(found)).rms_mm
+    return ray_error(SCANNER, TRUTH.source_frame(859.46), found).rms_mm
 
 
 def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):

@@ -7,8 +7,8 @@ from calibration_answers import write_answer
 
 from sawmill_worker.contracts.calibrations import CalibrationFile
 from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
-from sawmill_worker.use_cases.conversion import from_frame, to_theta
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.vocabulary import Theta
 
 THETA = "2.55,714.7,319.9,43.7,0.281"
 MOVED = "2.55,714.7,317.9,45.7,0.281"  # the turntable 2 mm along x
@@ -30,11 +30,11 @@ def log_scans(run, scans):
 def known(result_file, scans):
     """The calibration of that scanner: exact, without error bars."""
     found = CalibrationFile.read(result_file.read_text())
-    theta = Theta.model_validate(dict(zip(Theta.model_fields, map(float, THETA.split(",")), strict=True)))
+    theta = Theta.from_vector(map(float, THETA.split(",")))
     exact = found.model_copy(
         update={
             "theta": theta,
-            "source_frame": from_frame(to_theta(theta).source_frame(859.46)),
+            "source_frame": theta.source_frame(859.46),
             "covariance": None,
             "scanner": ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0),
         }

@@ -12,7 +12,6 @@ from PIL import Image
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.use_cases.conversion import to_frame
 
 
 def chunks(path: Path, size: int = 100_000):
@@ -58,7 +57,7 @@ def check_calibration(service, scanner_id, calibration_id, mill_scan):
     path = f"/v1/calibrations/{calibration_id}"
     document = service.get(path).json()
     found = CalibrationSucceeded.model_validate(document)
-    truth, frame = mill_scan.theta.source_frame(mill_scan.scanner.source_to_cor_mm), to_frame(found.source_frame)
+    truth, frame = mill_scan.theta.source_frame(mill_scan.scanner.source_to_cor_mm), found.source_frame
     assert ray_error(mill_scan.scanner, truth, frame).rms_mm < 0.05
     assert abs(math.degrees(angle_difference(frame.psi_rad, truth.psi_rad))) < 0.1
     assert found.phantom_position_mm == pytest.approx((-4.0, 2.5), abs=0.1)

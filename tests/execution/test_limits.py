@@ -7,14 +7,15 @@ import threading
 
 import pytest
 
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.execution.failures import died
 from sawmill_worker.execution.limits import DATA_BYTES, limits_of
 from sawmill_worker.execution.runner import Runner
+from sawmill_worker.vocabulary import Disc, Theta
 
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
@@ -64,7 +65,7 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
 
 
 def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_told_once(store, start, monkeypatch, tmp_path):
-    body = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    body = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
     theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
     ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)

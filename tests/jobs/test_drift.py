@@ -17,7 +17,6 @@ from sawmill_worker.jobs.running import run
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.use_cases.conversion import from_frame
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
@@ -43,7 +42,7 @@ def log_scan(turn):
 @pytest.fixture
 def known(calibration):
     """The calibration of that scanner."""
-    return calibration(THETA, scanner=CONSTANTS, source_frame=from_frame(THETA.source_frame(859.46)))
+    return calibration(THETA, scanner=CONSTANTS, source_frame=THETA.source_frame(859.46))
 
 
 @pytest.fixture
@@ -154,7 +153,7 @@ def test_sparse_views_are_the_asker_s_to_mend(asked, log_scan):
 def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     looking = asked(log_scan()[:, None])
     scanner = store.scanners.get("line-2")
-    wider = scanner.constants.model_copy(update={"detector_pitch_mm": 3.1})
+    wider = replace(scanner.constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
     with pytest.raises(JobFailure, match=r"384 cells of 3 mm and the scan of 384 of 3\.1 mm") as failure:
         run(looking)

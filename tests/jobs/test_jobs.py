@@ -22,7 +22,7 @@ from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.use_cases.conversion import from_theta, to_frame, to_phantom
+from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
 
@@ -84,7 +84,7 @@ def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogra
     told = []
     calibrating = attempt(JobKind.CALIBRATE, told)
     result = CalibrationResult.model_validate(run(calibrating))
-    error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
+    error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.02
     assert result.comparison is None
     assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
@@ -113,7 +113,7 @@ def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt
     store.calibrations.accept(ask(scan_id=scan.id))
     calibrating = attempt(JobKind.CALIBRATE)
     result = CalibrationResult.model_validate(run(calibrating))
-    error = ray_error(scanner, theta.source_frame(859.46), to_frame(result.source_frame))
+    error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.05
     record = calibration_file.read_calibration(calibrating.output / "result.h5")
     assert not record.arrays["phantom_image"].any()
@@ -170,7 +170,7 @@ def test_a_log_beside_the_phantom_is_kept_before_and_after(
 
 def test_a_reconstruction_uses_the_theta_it_is_given(store, ingested, attempt, sinogram, turn, theta):
     scan = ingested(np.repeat(sinogram(turn(60))[:, None], 2, axis=1), "3:6")
-    wanted = ReconstructionAsk(scan_id=scan.id, theta=from_theta(theta), rows="1:2", size=64, field_mm=420.0)
+    wanted = ReconstructionAsk(scan_id=scan.id, theta=theta, rows="1:2", size=64, field_mm=420.0)
     store.reconstructions.accept(wanted)
     reconstructing = attempt(JobKind.RECONSTRUCT)
     result = run(reconstructing)
@@ -187,7 +187,7 @@ def test_rows_by_step_and_a_region_of_interest_say_where_they_lie(
 ):
     stack = sinogram(turn(60))[:, None] * np.arange(1.0, 8.0)[:, None]
     scan = ingested(stack, "3:6")
-    asked = {"scan_id": scan.id, "theta": from_theta(theta), "size": 32}
+    asked = {"scan_id": scan.id, "theta": theta, "size": 32}
     results, images, middles = [], [], []
     for options in ({"rows": "1:7:2", "field_mm": 100.0, "field_centre_mm": (60.0, -60.0)}, {"field_mm": 400.0}):
         store.reconstructions.accept(ReconstructionAsk(**asked, **options))

@@ -1,21 +1,21 @@
 import pytest
 
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk, PlanResult
 from sawmill_worker.jobs.running import run
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.planning import plan
-from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.vocabulary import Disc
 
 
 @pytest.fixture
 def asked(store, spec, theta):
     """Ask for a plan on one scanner."""
     store.scanners.create(spec(), scanner_id="line-2")
-    ask = PlanAsk(scanner_id="line-2", theta=from_theta(theta), views=30, noise=0.01)
+    ask = PlanAsk(scanner_id="line-2", theta=theta, views=30, noise=0.01)
     return lambda phantom_id: store.plans.accept(ask, given={"phantom_id": phantom_id})
 
 
@@ -34,7 +34,7 @@ def test_a_plan_answers_with_the_precision_to_expect(asked, attempt, finish, sto
 
 
 def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, store):
-    disc = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    disc = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     asked(store.phantoms.create(disc).id)
     with pytest.raises(JobFailure, match="leaves psi undetermined") as failure:
         run(attempt(JobKind.PLAN))

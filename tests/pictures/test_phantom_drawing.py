@@ -2,23 +2,24 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
+from sawmill_worker.vocabulary import Disc, Polygon
 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-BOARD = PolygonShape(vertices_mm=[(-100.0, -150.0), (100.0, -150.0), (100.0, 150.25), (-100.0, 150.25)])
+BOARD = Polygon(vertices_mm=[(-100.0, -150.0), (100.0, -150.0), (100.0, 150.25), (-100.0, 150.25)])
 
 
-def disc(x_mm: float, y_mm: float, radius_mm: float, density: float = 1.0) -> DiscShape:
-    return DiscShape(center_mm=(x_mm, y_mm), radius_mm=radius_mm, density=density)
+def disc(x_mm: float, y_mm: float, radius_mm: float, density: float = 1.0) -> Disc:
+    return Disc(center_mm=(x_mm, y_mm), radius_mm=radius_mm, density=density)
 
 
 HOLE = disc(-50.0, -49.0, 26.0, -1.0)
 
 
-def drawn(name: str, *shapes: PolygonShape | DiscShape) -> ET.Element:
+def drawn(name: str, *shapes: Polygon | Disc) -> ET.Element:
     return ET.fromstring(phantom_svg(PhantomDrawing(name=name, shapes=shapes)))  # noqa: S314 - our own text
 
 

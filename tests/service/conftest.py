@@ -21,7 +21,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
@@ -34,7 +34,7 @@ from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import JobRow
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
+from sawmill_worker.vocabulary import DataKind, Disc, ReconstructionMethod
 
 ORIGIN = "http://127.0.0.1:8000"
 VIEWS, ROWS, CELLS = 12, 4, 16
@@ -168,7 +168,7 @@ def seed(store: Store, worker: FakeWorker) -> None:
     )
     for scanner_id in ("example", "example-spare"):
         store.scanners.create(spec, scanner_id=scanner_id)
-    drawing = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     store.phantoms.create(drawing, phantom_id="example-spare")
     scan = ScanSpec(scanner_id="example", data=DataKind.LINE_INTEGRALS, phantom_id="l-shape")
     for scan_id in ("example", "example-spare"):

@@ -9,7 +9,7 @@ import pytest
 from results import CONSTANTS, RESULTS
 
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.scanners import Scanner, ScannerSpec
+from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanSpec
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
@@ -50,12 +50,12 @@ def store(settings: StorageSettings) -> Iterator[Store]:
 
 
 @pytest.fixture
-def scanner(store: Store) -> Scanner:
+def scanner(store: Store) -> StoredScanner:
     return store.scanners.create(ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS)))
 
 
 @pytest.fixture
-def upload(scanner: Scanner) -> Callable[..., Scan]:
+def upload(scanner: StoredScanner) -> Callable[..., Scan]:
     """Accept a scan of four bytes."""
 
     def accept(store: Store, *, phantom_id: str | None = "l-shape", scan_id: str | None = None) -> Scan:

@@ -3,12 +3,12 @@ import pytest
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PhantomPicture, PhantomState
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary import DataKind, Disc
 
 REFUSAL = Failure(kind=FailureKind.INPUT, code="angles-missing", detail="the file carries no angles")
 
@@ -196,7 +196,7 @@ def test_the_built_in_phantoms_are_there_and_stay(store):
 
 
 def test_a_drawn_phantom_is_ready_at_once_and_stays_while_used(store, upload):
-    drawing = PhantomDrawing(name="disc", shapes=[DiscShape(center_mm=(0, 0), radius_mm=50)])
+    drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     phantom = store.phantoms.create(drawing)
     assert (phantom.state, phantom.drawing) == (PhantomState.READY, drawing)
     upload(store, phantom_id=phantom.id)

@@ -13,7 +13,6 @@ from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
-from sawmill_worker.use_cases.conversion import from_frame, from_theta
 
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=128, detector_pitch_mm=9.0)
 CONSTANTS = ScannerConstants(**vars(SCANNER))
@@ -59,8 +58,8 @@ def calibration() -> Callable[..., CalibrationSucceeded]:
             phantom_id="l-shape",
             job_id="job",
             options=CalibrationOptions(),
-            theta=from_theta(theta),
-            source_frame=from_frame(theta.source_frame(SCANNER.source_to_cor_mm)),
+            theta=theta,
+            source_frame=theta.source_frame(SCANNER.source_to_cor_mm),
             standard_deviation=None,
             covariance=None,
             predicted_ray_error_mm=None,

@@ -9,7 +9,7 @@ import pytest
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.geometry import FanBeamGeometry, cell_centres_mm
 
 FIELD_MM = 400.0
 
@@ -29,7 +29,7 @@ def points():
 def cells(fan):
     """P_km, (views, cells, 2) mm."""
     _, centre, axis = fan.vectors()
-    return centre[:, None, :] + fan.scanner.cell_centres_mm[:, None] * axis[:, None, :]
+    return centre[:, None, :] + cell_centres_mm(fan.scanner)[:, None] * axis[:, None, :]
 
 
 def shadows(fan, points):
@@ -135,7 +135,7 @@ def test_rtk_s_matrices_project_points_to_where_our_rays_end(fan, points):
 def test_rtk_s_parameters_place_our_sources_and_cells(fan):
     exported = rtk_geometry(fan)
     source, _, _ = fan.vectors()
-    u = fan.scanner.cell_centres_mm + exported.projection_offset_x_mm
+    u = cell_centres_mm(fan.scanner) + exported.projection_offset_x_mm
     level = exported.source_to_isocenter_mm - exported.source_to_detector_mm
     for view, gantry in enumerate(np.deg2rad(exported.gantry_angles_deg)):
         # RTK's documentation of its geometry: x along the detector, z towards the source, turned by the gantry angle.

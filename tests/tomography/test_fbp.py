@@ -9,7 +9,7 @@ from scipy import ndimage
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Theta, cell_borders_mm, to_vector
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.projector import Projector
@@ -70,7 +70,7 @@ def test_the_mean_of_each_flat_region_is_right_to_a_fifth_of_a_per_cent(
 def seen_radius(geometry):
     """Of the disc around the centre of rotation that every view sees whole."""
     frame = geometry.frame
-    ends = geometry.scanner.cell_borders_mm[[0, -1]] - frame.cor_column_mm
+    ends = cell_borders_mm(geometry.scanner)[[0, -1]] - frame.cor_column_mm
     across, depth = ends * math.cos(frame.tilt_rad), frame.source_to_detector_mm + ends * math.sin(frame.tilt_rad)
     return float((frame.source_distance_mm * np.abs(across) / np.hypot(across, depth)).min())
 
@@ -138,7 +138,7 @@ def test_a_quarter_turn_of_the_first_angle_turns_the_image(scanner, theta, full_
     rng = np.random.default_rng(505)
     geometry = FanBeamGeometry(scanner, theta, full_turn(30))
     turned = FanBeamGeometry(
-        scanner, Theta.from_vector(theta.to_vector() + np.array([math.pi / 2.0, 0, 0, 0, 0])), geometry.angles_rad
+        scanner, Theta.from_vector(to_vector(theta) + np.array([math.pi / 2.0, 0, 0, 0, 0])), geometry.angles_rad
     )
     sinogram = rng.standard_normal(geometry.sinogram_shape)
     image = fbp(Projector(geometry, ImageGrid(65, FIELD)), sinogram).image
@@ -149,7 +149,7 @@ def test_a_quarter_turn_of_the_first_angle_turns_the_image(scanner, theta, full_
 
 def test_any_turn_of_the_first_angle_turns_the_body(reconstruct, theta, full_turn):
     turn = 0.6
-    turned = Theta.from_vector(theta.to_vector() + np.array([turn, 0, 0, 0, 0]))
+    turned = Theta.from_vector(to_vector(theta) + np.array([turn, 0, 0, 0, 0]))
     angles = full_turn(180)
     # The sinogram of LOG with theta is the sinogram of the turned log with the turned theta.
     np.testing.assert_allclose(

@@ -107,17 +107,17 @@ def test_the_built_in_phantoms_are_the_published_ones():
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
+    ("shapes", "reason"),
     [
-        (lambda: Polygon(((0.0, 0.0), (1.0, 1.0))), "at least three corners"),
-        (lambda: Polygon(((0.0, 0.0), (1.0, math.nan), (2.0, 0.0))), "finite"),
-        (lambda: Polygon(((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))), "enclose an area"),
-        (lambda: Disc((0.0, 0.0), 0.0), "positive radius"),
-        (lambda: Disc((math.inf, 0.0), 1.0), "finite centre"),
-        (lambda: Disc((0.0, 0.0), math.nan), "positive radius"),
-        (lambda: Phantom("nothing", ()), "'nothing' has no shapes"),
+        ((Polygon(((0.0, 0.0), (1.0, 1.0))),), "at least three corners"),
+        ((Polygon(((0.0, 0.0), (1.0, math.nan), (2.0, 0.0))),), "finite"),
+        ((Polygon(((0.0, 0.0), (1.0, 1.0), (2.0, 2.0))),), "enclose an area"),
+        ((Disc((0.0, 0.0), 0.0),), "positive radius"),
+        ((Disc((math.inf, 0.0), 1.0),), "finite centre"),
+        ((Disc((0.0, 0.0), math.nan),), "positive radius"),
+        ((), "'nothing' has no shapes"),
     ],
 )
-def test_what_has_no_inside_is_refused(make, says):
-    with pytest.raises(PhantomError, match=says):
-        make()
+def test_what_has_no_inside_is_refused(shapes, reason):
+    with pytest.raises(PhantomError, match=reason):
+        Phantom("nothing", shapes)

@@ -7,7 +7,7 @@ from sawmill_worker.tomography.analytic import DetectorCells, project_with_deriv
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 from sawmill_worker.tomography.calibration.task import CalibrationTask
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, angle_difference
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, angle_difference, to_vector
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
 from sawmill_worker.tomography.planning import plan
 from sawmill_worker.tomography.ray_error import ray_error
@@ -68,7 +68,7 @@ def test_calibrations_scatter_as_planned(fan, phantom):
             rotation=Rotation.AS_GIVEN,
         )
         found = calibrate(task, seed=seed).frame
-        error = found.to_vector() - geometry.frame.to_vector()
+        error = to_vector(found) - to_vector(geometry.frame)
         error[0] = angle_difference(found.psi_rad, geometry.frame.psi_rad)
         errors.append(error)
         distances.append(ray_error(geometry.scanner, geometry.frame, found).rms_mm)

@@ -6,7 +6,7 @@ import pytest
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta, cell_centres_mm
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.projector import Projector
@@ -153,7 +153,7 @@ def lengths_by_clipping(projector):
     """The dense matrix (rays, pixels) from clipping each ray to each pixel's square, in double precision."""
     geometry, grid = projector.geometry, projector.grid
     source, centre, axis = geometry.vectors()
-    ends = centre[:, None, :] + geometry.scanner.cell_centres_mm[None, :, None] * axis[:, None, :]
+    ends = centre[:, None, :] + cell_centres_mm(geometry.scanner)[None, :, None] * axis[:, None, :]
     along = ends - source[:, None, :]
     along = (along / np.linalg.norm(along, axis=-1, keepdims=True)).reshape(-1, 1, 2)
     start = np.repeat(source, geometry.scanner.num_detector_pixels, axis=0)[:, None, :]
@@ -200,7 +200,7 @@ def test_a_disc_is_projected_as_its_chords(projector, name):
     a = projector(name, 256)
     body = Phantom("disc", (Disc((20.0, -35.0), 90.0),))
     source, centre, axis = a.geometry.vectors()
-    ends = centre[:, None, :] + a.geometry.scanner.cell_centres_mm[None, :, None] * axis[:, None, :]
+    ends = centre[:, None, :] + cell_centres_mm(a.geometry.scanner)[None, :, None] * axis[:, None, :]
     along = ends - source[:, None, :]
     along /= np.linalg.norm(along, axis=-1, keepdims=True)
     off = np.array([20.0, -35.0]) - source[:, None, :]

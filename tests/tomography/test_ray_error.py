@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
 
-from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, SourceFrame, Theta, rotate
+from sawmill_worker.tomography.geometry import (
+    FanBeamGeometry,
+    GeometryError,
+    Scanner,
+    SourceFrame,
+    Theta,
+    cell_centres_mm,
+    rotate,
+    to_vector,
+)
 from sawmill_worker.tomography.ray_error import chord_points, predicted_ray_error, ray_error
 
 R_S = 859.46
@@ -22,10 +31,10 @@ def test_a_geometry_has_no_error_against_itself_nor_its_twin(scanner, random_the
 
 def test_a_common_rotation_is_taken_out(scanner, theta):
     frame = theta.source_frame(R_S)
-    other = SourceFrame.from_vector(frame.to_vector() + DEVIATIONS)
-    turned = SourceFrame.from_vector(other.to_vector() + np.array([0.3, 0.0, 0.0, 0.0, 0.0]))
+    other = SourceFrame.from_vector(to_vector(frame) + DEVIATIONS)
+    turned = SourceFrame.from_vector(to_vector(other) + np.array([0.3, 0.0, 0.0, 0.0, 0.0]))
     assert ray_error(scanner, frame, turned) == ray_error(scanner, frame, other)
-    turned_only = SourceFrame.from_vector(frame.to_vector() + np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
+    turned_only = SourceFrame.from_vector(to_vector(frame) + np.array([1.0, 0.0, 0.0, 0.0, 0.0]))
     assert ray_error(scanner, frame, turned_only).rms_mm < 1e-9
 
 
@@ -43,9 +52,9 @@ def distances_by_hand(scanner, true, other, radius, omega):
     """From theta's own vectors: nine points of each chord of the true rays, to the other's rays turned by omega."""
     found = []
     source, centre, axis = (v[0] for v in true)
-    ends = centre + scanner.cell_centres_mm[:, None] * axis
+    ends = centre + cell_centres_mm(scanner)[:, None] * axis
     other_source, other_centre, other_axis = (np.stack(rotate(omega, *v[0]), -1) for v in other)
-    other_ends = other_centre + scanner.cell_centres_mm[:, None] * other_axis
+    other_ends = other_centre + cell_centres_mm(scanner)[:, None] * other_axis
     for end, other_end in zip(ends, other_ends, strict=True):
         d = (end - source) / np.linalg.norm(end - source)
         middle = source - (source @ d) * d
@@ -90,7 +99,7 @@ def test_a_disc_that_no_ray_meets_is_refused(scanner):
 def test_the_prediction_of_one_small_step_is_its_actual_error(scanner, theta, seed):
     frame = theta.source_frame(R_S)
     step = np.random.default_rng([602, seed]).standard_normal(5) * [1e-4, 0.01, 0.01, 0.005, 1e-5]
-    actual = ray_error(scanner, frame, SourceFrame.from_vector(frame.to_vector() + step))
+    actual = ray_error(scanner, frame, SourceFrame.from_vector(to_vector(frame) + step))
     predicted = predicted_ray_error(scanner, frame, np.outer(step, step))
     # First order in steps of 1e-5 of the lengths.
     assert predicted.rms_mm == pytest.approx(actual.rms_mm, rel=1e-3)
@@ -102,8 +111,7 @@ def test_the_prediction_is_the_mean_square_over_the_covariance(scanner, theta):
     frame = theta.source_frame(R_S)
     root = rng.standard_normal((5, 5)) * np.array([1e-3, 0.1, 0.1, 0.02, 1e-4])[:, None]
     squares = [
-        ray_error(scanner, frame, SourceFrame.from_vector(frame.to_vector() + root @ rng.standard_normal(5))).rms_mm
-        ** 2
+        ray_error(scanner, frame, SourceFrame.from_vector(to_vector(frame) + root @ rng.standard_normal(5))).rms_mm ** 2
         for _ in range(400)
     ]
     predicted = predicted_ray_error(scanner, frame, root @ root.T)

@@ -8,16 +8,16 @@ import pytest
 
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.calibrations import CalibrationOptions
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.compare import compared, geometry_of
 
 
 @pytest.fixture
 def watched(spec):
-    def scanner(**tolerances) -> Scanner:
+    def scanner(**tolerances) -> StoredScanner:
         known = dict(spec(**tolerances))
-        return Scanner(id="line-2", created_at="2030-01-01T00:00:00Z", active_calibration_id="found", **known)
+        return StoredScanner(id="line-2", created_at="2030-01-01T00:00:00Z", active_calibration_id="found", **known)
 
     return scanner
 

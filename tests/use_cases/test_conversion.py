@@ -1,58 +1,87 @@
-"""From contracts to the science and back nothing is lost."""
+"""The science's values are the contract's: what crosses a boundary as JSON comes back as it was."""
 
+import json
+from dataclasses import fields
+
+import numpy as np
 import pytest
+from pydantic import TypeAdapter, ValidationError
 
-from sawmill_worker.contracts import calibrations as contracts
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.geometry import ThetaBounds
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, PolygonShape
-from sawmill_worker.tomography import built_in
-from sawmill_worker.tomography.geometry import ThetaBounds as Bounds
-from sawmill_worker.use_cases.conversion import (
-    from_frame,
-    from_phantom,
-    from_theta,
-    to_bounds,
-    to_frame,
-    to_phantom,
-    to_scanner,
-    to_theta,
+from sawmill_worker.contracts.geometry import (
+    GivenTheta,
+    GivenThetaBounds,
+    ReportedSourceFrame,
+    ScannerConstants,
+    SourceFrameDeviation,
+    ThetaDeviation,
 )
-from sawmill_worker.vocabulary import Adjustment, CalibrationStatus
+from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.tomography import built_in
+from sawmill_worker.tomography.geometry import to_vector
+from sawmill_worker.use_cases.conversion import from_phantom, to_phantom
+from sawmill_worker.vocabulary import Disc, Polygon, Scanner, SourceFrame, Theta, ThetaBounds
 
 
-def test_both_sides_know_the_same_adjustments_and_statuses():
-    assert [one.value for one in contracts.Adjustment] == [one.value for one in Adjustment]
-    assert [one.value for one in contracts.CalibrationStatus] == [one.value for one in CalibrationStatus]
+def crossed(kind, value):
+    adapter = TypeAdapter(kind)
+    return adapter.validate_json(adapter.dump_json(adapter.validate_python(value)))
 
 
-def test_the_constants_arrive(constants, scanner):
-    assert to_scanner(constants) == scanner
+def test_the_constants_cross_as_they_are(constants, scanner):
+    assert crossed(Scanner, scanner) == scanner
+    assert crossed(ScannerConstants, constants) == constants
+    assert {name: getattr(constants, name) for name in vars(scanner)} == vars(scanner)
 
 
 def test_theta_makes_the_loop(theta):
-    assert to_theta(from_theta(theta)) == theta
-    assert list(from_theta(theta).model_dump().values()) == list(theta.to_vector())
+    assert crossed(Theta, theta) == theta
+    assert list(json.loads(TypeAdapter(Theta).dump_json(theta)).values()) == list(to_vector(theta))
 
 
-def test_the_source_frame_makes_the_loop_and_says_its_magnification(theta):
+def test_the_source_frame_makes_the_loop_and_reports_its_magnification(theta):
     frame = theta.source_frame(859.46)
-    crossed = from_frame(frame)
-    assert to_frame(crossed) == frame
-    assert crossed.magnification == pytest.approx(frame.source_to_detector_mm / frame.source_distance_mm)
+    back = crossed(ReportedSourceFrame, frame)
+    assert vars(back) == vars(frame)
+    assert back.magnification == pytest.approx(frame.source_to_detector_mm / frame.source_distance_mm)
+    answered = json.loads(TypeAdapter(ReportedSourceFrame).dump_json(back))
+    assert answered == {**vars(frame), "magnification": frame.magnification}
 
 
-def test_bounds_arrive_and_none_stays_none():
-    assert to_bounds(None) is None
-    found = to_bounds(ThetaBounds(source_shift_mm=(-10.0, 20.0)))
-    assert isinstance(found, Bounds)
+def test_bounds_make_the_loop():
+    found = crossed(ThetaBounds, ThetaBounds(source_shift_mm=(-10.0, 20.0)))
+    assert isinstance(found, ThetaBounds)
     assert found.source_shift_mm == (-10.0, 20.0)
+
+
+def test_what_is_given_is_held_against_what_a_scanner_can_be_even_where_it_is_a_stored_value(theta):
+    beyond = Theta(*to_vector(theta)[:4], 11.0)
+    assert TypeAdapter(Theta).validate_python(beyond) == beyond
+    for given in (beyond, vars(beyond)):
+        with pytest.raises(ValidationError, match="less than or equal to 10"):
+            TypeAdapter(GivenTheta).validate_python(given)
+    wide = ThetaBounds(detector_tilt=(-11.0, 1.0))
+    assert TypeAdapter(ThetaBounds).validate_python(wide) == wide
+    with pytest.raises(ValidationError, match="greater than or equal to -10"):
+        TypeAdapter(GivenThetaBounds).validate_python(wide)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_no_value_crosses_with_a_number_that_is_not_finite(theta, value):
+    with pytest.raises(ValidationError, match="finite"):
+        TypeAdapter(Theta).validate_python(Theta(value, *to_vector(theta)[1:]))
+
+
+def test_standard_deviations_have_the_names_of_what_they_are_of():
+    assert list(ThetaDeviation.model_fields) == [one.name for one in fields(Theta)]
+    assert list(SourceFrameDeviation.model_fields) == [*(one.name for one in fields(SourceFrame)), "magnification"]
 
 
 @pytest.mark.parametrize("name", BUILT_IN_PHANTOMS)
 def test_a_drawing_makes_the_loop(name):
     drawing = BUILT_IN_PHANTOMS[name]
     assert from_phantom(to_phantom(drawing)) == drawing
+    assert PhantomDrawing.model_validate_json(drawing.model_dump_json()) == drawing
 
 
 def test_density_and_tolerance_make_the_loop():
@@ -60,8 +89,8 @@ def test_density_and_tolerance_make_the_loop():
         name="ours",
         size_tolerance=0.004,
         shapes=[
-            PolygonShape(vertices_mm=[(0, 0), (10, 0), (0, 10)], density=2.0),
-            DiscShape(center_mm=(3, 3), radius_mm=1, density=-2.0),
+            Polygon(vertices_mm=((0, 0), (10, 0), (0, 10)), density=2.0),
+            Disc(center_mm=(3, 3), radius_mm=1, density=-2.0),
         ],
     )
     assert from_phantom(to_phantom(drawing)) == drawing
@@ -73,3 +102,4 @@ def test_contracts_and_science_draw_the_same_built_in_phantoms():
         phantom = to_phantom(drawing)
         assert phantom.shapes == built_in.BUILT_IN[name].shapes
         assert phantom.size_tolerance == built_in.BUILT_IN[name].size_tolerance
+        np.testing.assert_array_equal(phantom.edges, built_in.BUILT_IN[name].edges)

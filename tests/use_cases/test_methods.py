@@ -9,10 +9,9 @@ from pydantic import ValidationError
 
 from sawmill_worker.contracts.reconstructions import OptionOf, ReconstructionOptions
 from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Theta, to_vector
 from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.phantom import Disc, Phantom
-from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory, run_reconstruction
 from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
@@ -39,7 +38,7 @@ def log(constants, scanner, theta, turn):
             angles_rad=fan.angles_rad,
             rows=(0, rows),
             scanner=constants,
-            theta=from_theta(theta),
+            theta=theta,
             rotation=Rotation.AS_GIVEN,
             handedness=Handedness.AS_DRAWN,
             input_sha256="0" * 64,
@@ -74,7 +73,7 @@ def test_a_wrong_geometry_shows_in_the_misfit(log, reconstruct, theta, method):
     right, volume = reconstruct(given, method=method)
     assert right.method.name == method
     assert relative(volume[0], LOG.rasterise(SIZE, FIELD_MM)) < 0.35
-    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     wrong, _ = reconstruct(replace(given, theta=off), method=method)
     assert wrong.method.data_misfit > 1.5 * right.method.data_misfit
 
@@ -86,7 +85,7 @@ def test_few_views_are_explained_better_than_filtered(log, reconstruct):
 
 
 def test_fbp_reports_its_misfit_too(log, reconstruct, theta):
-    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     right, _ = reconstruct(log(views=180))
     wrong, _ = reconstruct(replace(log(views=180), theta=off))
     assert wrong.method.data_misfit > 1.3 * right.method.data_misfit
@@ -105,7 +104,7 @@ def test_a_good_fbp_has_no_remarks(log, reconstruct, views, noise):
 @pytest.mark.parametrize("views", [90, 360])
 @pytest.mark.parametrize("noise", [0.002, 0.02])
 def test_fbp_reports_a_geometry_that_is_far_off_once(log, reconstruct, theta, views, noise):
-    off = from_theta(Theta.from_vector(theta.to_vector() + TAPE.to_vector()))
+    off = Theta.from_vector(to_vector(theta) + to_vector(TAPE))
     wrong, _ = reconstruct(replace(log(views=views, rows=3, noise=noise), theta=off))
     (remark,) = wrong.method.remarks
     assert "check the geometry" in remark

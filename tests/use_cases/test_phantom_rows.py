@@ -8,10 +8,10 @@ from sawmill_worker.contracts.calibrations import CalibrationOptions
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.examples import PHANTOM_ROWS, SCANNER, THETA, full_turn, mill_slices, mill_stack
 from sawmill_worker.tomography.calibration.errors import CalibrationError
+from sawmill_worker.tomography.geometry import to_vector
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
-from sawmill_worker.use_cases.conversion import to_frame
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_the_phantom_s_rows_are_found_used_and_told(stack):
     assert f"0:{PHANTOM_ROWS} show the phantom" in result.adjustments[0]
     true = THETA.source_frame(SCANNER.source_to_cor_mm)
     # The example's counts leave 0.03 mm at 360 views: rays of one cell are averaged before the logarithm.
-    assert ray_error(SCANNER, true, to_frame(result.source_frame)).rms_mm < 0.06
+    assert ray_error(SCANNER, true, result.source_frame).rms_mm < 0.06
     # The fit that found the rows is the answer: nothing is searched again.
     assert {one.stage for one in progress} == {"rows"}
     fractions = [one.fraction for one in progress]
@@ -51,7 +51,7 @@ def test_the_phantom_s_rows_are_found_used_and_told(stack):
 def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_named(stack):
     narrowed, found = run_calibration(given(stack), CalibrationOptions(), lambda _: None, stack=stack)
     _, named = run_calibration(narrowed, CalibrationOptions(), lambda _: None)
-    np.testing.assert_array_equal(found.frame.to_vector(), named.frame.to_vector())
+    np.testing.assert_array_equal(to_vector(found.frame), to_vector(named.frame))
     assert found.search == named.search
 
 

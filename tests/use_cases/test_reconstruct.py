@@ -9,7 +9,6 @@ import pytest
 
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.use_cases import capacity
-from sawmill_worker.use_cases.conversion import from_theta
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.value_range import SAMPLED_VALUES, ValueRange
@@ -28,7 +27,7 @@ def given(constants, theta, sinogram, turn):
         angles_rad=turn(20),
         rows=(100, 100 + SLICES),
         scanner=constants,
-        theta=from_theta(theta),
+        theta=theta,
         rotation=Rotation.AS_GIVEN,
         handedness=Handedness.AS_DRAWN,
         input_sha256="0" * 64,
@@ -70,7 +69,7 @@ def test_an_iterative_method_reports_the_time_left_before_its_first_block_is_don
 
 
 def test_slices_lie_where_their_rows_are_in_the_scan(given, tmp_path):
-    given = replace(given, row_step=30, scanner=given.scanner.model_copy(update={"row_pitch_mm": 2.0}))
+    given = replace(given, row_step=30, scanner=replace(given.scanner, row_pitch_mm=2.0))
     result = run_reconstruction(given, OPTIONS, tmp_path / "volume.h5", lambda _: None)
     assert (result.rows, result.row_step, result.shape[0]) == ((100, 170), 30, 3)
     with h5py.File(tmp_path / "volume.h5") as file:

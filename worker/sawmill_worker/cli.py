@@ -21,12 +21,12 @@ from sawmill_worker.commands.tables import print_calibration, print_drift, print
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationOptions
 from sawmill_worker.contracts.drifts import DriftOptions
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.readers.angles import AngleSteps
-from sawmill_worker.vocabulary import CalibrationMethod, DataKind, Handedness, ReconstructionMethod, Rotation
+from sawmill_worker.vocabulary import CalibrationMethod, DataKind, Handedness, ReconstructionMethod, Rotation, Theta
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_show_locals=False)
 phantom_app = typer.Typer(no_args_is_help=True)

@@ -23,10 +23,9 @@ from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.demo_client import DemoError, Json
 from sawmill_worker.demo_page import Section, write_page
 from sawmill_worker.pictures.image_panels import log_comparison_png
-from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference
+from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference, to_vector
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.ray_error import ray_error
-from sawmill_worker.use_cases.conversion import from_theta, to_frame
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
@@ -184,10 +183,10 @@ class _Demo:
             section.facts.append((f"calibration, {label}", _verdict(calibration, scanner, truth.theta)))
         self._save_calibration(section, prefix, found.id)
         volumes = {}
-        taped = Theta.from_vector(truth.theta.to_vector() + TAPE_ERROR.to_vector())
+        taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
         asks: dict[str, Json] = {
             "calibrated": {"calibration_id": found.id},
-            "measured by tape": {"theta": from_theta(taped).model_dump()},
+            "measured by tape": {"theta": vars(taped)},
         }
         for name, geometry in asks.items():
             asked = {"scan_id": log_scan, "rows": rows, "size": SIZE, "field_mm": FIELD_MM, **geometry}
@@ -239,14 +238,14 @@ class _Demo:
 def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:
     deviation = found.standard_deviation.theta if found.standard_deviation else None
     rows: list[tuple[str, ...]] = []
-    for name, value in found.theta.model_dump().items():
+    for name, value in vars(found.theta).items():
         spread = getattr(deviation, name, None)
         rows.append((name, f"{value:.5g}", "" if spread is None else f"{spread:.2g}", f"{getattr(truth, name):.5g}"))
     return rows
 
 
 def _verdict(found: CalibrationSucceeded, scanner: Scanner, truth: Theta) -> str:
-    true, frame = truth.source_frame(scanner.source_to_cor_mm), to_frame(found.source_frame)
+    true, frame = truth.source_frame(scanner.source_to_cor_mm), found.source_frame
     error = ray_error(scanner, true, frame).rms_mm
     psi = math.degrees(angle_difference(frame.psi_rad, true.psi_rad))
     predicted = found.predicted_ray_error_mm

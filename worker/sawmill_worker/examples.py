@@ -10,7 +10,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.kinds import asked_kinds
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PolygonShape
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
@@ -23,8 +23,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scan
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
-from sawmill_worker.use_cases.conversion import from_theta
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
+from sawmill_worker.vocabulary import DataKind, Polygon, ReconstructionMethod
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206
@@ -113,7 +112,7 @@ def seed_examples(store: Store) -> None:
     if EXAMPLE not in {item.id for item in store.drifts.page().items}:
         store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), identifier=EXAMPLE, background=True)
     if EXAMPLE not in {item.id for item in store.plans.page().items}:
-        nominal = from_theta(THETA)
+        nominal = THETA
         plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
         store.plans.accept(plan, identifier=EXAMPLE, background=True, given={"phantom_id": L_SHAPE.name})
     _ask_for_other_kinds(store)
@@ -148,7 +147,7 @@ def _scanner_spec(identifier: str) -> ScannerSpec:
 def _spare_phantom() -> PhantomDrawing:
     cross = [(-100, -30), (-30, -30), (-30, -120), (40, -120), (40, -30), (100, -30), (100, 30), (-100, 30)]
     return PhantomDrawing(
-        name="example tee", shapes=[PolygonShape(vertices_mm=[(float(x), float(y)) for x, y in cross])]
+        name="example tee", shapes=[Polygon(vertices_mm=tuple((float(x), float(y)) for x, y in cross))]
     )
 
 

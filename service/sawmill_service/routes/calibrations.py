@@ -10,7 +10,7 @@ from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Contract, Identifier, Name
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
@@ -56,7 +56,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
     summary="Make a calibration the active one",
     openapi_extra=trying(body={"reason": "checked by hand"}),
 )
-def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> Scanner:
+def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> StoredScanner:
     """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)
 

@@ -11,7 +11,7 @@ from sawmill_service.operator_page import ScannerCondition, operator_page
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.store import Store
 
 STATIC = Path(__file__).parent.parent / "static"
@@ -47,7 +47,7 @@ def accept_or_roll_back(calibration_id: Identifier, store: TheStore) -> Redirect
     return RedirectResponse("/", status_code=303)
 
 
-def _condition(store: Store, scanner: Scanner) -> ScannerCondition:
+def _condition(store: Store, scanner: StoredScanner) -> ScannerCondition:
     ended = [
         calibration
         for state in (JobState.SUCCEEDED, JobState.FAILED)

@@ -11,7 +11,7 @@ from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.phantoms import Phantom, PhantomAsk, PhantomPicture
+from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
@@ -27,7 +27,7 @@ EXAMPLE = {
 
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
-def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> Phantom:
+def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> StoredPhantom:
     """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = store.phantoms.create(drawing)
     response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
@@ -48,7 +48,7 @@ async def upload_phantom_picture(
     store: TheStore,
     settings: TheSettings,
     wake: TheWake,
-) -> Phantom:
+) -> StoredPhantom:
     """Send a PNG as the body; a job traces its outlines.
 
     Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
@@ -63,13 +63,13 @@ async def upload_phantom_picture(
 
 
 @router.get("", summary="List phantoms, newest first")
-def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Phantom]:
+def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredPhantom]:
     """The built-in ones are `l-shape` and `rectangle-with-hole`."""
     return store.phantoms.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{phantom_id}", summary="Get a phantom", openapi_extra=trying(phantom_id="l-shape"))
-def get_phantom(phantom_id: Identifier, store: TheStore) -> Phantom:
+def get_phantom(phantom_id: Identifier, store: TheStore) -> StoredPhantom:
     """Its outlines in mm; null while its picture is being traced."""
     return store.phantoms.get(phantom_id)
 

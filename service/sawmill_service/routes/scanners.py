@@ -8,7 +8,7 @@ from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.scanners import Activation, Scanner, ScannerAsk
+from sawmill_worker.contracts.scanners import Activation, ScannerAsk, StoredScanner
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 
@@ -24,7 +24,7 @@ EXAMPLE = {
 
 
 @router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE))
-def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> Scanner:
+def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> StoredScanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
     scanner = store.scanners.create(spec)
     response.headers["Location"] = f"/v1/scanners/{scanner.id}"
@@ -32,13 +32,13 @@ def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> Sca
 
 
 @router.get("", summary="List scanners, newest first")
-def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Scanner]:
+def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
     """Each with its active calibration."""
     return store.scanners.page(after=paging.after, limit=paging.limit)
 
 
 @router.get("/{scanner_id}", summary="Get a scanner")
-def get_scanner(scanner_id: Identifier, store: TheStore) -> Scanner:
+def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     """The scanner and which calibration it uses."""
     return store.scanners.get(scanner_id)
 
@@ -48,7 +48,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> Scanner:
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
 )
-def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> Scanner:
+def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> StoredScanner:
     """Results that exist keep the constants they were made with."""
     return store.scanners.update(scanner_id, spec)
 

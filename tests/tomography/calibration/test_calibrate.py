@@ -19,6 +19,7 @@ from sawmill_worker.tomography.geometry import (
     Theta,
     ThetaBounds,
     angle_difference,
+    to_vector,
     wrap_angle,
 )
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
@@ -125,7 +126,7 @@ def test_the_covariance_of_the_frame_is_its_scatter(repeats, theta, scanner):
     true = theta.source_frame(scanner.source_to_cor_mm)
     pulls = np.array(
         [
-            (one.frame.to_vector() - true.to_vector()) / np.sqrt(np.diag(one.error_bars.covariance.values))
+            (to_vector(one.frame) - to_vector(true)) / np.sqrt(np.diag(one.error_bars.covariance.values))
             for one in repeats("l-shape", 360)
         ]
     )
@@ -136,7 +137,7 @@ def test_the_covariance_of_the_frame_is_its_scatter(repeats, theta, scanner):
 def test_equal_seeds_give_equal_answers(scan, full_turn):
     task = scan(L_SHAPE, full_turn(20), seed=1101)
     one, again = calibrate(task, seed=5), calibrate(task, seed=5)
-    np.testing.assert_array_equal(one.frame.to_vector(), again.frame.to_vector())
+    np.testing.assert_array_equal(to_vector(one.frame), to_vector(again.frame))
     assert one.search == again.search
 
 
@@ -225,7 +226,7 @@ def test_without_source_shift_the_answer_is_held_at_the_known_distance_or_unreso
             )
             assert any("the source distance was held there" in reason for reason in found.judgement.reasons)
             np.testing.assert_allclose(
-                found.theta.source_frame(r_s).to_vector(), found.frame.to_vector(), rtol=1e-12, atol=1e-9
+                to_vector(found.theta.source_frame(r_s)), to_vector(found.frame), rtol=1e-12, atol=1e-9
             )
         else:
             assert found.frame.source_distance_mm == found.source_distance.unconstrained_mm >= r_s
@@ -291,7 +292,7 @@ def test_gain_and_background_are_free(scan, full_turn):
     task = scan(L_SHAPE, full_turn(24), seed=1120)
     plain = calibrate(task)
     scaled = calibrate(replace(task, sinogram=1e-4 * task.sinogram + 2.0))
-    np.testing.assert_allclose(scaled.frame.to_vector(), plain.frame.to_vector(), rtol=1e-6)
+    np.testing.assert_allclose(to_vector(scaled.frame), to_vector(plain.frame), rtol=1e-6)
     assert scaled.fit.gain == pytest.approx(1e-4 * plain.fit.gain, rel=1e-6)
     assert scaled.fit.offset == pytest.approx(2.0 + 1e-4 * plain.fit.offset, abs=1e-8)
 
@@ -311,9 +312,9 @@ def test_the_bounds_choose_between_theta_and_its_twin(scan, theta, scanner, full
     assert free.theta.source_shift_mm > 0.0
     bounded = calibrate(replace(task, bounds=ThetaBounds(source_shift_mm=(-400.0, -200.0))))
     # R is known to 0.5 mm here, so h_S to 1.5 mm and the rest of theta with it.
-    np.testing.assert_allclose(bounded.theta.to_vector(), twin.to_vector(), atol=6.0, rtol=0.01)
-    np.testing.assert_allclose(bounded.theta_twin.to_vector(), free.theta.to_vector(), atol=0.05)
-    np.testing.assert_allclose(free.theta_twin.to_vector(), bounded.theta.to_vector(), atol=0.05)
+    np.testing.assert_allclose(to_vector(bounded.theta), to_vector(twin), atol=6.0, rtol=0.01)
+    np.testing.assert_allclose(to_vector(bounded.theta_twin), to_vector(free.theta), atol=0.05)
+    np.testing.assert_allclose(to_vector(free.theta_twin), to_vector(bounded.theta), atol=0.05)
 
 
 def test_a_theta_outside_the_bounds_is_to_be_watched(scan, full_turn):

@@ -6,7 +6,7 @@ import pytest
 
 from sawmill_worker.tomography.calibration.calibration import choose_theta
 from sawmill_worker.tomography.calibration.covariance import theta_covariance
-from sawmill_worker.tomography.geometry import SourceFrame, ThetaBounds
+from sawmill_worker.tomography.geometry import SourceFrame, ThetaBounds, to_vector
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def frame(theta, scanner):
 
 def test_without_bounds_the_source_shift_is_positive_and_the_twin_stands_beside(scanner, theta, frame):
     chosen, twin = choose_theta(scanner, frame, None)
-    np.testing.assert_allclose(chosen.to_vector(), theta.to_vector(), rtol=1e-10)
-    np.testing.assert_allclose(twin.to_vector(), theta.twin(scanner.source_to_cor_mm).to_vector(), rtol=1e-10)
+    np.testing.assert_allclose(to_vector(chosen), to_vector(theta), rtol=1e-10)
+    np.testing.assert_allclose(to_vector(twin), to_vector(theta.twin(scanner.source_to_cor_mm)), rtol=1e-10)
 
 
 def test_where_both_are_inside_the_bounds_the_source_shift_is_positive(scanner, frame):
@@ -27,7 +27,7 @@ def test_where_both_are_inside_the_bounds_the_source_shift_is_positive(scanner, 
 def test_where_only_the_twin_is_inside_the_bounds_it_is_reported(scanner, theta, frame):
     chosen, twin = choose_theta(scanner, frame, ThetaBounds(source_shift_mm=(-500.0, 0.0)))
     assert chosen.source_shift_mm < 0.0
-    np.testing.assert_allclose(twin.to_vector(), theta.to_vector(), rtol=1e-10)
+    np.testing.assert_allclose(to_vector(twin), to_vector(theta), rtol=1e-10)
 
 
 def test_without_source_shift_there_is_no_twin(scanner, frame):
@@ -43,9 +43,9 @@ def test_the_deviation_of_theta_is_its_scatter(scanner, theta, frame, twin):
     root = rng.standard_normal((5, 5)) * np.array([2e-5, 0.05, 0.05, 0.01, 1e-5])[:, None]
     drawn = []
     for _ in range(2000):
-        moved = SourceFrame.from_vector(frame.to_vector() + root @ rng.standard_normal(5))
+        moved = SourceFrame.from_vector(to_vector(frame) + root @ rng.standard_normal(5))
         sign = -1 if twin else 1
-        difference = moved.theta(scanner.source_to_cor_mm, source_shift_sign=sign).to_vector() - reported.to_vector()
+        difference = to_vector(moved.theta(scanner.source_to_cor_mm, source_shift_sign=sign)) - to_vector(reported)
         difference[0] = math.remainder(difference[0], 2.0 * math.pi)
         drawn.append(difference)
     deviation = np.sqrt(np.diag(theta_covariance(scanner, frame, reported, root @ root.T)))

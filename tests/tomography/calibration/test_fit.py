@@ -7,7 +7,7 @@ from sawmill_worker.tomography.built_in import BUILT_IN, L_SHAPE
 from sawmill_worker.tomography.calibration.fit import refine
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.fit_parameters import Parameter
-from sawmill_worker.tomography.geometry import SourceFrame
+from sawmill_worker.tomography.geometry import SourceFrame, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 
 
@@ -25,7 +25,7 @@ def true(theta, scanner):
 def test_exact_data_are_fitted_exactly(scanner, cells, true, irregular_turn, phantom):
     angles = irregular_turn(25, 1301)
     sinogram = 3.0 * analytic.project(phantom, cells, true, angles, position_mm=(4.0, -3.0)) + 7.0
-    start = SourceFrame.from_vector(true.to_vector() + np.array([0.05, 15.0, -20.0, 10.0, 0.05]))
+    start = SourceFrame.from_vector(to_vector(true) + np.array([0.05, 15.0, -20.0, 10.0, 0.05]))
     fit = refine(phantom, SinogramData(sinogram, angles, cells), start)
     assert fit.converged
     # What is left is the stop: a step that gains less than 1e-14 of the power.
@@ -38,7 +38,7 @@ def test_exact_data_are_fitted_exactly(scanner, cells, true, irregular_turn, pha
 
 def test_a_fixed_source_distance_stays_and_has_no_variance(cells, true, full_turn):
     sinogram = analytic.project(L_SHAPE, cells, true, full_turn(20))
-    start = SourceFrame.from_vector(true.to_vector() * [1.0, 1.01, 1.01, 1.0, 1.0])
+    start = SourceFrame.from_vector(to_vector(true) * [1.0, 1.01, 1.01, 1.0, 1.0])
     fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(20), cells), start, fixed_source_distance=True)
     assert fit.frame.source_distance_mm == start.source_distance_mm
     assert fit.covariance.held == {Parameter.R}
@@ -68,7 +68,7 @@ def test_the_covariance_is_that_of_least_squares(cells, true, full_turn):
 
 def test_a_model_of_single_rays_fits_data_made_with_single_rays(scanner, cells, true, full_turn):
     sinogram = analytic.project(L_SHAPE, cells, true, full_turn(15), rays_per_cell=1)
-    start = SourceFrame.from_vector(true.to_vector() + np.array([0.01, 2.0, 2.0, 1.0, 0.01]))
+    start = SourceFrame.from_vector(to_vector(true) + np.array([0.01, 2.0, 2.0, 1.0, 0.01]))
     averaged = refine(L_SHAPE, SinogramData(sinogram, full_turn(15), cells), start)
     alike = refine(L_SHAPE, SinogramData(sinogram, full_turn(15), cells, 1), start)
     assert alike.residual_rms < averaged.residual_rms
@@ -82,13 +82,13 @@ def test_a_model_of_single_rays_fits_data_made_with_single_rays(scanner, cells, 
 )
 def test_a_start_that_explains_nothing_has_no_fit(cells, true, full_turn, change):
     sinogram = analytic.project(L_SHAPE, cells, true, full_turn(10))
-    start = SourceFrame.from_vector(true.to_vector() + change)
+    start = SourceFrame.from_vector(to_vector(true) + change)
     assert refine(L_SHAPE, SinogramData(sinogram, full_turn(10), cells), start) is None
 
 
 def test_a_start_is_not_taken_for_an_answer(cells, true, full_turn):
     sinogram = analytic.project(L_SHAPE, cells, true, full_turn(10))
-    start = SourceFrame.from_vector(true.to_vector() + np.array([0.05, 15.0, -20.0, 10.0, 0.05]))
+    start = SourceFrame.from_vector(to_vector(true) + np.array([0.05, 15.0, -20.0, 10.0, 0.05]))
     fit = refine(L_SHAPE, SinogramData(sinogram, full_turn(10), cells), start, max_iterations=1)
     assert not fit.converged
     assert fit.iterations == 1

@@ -6,6 +6,7 @@ import pytest
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
+from sawmill_worker.tomography.geometry import to_vector
 from sawmill_worker.tomography.phantom import Disc, Phantom
 
 RADIUS = 120.0
@@ -26,7 +27,7 @@ def test_the_extent_is_the_shadow_of_the_phantom_s_circle(scanner, frame, full_t
     cells = DetectorCells.of(scanner, binned=4)
     sinogram = analytic.project(Phantom("disc", (Disc((0.0, 0.0), RADIUS),)), cells, frame, full_turn(30))
     sinogram += 5.0 + np.random.default_rng(1501).normal(0.0, 2.0, sinogram.shape)
-    expected = shadow_of(RADIUS, *frame.to_vector()[1:])
+    expected = shadow_of(RADIUS, *to_vector(frame)[1:])
     # Either end is rounded to cells, and a shadow starts to count at a share of its depth.
     np.testing.assert_allclose(shadow_extent(sinogram, cells), expected, atol=2.0 * cells.width_mm)
 

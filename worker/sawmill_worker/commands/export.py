@@ -12,8 +12,7 @@ from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.files.rtk_xml import rtk_xml
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.export import cil_arguments, odl_arguments, rtk_geometry
-from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.use_cases.conversion import to_scanner, to_theta
+from sawmill_worker.tomography.geometry import FanBeamGeometry, cell_centres_mm
 
 
 def export_geometry(target: ExportTarget, calibration: Path, output: Path, angles: AnglesGiven, views: int) -> None:
@@ -26,7 +25,7 @@ def export_geometry(target: ExportTarget, calibration: Path, output: Path, angle
     """
     known = read_calibration(calibration)
     turned = known.rotation.apply(np.deg2rad(angles.expand(views)))
-    _WRITERS[target](output, FanBeamGeometry(to_scanner(known.scanner), to_theta(known.theta), turned))
+    _WRITERS[target](output, FanBeamGeometry(known.scanner, known.theta, turned))
 
 
 def _write_for_astra(output: Path, fan: FanBeamGeometry) -> None:
@@ -45,7 +44,7 @@ def _write_for_cil(output: Path, fan: FanBeamGeometry) -> None:
 
 def _write_for_rtk(output: Path, fan: FanBeamGeometry) -> None:
     scanner = fan.scanner
-    pitch, origin = scanner.detector_pitch_mm, float(scanner.cell_centres_mm[0])
+    pitch, origin = scanner.detector_pitch_mm, float(cell_centres_mm(scanner)[0])
     remark = f"projections: {scanner.num_detector_pixels} cells, spacing {pitch!r} mm, origin {origin!r} mm"
     output.write_text(rtk_xml(**vars(rtk_geometry(fan)), remark=remark), encoding="utf-8")
 

@@ -9,13 +9,16 @@ from functools import cache, wraps
 from typing import Annotated, Any, Union, get_args, get_origin
 
 import typer
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
+from pydantic.dataclasses import is_pydantic_dataclass
 from pydantic_core import ErrorDetails
 from rich.markup import escape
 from typer.models import OptionInfo
 
 from sawmill_worker.contracts.base import complaint
 
+# A model of pydantic's, or a dataclass of its: both have `__pydantic_fields__`.
+ContractType = Any
 # What pydantic calls a number beyond its bounds.
 OUT_OF_BOUNDS = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal"})
 
@@ -39,9 +42,14 @@ class Flags:
         return dict(self._fields.get(name) or {})
 
 
-def option(model: type[BaseModel], name: str, *, flag: str | None = None, **changes: Any) -> OptionInfo:  # noqa: ANN401 - Typer's
+def field_names(model: ContractType) -> list[str]:
+    """The fields of a contract, in their order."""
+    return list(model.__pydantic_fields__)
+
+
+def option(model: ContractType, name: str, *, flag: str | None = None, **changes: Any) -> OptionInfo:  # noqa: ANN401 - Typer's
     """The flag of one field of a contract: its description, and its bounds, which the contract itself checks."""
-    field = model.model_fields[name]
+    field = model.__pydantic_fields__[name]
     low, high = _shown_bounds(model, name)
     settings = {"help": escape(field.description or ""), "min": low, "max": high, "callback": _checked(model, name)}
     names = () if flag is None else (flag,)
@@ -82,22 +90,22 @@ def from_contracts(command: Callable[..., None]) -> Callable[..., None]:
 class _Group:
     """The flags of one contract; those of a contract inside it carry its name before theirs."""
 
-    model: type[BaseModel]
+    model: ContractType
     flags: Flags
     prefix: str = ""
 
     def parameters(self) -> Iterator[inspect.Parameter]:
-        for name, field in self.model.model_fields.items():
+        for name, field in self.model.__pydantic_fields__.items():
             inner = self._inside(name)
             if inner is not None:
                 yield from inner.parameters()
             elif not self.flags.leaves_out(name):
                 yield self._parameter(name, field.get_default(call_default_factory=True, validated_data={}))
 
-    def read(self, values: dict[str, Any], given: set[str]) -> BaseModel:
+    def read(self, values: dict[str, Any], given: set[str]) -> Any:  # noqa: ANN401 - of any contract
         """Take the contract's values out of all that the command line has."""
         known = {}
-        for name in self.model.model_fields:
+        for name in self.model.__pydantic_fields__:
             inner = self._inside(name)
             if inner is not None:
                 known[name] = inner.read(values, given)
@@ -105,10 +113,10 @@ class _Group:
                 value = values.pop(self.prefix + name)
                 if self.prefix + name in given or "default" in self.flags.added_to(name):
                     known[name] = value
-        return self.model.model_validate(known)
+        return TypeAdapter(self.model).validate_python(known)
 
     def _inside(self, name: str) -> "_Group | None":
-        inner = _group_of(self.model.model_fields[name].annotation)
+        inner = _group_of(self.model.__pydantic_fields__[name].annotation)
         return None if inner is None else replace(inner, prefix=f"{self.prefix}{name}_")
 
     def _parameter(self, name: str, own_default: object) -> inspect.Parameter:
@@ -116,9 +124,9 @@ class _Group:
         default = added.pop("default", own_default)
         if default is False:
             added.setdefault("flag", f"--{_dashed(self.prefix + name)}")
-        kind = _typed_as(self.model.model_fields[name].annotation)
+        kind = _typed_as(self.model.__pydantic_fields__[name].annotation)
         annotated = Annotated[kind, option(self.model, name, **added)]  # type: ignore[valid-type]
-        if self.model.model_fields[name].is_required() and default is own_default:
+        if self.model.__pydantic_fields__[name].is_required() and default is own_default:
             default = inspect.Parameter.empty
         elif default == []:
             default = None
@@ -130,9 +138,13 @@ class _Group:
 def _group_of(annotation: object) -> _Group | None:
     """The flags that a parameter or a field stands for, where it is a contract and no single flag."""
     model, *added = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
-    if not (isinstance(model, type) and issubclass(model, BaseModel)) or any(isinstance(x, OptionInfo) for x in added):
+    if not _is_contract(model) or any(isinstance(x, OptionInfo) for x in added):
         return None
     return _Group(model, next((each for each in added if isinstance(each, Flags)), Flags()))
+
+
+def _is_contract(kind: object) -> bool:
+    return isinstance(kind, type) and (issubclass(kind, BaseModel) or is_pydantic_dataclass(kind))
 
 
 def _typed_as(annotation: object) -> object:
@@ -154,14 +166,14 @@ def _dashed(name: str) -> str:
     return name.replace("_", "-")
 
 
-def _checked(model: type[BaseModel], name: str) -> Callable[[Any], Any]:
+def _checked(model: ContractType, name: str) -> Callable[[Any], Any]:
     """A callback of Typer's that refuses what the contract's field refuses."""
 
     def check(value: Any) -> Any:  # noqa: ANN401 - any flag's
         if value is None:
             return None
         try:
-            model.model_validate({name: value})
+            TypeAdapter(model).validate_python({name: value})
         except ValidationError as error:
             own = [each for each in error.errors() if each["loc"][:1] == (name,)]
             if own:
@@ -181,7 +193,7 @@ class Bounds:
     high_itself: bool
 
     @classmethod
-    def of(cls, model: type[BaseModel], name: str) -> "Bounds":
+    def of(cls, model: ContractType, name: str) -> "Bounds":
         """Those of a contract's field."""
         written = _properties(model)[name]
         schema = next((each for each in written.get("anyOf", ()) if each.get("type") != "null"), written)
@@ -199,19 +211,19 @@ class Bounds:
         return " and ".join(filter(None, (low, high)))
 
 
-def _shown_bounds(model: type[BaseModel], name: str) -> tuple[float | None, float | None]:
+def _shown_bounds(model: ContractType, name: str) -> tuple[float | None, float | None]:
     """The least and the largest value for Typer's help, which knows no bound that is itself outside."""
     bounds = Bounds.of(model, name)
     return (bounds.low, bounds.high) if bounds.low_itself and bounds.high_itself else (None, None)
 
 
 @cache
-def _properties(model: type[BaseModel]) -> dict[str, Any]:
-    properties: dict[str, Any] = model.model_json_schema()["properties"]
+def _properties(model: ContractType) -> dict[str, Any]:
+    properties: dict[str, Any] = TypeAdapter(model).json_schema()["properties"]
     return properties
 
 
-def sentence(error: ErrorDetails, model: type[BaseModel]) -> str:
+def sentence(error: ErrorDetails, model: ContractType) -> str:
     """A contract's complaint about one value."""
     if error["type"] in OUT_OF_BOUNDS and len(error["loc"]) == 1:
         return f"must be {Bounds.of(model, str(error['loc'][0]))}, not {error['input']}"

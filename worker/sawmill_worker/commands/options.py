@@ -6,21 +6,19 @@ from pathlib import Path
 from typing import Annotated, TypeVar
 
 import typer
-from pydantic import Field, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from typer.models import OptionInfo
 
-from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, Flags, option, sentence
-from sawmill_worker.contracts.base import Contract, CoordinateMm
+from sawmill_worker.commands.from_contract import OUT_OF_BOUNDS, Flags, field_names, option, sentence
+from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.scans import ScanFileOptions, UnregisteredScanOptions
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.angles import AnglesGiven, parse_angles, read_angles_file
 from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.vocabulary import Rotation
-
-Numbers = TypeVar("Numbers", bound=Contract)
+from sawmill_worker.vocabulary import CoordinateMm, Rotation, Theta
 
 CALIBRATION_HELP = "What calibrate --json printed, or a calibration's result.h5 from the service."
 # The published scanner (arXiv 2206.14444), as flags of the scanner's constants.
@@ -52,6 +50,9 @@ class Position(Contract):
 
     x: CoordinateMm = 0.0
     y: CoordinateMm = 0.0
+
+
+Numbers = TypeVar("Numbers", GivenTheta, Position)
 
 
 class ScanOptions(UnregisteredScanOptions):
@@ -154,7 +155,7 @@ def coordinates_of(text: str) -> tuple[float, float]:
 
 def _numbers(text: str, contract: type[Numbers], form: str) -> Numbers:
     try:
-        return contract.model_validate(dict(zip(contract.model_fields, text.split(","), strict=True)))
+        return TypeAdapter(contract).validate_python(dict(zip(field_names(contract), text.split(","), strict=True)))
     except ValueError as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         if first is not None and first["type"] in OUT_OF_BOUNDS:

@@ -4,10 +4,11 @@ from pathlib import Path
 
 from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 from sawmill_worker.use_cases.plan import PlanInput, run_plan
+from sawmill_worker.vocabulary import Theta
 
 
 def plan_phantoms(

@@ -9,7 +9,7 @@ from pathlib import Path
 from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource
 from sawmill_worker.commands.result_file import read_calibration
 from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.files.errors import NotStored
 from sawmill_worker.files.volume_reader import alpha_curve, side_view, volume_slice, volume_slices
@@ -19,7 +19,7 @@ from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation
+from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation, Theta
 
 MOSAIC_SLICES = 16
 

@@ -1,20 +1,21 @@
 """`sawmill simulate`: a scan of a phantom or a synthetic log, analytically, seeded."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 
 from sawmill_worker.commands.options import PhantomSource, Position
 from sawmill_worker.commands.phantoms import drawing_of
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
-from sawmill_worker.use_cases.conversion import to_phantom, to_scanner, to_theta
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
+from sawmill_worker.use_cases.conversion import to_phantom
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
 
 FIRST_LOG_SLICE_MM = 20.0
 SHORTEST_LOG_MM = 400.0
@@ -38,7 +39,7 @@ def simulate_scan(
     """Write one cross-section a row, in NXtomo layout: raw counts with flats and darks, or line integrals."""
     angles_rad = np.deg2rad(angles.expand(views))
     turned = rotation.apply(angles_rad)
-    fan = FanBeamGeometry(to_scanner(scanner), to_theta(theta), turned)
+    fan = FanBeamGeometry(scanner, theta, turned)
     if data is DataKind.COUNTS:
         stack = simulate_stack(slices, fan, photons=photons, seed=seed)
         write_raw_scan(
@@ -62,7 +63,11 @@ def simulate_scan(
             detector_pitch_mm=scanner.detector_pitch_mm,
             row_pitch_mm=scanner.row_pitch_mm,
             air_level=None,
-            provenance={"simulated": slices[-1].name, "seed": str(seed), "theta": theta.model_dump_json()},
+            provenance={
+                "simulated": slices[-1].name,
+                "seed": str(seed),
+                "theta": json.dumps(vars(theta), separators=(",", ":")),
+            },
         )
 
 

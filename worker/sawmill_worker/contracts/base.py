@@ -6,6 +6,8 @@ from typing import Annotated, Generic, TypeVar
 
 from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
+from sawmill_worker.vocabulary import LARGEST_MM
+
 
 class Contract(BaseModel):
     """A frozen model that refuses unknown fields and non-finite numbers."""
@@ -19,8 +21,7 @@ Identifier = Annotated[
     Field(description="Lower-case letters, digits and hyphens.", examples=["example"]),
 ]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
-PositiveMm = Annotated[float, Field(gt=0, le=1e5)]
-CoordinateMm = Annotated[float, Field(ge=-1e5, le=1e5)]
+PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.")]
 
 
@@ -77,7 +78,11 @@ SteppedRows = Annotated[
 
 def complaint(error: ValidationError) -> str:
     """A contract's first complaint."""
-    return error.errors()[0]["msg"].removeprefix("Value error, ")
+    first = error.errors()[0]
+    # Pydantic has other words for a field that a dataclass does not have.
+    if first["type"] == "unexpected_keyword_argument":
+        return "Extra inputs are not permitted"
+    return first["msg"].removeprefix("Value error, ")
 
 
 def check_range(value: tuple[float, float]) -> tuple[float, float]:
@@ -86,9 +91,6 @@ def check_range(value: tuple[float, float]) -> tuple[float, float]:
         msg = f"a range must be [low, high] with low < high, not {list(value)}"
         raise ValueError(msg)
     return value
-
-
-Range = Annotated[tuple[float, float], AfterValidator(check_range)]
 
 
 Item = TypeVar("Item")

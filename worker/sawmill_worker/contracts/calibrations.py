@@ -8,10 +8,9 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
 from sawmill_worker.contracts.geometry import (
+    ReportedSourceFrame,
     ScannerConstants,
-    SourceFrame,
     SourceFrameDeviation,
-    Theta,
     ThetaDeviation,
 )
 from sawmill_worker.contracts.jobs import Failure, JobKind
@@ -25,6 +24,7 @@ from sawmill_worker.vocabulary import (
     PaperObjective,
     PaperStop,
     Rotation,
+    Theta,
     Verdict,
     Weighting,
 )
@@ -167,7 +167,7 @@ class CalibrationResult(Contract):
     theta_twin: Theta | None = Field(
         description="The other theta with the same sinogram; null where the source shift is zero."
     )
-    source_frame: SourceFrame
+    source_frame: ReportedSourceFrame
     standard_deviation: StandardDeviation | None = Field(description="Null from a method that has no error bars.")
     covariance: list[list[float]] | None = Field(
         description="Of (psi_rad, source_distance_mm, source_to_detector_mm, cor_column_mm, tilt_rad); "

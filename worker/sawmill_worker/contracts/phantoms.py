@@ -1,64 +1,35 @@
 """Phantoms: polygons and discs in mm, or a picture and its width."""
 
-import math
 from enum import StrEnum
-from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
-from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, Name, PositiveMm, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape
 
-Point = tuple[CoordinateMm, CoordinateMm]
-# The least that is a body, and the most that any attenuates against wood.
+# The smallest body that can be drawn, and the largest density against wood's.
 SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2, LARGEST_DENSITY = 0.1, 0.01, 1000.0
-# What shapes add up to, against the largest of them, below which rounding is all there is.
+# The least sum of density times area, against the largest single shape's, that is more than rounding.
 ROUNDING = 1e-9
 
 
-class PolygonShape(Contract):
-    """A closed polygon; its vertices may run either way round."""
-
-    kind: Literal["polygon"] = "polygon"
-    vertices_mm: list[Point] = Field(min_length=3, max_length=2000, description="(x, y) of each corner.")
-    density: float = Field(1.0, description="Adds to what lies beneath: 1 is wood, -1 cuts a hole into wood.")
-
-    @property
-    def area_mm2(self) -> float:
-        """Enclosed; 0 where the corners lie on one line."""
-        x0, y0 = self.vertices_mm[0]
-        corners = [(x - x0, y - y0) for x, y in self.vertices_mm]
-        return 0.5 * abs(sum(xa * yb - xb * ya for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]])))
+# What a drawing holds: its `kind` tells which.
+DrawnShape = Annotated[Shape, Field(discriminator="kind")]
 
 
-class DiscShape(Contract):
-    """A disc."""
-
-    kind: Literal["disc"] = "disc"
-    center_mm: Point
-    radius_mm: PositiveMm
-    density: float = Field(1.0, description="Adds to what lies beneath: 1 is wood, -1 cuts a hole into wood.")
-
-    @property
-    def area_mm2(self) -> float:
-        """Enclosed."""
-        return math.pi * self.radius_mm**2
-
-
-Shape = Annotated[PolygonShape | DiscShape, Field(discriminator="kind")]
+SizeTolerance = Annotated[float, Field(ge=0, lt=0.1)]
 
 
 class PhantomDrawing(Contract):
-    """A phantom as its drawing says, the rotation centre at the origin."""
+    """A phantom by its drawing, the rotation centre at the origin."""
 
     name: Name = Field(examples=["our cross"])
-    shapes: list[Shape] = Field(min_length=1, max_length=200)
-    size_tolerance: float = Field(
-        0.001,
-        ge=0,
-        lt=0.1,
+    shapes: list[DrawnShape] = Field(min_length=1, max_length=200)
+    size_tolerance: SizeTolerance = Field(
+        STANDARD_SIZE_TOLERANCE,
         description="Relative standard uncertainty of the stated size; the scanner's scale inherits it.",
     )
 
@@ -68,7 +39,7 @@ class PhantomAsk(PhantomDrawing):
 
     @field_validator("shapes")
     @classmethod
-    def _are_a_body(cls, shapes: list[Shape]) -> list[Shape]:
+    def _are_a_body(cls, shapes: list[DrawnShape]) -> list[DrawnShape]:
         for number, shape in enumerate(shapes):
             if (fault := _fault(shape)) is not None:
                 msg = f"shape {number}, counted from 0, {fault}"
@@ -81,10 +52,10 @@ class PhantomAsk(PhantomDrawing):
 
 
 def _fault(shape: Shape) -> str | None:
-    """Why a shape is none, and what would be right."""
+    """Why a shape cannot be drawn, and what would be right."""
     if abs(shape.density) > LARGEST_DENSITY:
         return f"has density {shape.density:.4g}: give one within ±{LARGEST_DENSITY:g}, wood being 1"
-    if isinstance(shape, DiscShape):
+    if isinstance(shape, Disc):
         if shape.radius_mm < SMALLEST_RADIUS_MM:
             return f"is a disc of radius {shape.radius_mm:.4g} mm: give at least {SMALLEST_RADIUS_MM:g} mm"
     elif shape.area_mm2 < SMALLEST_AREA_MM2:
@@ -96,11 +67,13 @@ def _fault(shape: Shape) -> str | None:
 
 
 class PhantomPicture(Contract):
-    """What has to be said of a phantom's PNG, which a job traces."""
+    """What a phantom's PNG does not show, beside it; a job traces it."""
 
     name: Name = Field(examples=["our cross"])
-    width_mm: PositiveMm = Field(description="Of the whole picture.", examples=[400.0])
-    size_tolerance: float = Field(0.001, ge=0, lt=0.1, description="Relative standard uncertainty of the stated size.")
+    width_mm: PositiveMm = Field(description="Of the whole picture, mm.", examples=[400.0])
+    size_tolerance: SizeTolerance = Field(
+        STANDARD_SIZE_TOLERANCE, description="Relative standard uncertainty of the stated size."
+    )
 
 
 class PhantomState(StrEnum):
@@ -111,7 +84,7 @@ class PhantomState(StrEnum):
     REFUSED = "refused"
 
 
-class Phantom(Stamped):
+class StoredPhantom(Stamped):
     """A phantom that scans can be calibrated against."""
 
     name: Name

@@ -6,9 +6,10 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
-from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants, SourceFrame, Theta
+from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_worker.vocabulary import Theta
 
 
 class PlanOptions(Contract):
@@ -41,7 +42,7 @@ class PlanResult(Contract):
     """The precision to expect: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
 
     theta: Theta
-    source_frame: SourceFrame
+    source_frame: ReportedSourceFrame
     standard_deviation: StandardDeviation
     covariance: list[list[float]] = Field(description="Of (psi, R, SDD, u_c, tau).")
     predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")

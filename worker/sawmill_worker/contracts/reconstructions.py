@@ -6,11 +6,20 @@ from typing import Annotated, Literal
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
-from sawmill_worker.contracts.base import Contract, CoordinateMm, Identifier, PositiveMm, Stamped, SteppedRows
-from sawmill_worker.contracts.geometry import GivenTheta, Theta
+from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
+from sawmill_worker.contracts.geometry import GivenTheta
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
-from sawmill_worker.vocabulary import AlphaRule, FilterName, Handedness, ReconstructionMethod, Rotation, Weighting
+from sawmill_worker.vocabulary import (
+    AlphaRule,
+    CoordinateMm,
+    FilterName,
+    Handedness,
+    ReconstructionMethod,
+    Rotation,
+    Theta,
+    Weighting,
+)
 
 
 def _one_number(value: object, info: ValidationInfo) -> object:

@@ -5,8 +5,8 @@ from typing import Annotated
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
-from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants, ThetaBounds
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants
+from sawmill_worker.vocabulary import Handedness, Rotation, ThetaBounds
 
 
 class Tolerances(Contract):
@@ -50,8 +50,8 @@ class ScannerAsk(ScannerSpec):
     )
 
 
-class Scanner(Stamped, ScannerSpec):
-    """A scanner as it stands."""
+class StoredScanner(Stamped, ScannerSpec):
+    """A scanner as it is stored."""
 
     active_calibration_id: Identifier | None = Field(
         None, description="The calibration that reconstructions use unless told."

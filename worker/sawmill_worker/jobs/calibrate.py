@@ -6,7 +6,7 @@ import numpy as np
 
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanState
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
@@ -80,7 +80,7 @@ def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
 
 
 def _load(
-    store: Store, scan: Scan, options: CalibrationOptions, scanner: Scanner, drawing: PhantomDrawing
+    store: Store, scan: Scan, options: CalibrationOptions, scanner: StoredScanner, drawing: PhantomDrawing
 ) -> tuple[CalibrationInput, Stack | None]:
     """The input, and the stack of its rows where it is not known which of them show the phantom."""
     shape = shape_of(scan)
@@ -103,7 +103,7 @@ def _load(
     return given, None if named else stored.line_integrals
 
 
-def _active(store: Store, scanner: Scanner) -> CalibrationSucceeded | None:
+def _active(store: Store, scanner: StoredScanner) -> CalibrationSucceeded | None:
     if scanner.active_calibration_id is None:
         return None
     active = store.calibrations.get(scanner.active_calibration_id)

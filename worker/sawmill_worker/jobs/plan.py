@@ -4,7 +4,7 @@ from typing import Any
 
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import Plan
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import drawing_of
 from sawmill_worker.jobs.needs import PROCESS_BYTES, SINOGRAMS, Needs
@@ -32,7 +32,7 @@ def needs(attempt: Attempt) -> Needs:
     return Needs(PROCESS_BYTES + SINOGRAMS * 8 * asked.options.views * cells, 0)
 
 
-def _scanner_and_drawing(store: Store, asked: Plan) -> tuple[Scanner, PhantomDrawing]:
+def _scanner_and_drawing(store: Store, asked: Plan) -> tuple[StoredScanner, PhantomDrawing]:
     """Of a plan; refused where one was deleted since it was asked for, which a plan does not stand in the way of."""
     try:
         return store.scanners.get(asked.scanner_id), drawing_of(store, asked.phantom_id)

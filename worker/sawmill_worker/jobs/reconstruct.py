@@ -1,12 +1,12 @@
 """Reconstruct the slices of a scan."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numba import get_num_threads
 
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.geometry import Theta
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
 from sawmill_worker.contracts.scans import ScanShape
 from sawmill_worker.files.scan_reader import open_scan
@@ -20,11 +20,10 @@ from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.object_extent import seen_radius_mm
 from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
 from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER, MOST_FITTED_IMAGES, may_fit
-from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import DataKind, Handedness, Rotation
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
 
 # Of each slice of a fitted method, in single precision: the data, residuals and trial steps.
 LINES_A_SLICE = 40
@@ -47,7 +46,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
             angles_rad=stored.angles_rad[views],
             rows=(rows.start, rows.stop),
             row_step=rows.step,
-            scanner=constants.model_copy(update={"row_pitch_mm": stored.row_pitch_mm}),
+            scanner=replace(constants, row_pitch_mm=stored.row_pitch_mm),
             theta=theta,
             rotation=rotation,
             handedness=handedness,
@@ -78,7 +77,7 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, sh
     """Of the method that needs most, on a grid that holds all that the detector can see."""
     constants = attempt.store.scanners.get(scanner_id).constants
     theta, _, _ = _geometry_of(attempt.store, options)
-    geometry = FanBeamGeometry(to_scanner(constants), to_theta(theta), np.zeros(1))
+    geometry = FanBeamGeometry(constants, theta, np.zeros(1))
     grid, _ = ImageGrid(options.size, options.field_mm, options.field_centre_mm).around(seen_radius_mm(geometry))
     # A larger grid is refused.
     pixels = min(grid.size, LARGEST_SIZE) ** 2

@@ -9,8 +9,9 @@ from functools import cache
 
 from jinja2 import Template
 
-from sawmill_worker.contracts.phantoms import DiscShape, PhantomDrawing, Point, Shape
+from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.templating import templates_of
+from sawmill_worker.vocabulary import Disc, Point, Shape
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ def _box(shapes: Sequence[Shape]) -> tuple[Point, Point]:
     """The corners of the smallest upright box around the shapes, holes left out where there is wood."""
     corners: list[Point] = []
     for shape in [shape for shape in shapes if shape.density > 0.0] or shapes:
-        if isinstance(shape, DiscShape):
+        if isinstance(shape, Disc):
             (x, y), radius = shape.center_mm, shape.radius_mm
             corners += [(x - radius, y - radius), (x + radius, y + radius)]
         else:

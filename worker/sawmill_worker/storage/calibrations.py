@@ -2,7 +2,7 @@
 
 from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
@@ -17,7 +17,7 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
     def __init__(self, database: Database) -> None:
         super().__init__(database, calibrations.DECLARATION)
 
-    def activate(self, calibration_id: str, reason: str) -> Scanner:
+    def activate(self, calibration_id: str, reason: str) -> StoredScanner:
         """Make a calibration its scanner's active one, or go back to an older one.
 
         Parameters

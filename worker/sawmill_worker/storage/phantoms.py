@@ -6,7 +6,7 @@ from sqlalchemy import func, select
 
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.phantoms import Phantom, PhantomDrawing, PhantomPicture, PhantomState
+from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
 from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
@@ -35,7 +35,7 @@ class Phantoms:
                 else:
                     known.name, known.drawing = drawing.name, drawing.model_dump(mode="json")
 
-    def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> Phantom:
+    def create(self, drawing: PhantomDrawing, *, phantom_id: str | None = None) -> StoredPhantom:
         """Add a drawn phantom, which is ready at once.
 
         Raises
@@ -49,7 +49,9 @@ class Phantoms:
             session.add(row)
             return _read(row)
 
-    def accept_picture(self, picture: PhantomPicture, received: Received, *, phantom_id: str | None = None) -> Phantom:
+    def accept_picture(
+        self, picture: PhantomPicture, received: Received, *, phantom_id: str | None = None
+    ) -> StoredPhantom:
         """Keep an uploaded PNG and queue the job that traces it.
 
         Raises
@@ -76,7 +78,7 @@ class Phantoms:
             keep()
         return _read(row)
 
-    def get(self, phantom_id: str) -> Phantom:
+    def get(self, phantom_id: str) -> StoredPhantom:
         """One phantom, or `NotFound`."""
         with self._database.read() as session:
             return _read(found(session, PhantomRow, "phantom", phantom_id))
@@ -95,7 +97,7 @@ class Phantoms:
                 raise Conflict("phantom-without-picture", f"phantom {phantom_id!r} was drawn, it has no picture")
             return PhantomPicture.model_validate(row.picture)
 
-    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Phantom]:
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredPhantom]:
         """All phantoms, newest first."""
         with self._database.read() as session:
             return read_page(session, select(PhantomRow), PhantomRow, _read, after=after, limit=limit)
@@ -135,8 +137,8 @@ class Phantoms:
         )
 
 
-def _read(row: PhantomRow) -> Phantom:
-    return Phantom.model_validate(
+def _read(row: PhantomRow) -> StoredPhantom:
+    return StoredPhantom.model_validate(
         {
             "id": row.id,
             "created_at": row.created_at,

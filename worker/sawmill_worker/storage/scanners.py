@@ -6,7 +6,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.scanners import Activation, Scanner, ScannerSpec
+from sawmill_worker.contracts.scanners import Activation, ScannerSpec, StoredScanner
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
@@ -20,7 +20,7 @@ class Scanners:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def create(self, spec: ScannerSpec, *, scanner_id: str | None = None) -> Scanner:
+    def create(self, spec: ScannerSpec, *, scanner_id: str | None = None) -> StoredScanner:
         """Add a scanner.
 
         Raises
@@ -34,12 +34,12 @@ class Scanners:
             session.add(row)
             return read_scanner(session, row)
 
-    def get(self, scanner_id: str) -> Scanner:
+    def get(self, scanner_id: str) -> StoredScanner:
         """One scanner, or `NotFound`."""
         with self._database.read() as session:
             return read_scanner(session, found(session, ScannerRow, "scanner", scanner_id))
 
-    def page(self, *, after: str | None = None, limit: int = 50) -> Page[Scanner]:
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredScanner]:
         """All scanners, newest first."""
         with self._database.read() as session:
             return read_page(
@@ -51,7 +51,7 @@ class Scanners:
                 limit=limit,
             )
 
-    def update(self, scanner_id: str, spec: ScannerSpec) -> Scanner:
+    def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
         """Replace its description; existing results keep the constants they were made with."""
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
@@ -111,9 +111,9 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     session.flush()
 
 
-def read_scanner(session: Session, row: ScannerRow) -> Scanner:
+def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:
     """The scanner as it stands, its active calibration included."""
     active = active_calibration_id(session, row.id)
-    return Scanner.model_validate(
+    return StoredScanner.model_validate(
         {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active}
     )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ive
 
 from sawmill_worker.tomography import _analytic_numba as kernels
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_worker.tomography.phantom import Phantom
 
 PARAMETERS = kernels.PARAMETERS
@@ -193,7 +193,7 @@ def _arguments(
     return (
         phantom.edges,
         phantom.discs,
-        frame.to_vector(),
+        to_vector(frame),
         position_mm[0],
         position_mm[1],
         np.ascontiguousarray(angles_rad, np.float64),

@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame, cell_centres_mm
 from sawmill_worker.tomography.view_gain import view_gain
 from sawmill_worker.vocabulary import Rotation
 
@@ -146,7 +146,7 @@ class _PairedRays:
 def _fan(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Each cell's fan angle (cells,) and the angle that the cell covers."""
     u_c, tau, sdd = vector
-    w = scanner.cell_centres_mm - u_c
+    w = cell_centres_mm(scanner) - u_c
     across, along = w * math.cos(tau), sdd + w * math.sin(tau)
     return np.arctan2(across, along), sdd * math.cos(tau) * scanner.detector_pitch_mm / (across**2 + along**2)
 

@@ -12,7 +12,7 @@ from sawmill_worker.tomography import _fbp_numba as kernels
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.filters import RowFilter
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, view_weights
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, cell_centres_mm, view_weights
 from sawmill_worker.tomography.method import DirectMethod
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.vocabulary import FilterName, Weighting
@@ -164,7 +164,7 @@ class Preparation:
         frame, pitch = geometry.frame, geometry.scanner.detector_pitch_mm
         r, sdd, u_c, tau = frame.source_distance_mm, frame.source_to_detector_mm, frame.cor_column_mm, frame.tilt_rad
         # The ray to cell m from the source: a = (w cos tau, SDD + w sin tau).
-        w = geometry.scanner.cell_centres_mm - u_c
+        w = cell_centres_mm(geometry.scanner) - u_c
         length = np.hypot(w * np.cos(tau), sdd + w * np.sin(tau))
         exact = weighting == "exact"
         # A pixel is the mean over its area: without averaging over its shadow at the COR its noise would be a point's.

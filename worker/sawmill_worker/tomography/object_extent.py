@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from sawmill_worker.tomography.air import find_air
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, cell_centres_mm
 from sawmill_worker.tomography.projector import Image
 
 
@@ -33,12 +33,12 @@ def object_radius_mm(geometry: FanBeamGeometry, sinogram: Image) -> float:
     """
     air = find_air(sinogram)
     shadowed = np.ones(sinogram.shape[1], bool) if air is None else ~air.cells
-    return _radius_mm(geometry, geometry.scanner.cell_centres_mm[shadowed]) if shadowed.any() else 0.0
+    return _radius_mm(geometry, cell_centres_mm(geometry.scanner)[shadowed]) if shadowed.any() else 0.0
 
 
 def seen_radius_mm(geometry: FanBeamGeometry) -> float:
     """Radius of the disc around the COR that the whole detector sees: no object's is larger."""
-    return _radius_mm(geometry, geometry.scanner.cell_centres_mm)
+    return _radius_mm(geometry, cell_centres_mm(geometry.scanner))
 
 
 def _radius_mm(geometry: FanBeamGeometry, centres: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""Phantoms: bodies of known shape, as polygons and discs in mm."""
+"""Phantoms: bodies of known shape, polygons and discs in mm, whose projections the science computes."""
 
 import math
 from collections.abc import Callable
@@ -8,43 +8,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.geometry import FloatArray, rotate
+from sawmill_worker.tomography.geometry import TAU, FloatArray, rotate
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon, Shape
+
+__all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 
 class PhantomError(ValueError):
     """A phantom that cannot be used; the message says why."""
 
 
-@dataclass(frozen=True)
-class Polygon:
-    """A closed polygon, (x, y) of each corner in mm, either way round; density adds to what lies beneath."""
-
-    vertices_mm: tuple[tuple[float, float], ...]
-    density: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse polygons without an inside."""
-        if len(self.vertices_mm) < 3 or not np.isfinite(self.vertices_mm).all():
-            raise PhantomError("a polygon needs at least three corners with finite coordinates in mm")
-        if abs(_signed_area(np.array(self.vertices_mm))) < 1e-6:
-            raise PhantomError("a polygon's corners must enclose an area; these lie on one line")
-
-
-@dataclass(frozen=True)
-class Disc:
-    """A disc, centre and radius in mm; density adds to what lies beneath."""
-
-    center_mm: tuple[float, float]
-    radius_mm: float
-    density: float = 1.0
-
-    def __post_init__(self) -> None:
-        """Refuse discs without an inside."""
-        if not (math.isfinite(self.radius_mm) and self.radius_mm > 0.0 and np.isfinite(self.center_mm).all()):
-            raise PhantomError(f"a disc needs a positive radius and a finite centre in mm, not {self}")
-
-
-Shape = Polygon | Disc
 MovePoint = Callable[[tuple[float, float]], tuple[float, float]]
 
 
@@ -65,12 +38,14 @@ class Phantom:
 
     name: str
     shapes: tuple[Shape, ...]
-    size_tolerance: float = 0.001
+    size_tolerance: float = STANDARD_SIZE_TOLERANCE
 
     def __post_init__(self) -> None:
-        """Refuse a phantom of nothing."""
+        """Refuse a phantom of nothing, and shapes without an inside."""
         if not self.shapes:
             raise PhantomError(f"the phantom {self.name!r} has no shapes")
+        for shape in self.shapes:
+            _refuse_without_inside(shape)
 
     def mirrored(self) -> "Phantom":
         """As seen from behind: y -> -y."""
@@ -152,7 +127,7 @@ class Phantom:
     def outlines(self, *, points_per_disc: int = 181) -> list[FloatArray]:
         """Closed outlines for drawing, each (points, 2) in mm, the first point repeated at the end."""
         lines = []
-        turn = np.linspace(0.0, 2.0 * math.pi, points_per_disc)
+        turn = np.linspace(0.0, TAU, points_per_disc)
         for shape in self.shapes:
             if isinstance(shape, Polygon):
                 lines.append(np.array([*shape.vertices_mm, shape.vertices_mm[0]], np.float64))
@@ -175,6 +150,16 @@ class Phantom:
             axis=(1, 3), dtype=np.float32
         )
         return image
+
+
+def _refuse_without_inside(shape: Shape) -> None:
+    if isinstance(shape, Disc):
+        if not (math.isfinite(shape.radius_mm) and shape.radius_mm > 0.0 and np.isfinite(shape.center_mm).all()):
+            raise PhantomError(f"a disc needs a positive radius and a finite centre in mm, not {shape}")
+    elif len(shape.vertices_mm) < 3 or not np.isfinite(shape.vertices_mm).all():
+        raise PhantomError("a polygon needs at least three corners with finite coordinates in mm")
+    elif shape.area_mm2 < 1e-6:
+        raise PhantomError("a polygon's corners must enclose an area; these lie on one line")
 
 
 def _map_shape(shape: Shape, move: MovePoint) -> Shape:

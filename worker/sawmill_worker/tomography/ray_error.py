@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import (
+    FloatArray,
+    GeometryError,
+    Scanner,
+    SourceFrame,
+    cell_centres_mm,
+    to_vector,
+)
 
 POINTS_PER_CHORD = 9
 DRAWS = 8192
@@ -21,7 +28,7 @@ class RayError:
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
     """Source (2,) and unit ray directions (cells, 2) of the view at which the source lies on -y."""
-    w = scanner.cell_centres_mm - frame.cor_column_mm
+    w = cell_centres_mm(scanner) - frame.cor_column_mm
     a = np.stack([w * np.cos(frame.tilt_rad), frame.source_to_detector_mm + w * np.sin(frame.tilt_rad)], -1)
     return np.array([0.0, -frame.source_distance_mm]), a / np.hypot(a[:, 0], a[:, 1])[:, None]
 
@@ -121,7 +128,7 @@ def predicted_ray_error(
     point's derivatives; the common rotation is projected out of them as `ray_error` takes it out of the distances.
     """
     points, cells = chord_points(scanner, frame, radius_mm)
-    vector = frame.to_vector()
+    vector = to_vector(frame)
     steps = np.array([1e-6, 1e-3, 1e-3, 1e-3, 1e-6])
     columns = []
     for index in range(1, 5):

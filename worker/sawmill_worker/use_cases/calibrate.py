@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts import calibrations as contracts
-from sawmill_worker.contracts.geometry import ScannerConstants, ThetaBounds
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.tomography.calibration.alternatives import Alternatives
 from sawmill_worker.tomography.calibration.calibrate import calibrate
@@ -22,14 +22,10 @@ from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
-    from_frame,
     from_predicted,
-    from_theta,
-    to_bounds,
     to_phantom,
-    to_scanner,
 )
-from sawmill_worker.vocabulary import CalibrationMethod, Progress, ProgressCallback
+from sawmill_worker.vocabulary import CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
@@ -139,11 +135,11 @@ def _search_callback(on_progress: ProgressCallback, begun: float) -> SearchCallb
 
 def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
     return CalibrationTask(
-        scanner=to_scanner(given.scanner),
+        scanner=given.scanner,
         phantom=to_phantom(given.drawing),
         sinogram=given.sinogram,
         angles_rad=given.angles_rad,
-        bounds=to_bounds(given.bounds),
+        bounds=given.bounds,
         handedness=chosen.handedness,
         rotation=chosen.rotation,
         rays_per_cell=chosen.rays_per_cell,
@@ -161,9 +157,9 @@ def calibration_result(
     fit, bars, judgement = calibration.fit, calibration.error_bars, calibration.judgement
     moved = [] if comparison is None or comparison.within_tolerance else [comparison.reason]
     return contracts.CalibrationResult(
-        theta=from_theta(calibration.theta),
-        theta_twin=None if calibration.theta_twin is None else from_theta(calibration.theta_twin),
-        source_frame=from_frame(calibration.frame),
+        theta=calibration.theta,
+        theta_twin=calibration.theta_twin,
+        source_frame=calibration.frame,
         **_with_error_bars(calibration.frame, bars, given.log_radius_mm),
         unconstrained_source_distance_mm=calibration.source_distance.unconstrained_mm,
         scale_uncertainty_mm=calibration.scale.source_distance_mm,

@@ -3,26 +3,25 @@
 import numpy as np
 
 from sawmill_worker.contracts.calibrations import CalibrationResult, CalibrationSucceeded, Comparison
-from sawmill_worker.contracts.scanners import Scanner
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
 from sawmill_worker.tomography.calibration.comparison import ChangeLimits, compare
-from sawmill_worker.use_cases.conversion import to_frame, to_scanner, to_theta
 
 
 def geometry_of(result: CalibrationResult) -> CalibratedGeometry:
     """The geometry of a stored calibration."""
     return CalibratedGeometry(
-        scanner=to_scanner(result.scanner),
-        theta=to_theta(result.theta),
-        frame=to_frame(result.source_frame),
+        scanner=result.scanner,
+        theta=result.theta,
+        frame=result.source_frame,
         rotation=result.rotation,
         covariance=None if result.covariance is None else np.array(result.covariance),
     )
 
 
-def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: Scanner) -> Comparison:
+def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: StoredScanner) -> Comparison:
     """What changed since the active calibration, by the scanner's constants and tolerances."""
     tolerances = scanner.tolerances
     limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, scanner.log_radius_mm)
-    change = compare(to_scanner(scanner.constants), geometry_of(active), new, limits)
+    change = compare(scanner.constants, geometry_of(active), new, limits)
     return Comparison(calibration_id=active.id, **vars(change))

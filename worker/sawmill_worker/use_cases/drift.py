@@ -18,7 +18,6 @@ from sawmill_worker.tomography.drift import (
     likely_cause,
 )
 from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.use_cases.conversion import to_frame, to_scanner
 from sawmill_worker.vocabulary import Rotation
 
 
@@ -39,7 +38,7 @@ def run_drift(given: DriftInput) -> DriftResult:
     """Pair opposite rays and compare; errors of `sawmill_worker.tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
-    scanner, calibrated = to_scanner(known.scanner), to_frame(known.source_frame)
+    scanner, calibrated = known.scanner, known.source_frame
     fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=given.log_radius_mm)
@@ -49,9 +48,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         measured=_detector([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]),
         standard_deviation=_deviation(fit, fit.deviation),
         covariance=fit.covariance.tolist(),
-        calibrated=DetectorGeometry.model_validate(
-            known.source_frame.model_dump(include=set(DetectorGeometry.model_fields))
-        ),
+        calibrated=_detector([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm]),
         change=_detector(changed.change),
         change_standard_deviation=_deviation(fit, changed.deviation),
         significance=_deviation(fit, changed.significance),
@@ -93,7 +90,7 @@ def _reason(given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, withi
             f"this scan places rays to {changed.ray_change_uncertainty_mm:.2g} mm and {given.tolerance_mm:.2g} mm is "
             "asked for: average more rows, or scan a log that is less round or less centred"
         )
-    return likely_cause(to_frame(given.calibration.source_frame), changed)
+    return likely_cause(given.calibration.source_frame, changed)
 
 
 def _detector(values: FloatArray | list[float]) -> DetectorGeometry:

@@ -5,19 +5,13 @@ from importlib.metadata import version
 
 import numpy as np
 
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanOptions, PlanResult
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.planning import plan
-from sawmill_worker.use_cases.conversion import (
-    from_deviation,
-    from_frame,
-    from_predicted,
-    to_phantom,
-    to_scanner,
-    to_theta,
-)
+from sawmill_worker.use_cases.conversion import from_deviation, from_predicted, to_phantom
+from sawmill_worker.vocabulary import Theta
 
 
 @dataclass(frozen=True)
@@ -33,11 +27,11 @@ class PlanInput:
 def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
     """Plan; errors of `sawmill_worker.tomography` pass through."""
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
-    fan = FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles_rad)
+    fan = FanBeamGeometry(given.scanner, given.theta, angles_rad)
     planned = plan(fan, to_phantom(given.drawing), noise=options.noise, log_radius_mm=given.log_radius_mm)
     return PlanResult(
         theta=given.theta,
-        source_frame=from_frame(fan.frame),
+        source_frame=fan.frame,
         standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
         predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, given.log_radius_mm),

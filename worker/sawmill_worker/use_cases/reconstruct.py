@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.choosing import recommend
@@ -21,10 +21,9 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
 from sawmill_worker.use_cases.block_solvers import BlockSolver, LogTask, Slices, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
-from sawmill_worker.use_cases.conversion import to_scanner, to_theta
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
-from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation
+from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation, Theta
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
@@ -155,7 +154,7 @@ class _Run:
         self._given, self._options = given, options
         angles = given.rotation.apply(given.angles_rad)
         grid = ImageGrid(options.size, options.field_mm, options.field_centre_mm)
-        self._projector = Projector(FanBeamGeometry(to_scanner(given.scanner), to_theta(given.theta), angles), grid)
+        self._projector = Projector(FanBeamGeometry(given.scanner, given.theta, angles), grid)
         self.slices = len(range(*given.rows, given.row_step))
         self.shape = (self.slices, options.size, options.size)
         self._reporting = _Reporting(self.slices, report)

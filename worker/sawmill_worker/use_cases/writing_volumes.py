@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from sawmill_worker.contracts.geometry import ScannerConstants, Theta
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.vocabulary import Handedness, Rotation, Theta
 
 
 @dataclass(frozen=True)
@@ -49,8 +49,8 @@ def new_volume(
         first_slice_mm=(pitch or 0.0) * origin.rows[0],
         unit=unit,
         geometry={
-            **origin.scanner.model_dump(mode="json", exclude_none=True),
-            **origin.theta.model_dump(mode="json"),
+            **{name: value for name, value in vars(origin.scanner).items() if value is not None},
+            **vars(origin.theta),
             "rotation": origin.rotation.value,
             "handedness": origin.handedness.value,
         },

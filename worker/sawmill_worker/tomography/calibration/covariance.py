@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from sawmill_worker.tomography.fit_parameters import FRAME, Parameter
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta, to_vector
 
 # The source shift is resolved from zero when R exceeds r_S by more standard deviations.
 RESOLVED = 2.0
@@ -62,7 +62,7 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
     if spread == 0.0 or r - r_s <= RESOLVED * spread:
         return None
     sign = 1 if theta.source_shift_mm >= 0.0 else -1
-    vector = frame.to_vector()
+    vector = to_vector(frame)
     # A step in R must stay well above r_S, where h_S has a square-root branch point.
     steps = np.array([1e-6, min(1e-4, 1e-3 * (r - r_s)), 1e-3, 1e-3, 1e-6])
     columns = []
@@ -71,7 +71,7 @@ def theta_covariance(scanner: Scanner, frame: SourceFrame, theta: Theta, covaria
         for direction in (1.0, -1.0):
             moved = vector.copy()
             moved[index] += direction * step
-            ends.append(SourceFrame.from_vector(moved).theta(r_s, source_shift_sign=sign).to_vector())
+            ends.append(to_vector(SourceFrame.from_vector(moved).theta(r_s, source_shift_sign=sign)))
         change = ends[0] - ends[1]
         change[0] = math.remainder(change[0], 2.0 * math.pi)
         columns.append(change / (2.0 * step))

@@ -15,7 +15,7 @@ from sawmill_worker.tomography.calibration.covariance import Covariance
 from sawmill_worker.tomography.calibration.elimination import reduce
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.fit_parameters import FRAME, RAYS, GramTerm, Parameter
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, wrap_angle
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, to_vector, wrap_angle
 from sawmill_worker.tomography.phantom import Phantom
 
 
@@ -40,7 +40,7 @@ class FittedModel:
 
     def to_vector(self) -> FloatArray:
         """The seven unknowns, (7,), in the order of `Parameter`."""
-        return np.concatenate([self.frame.to_vector(), self.position_mm])
+        return np.concatenate([to_vector(self.frame), self.position_mm])
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def refine(
     centred = replace(data, sinogram=data.sinogram - centre)
     held = frozenset({Parameter.R}) if fixed_source_distance else frozenset[Parameter]()
     free = np.array([p for p in Parameter if p not in held])
-    x = np.concatenate([start.to_vector(), position_mm])
+    x = np.concatenate([to_vector(start), position_mm])
     now = _normal_equations(phantom, centred, x, 0.0)
     if now is None:
         return None

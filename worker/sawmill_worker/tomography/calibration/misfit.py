@@ -24,6 +24,7 @@ from sawmill_worker.tomography.geometry import (
     SourceFrame,
     Theta,
     ThetaBounds,
+    bounds_array,
 )
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -115,7 +116,7 @@ def search_box(scanner: Scanner, bounds: ThetaBounds | None, phantom: Phantom) -
     if bounds is None:
         return np.array([(r_s, WIDEST_SHIFT * r_s), np.log(MAGNIFICATIONS), (-half, half), (-WIDEST_TILT, WIDEST_TILT)])
     rows = []
-    grid = [np.linspace(low, high, 13) for low, high in bounds.as_array()[1:]]
+    grid = [np.linspace(low, high, 13) for low, high in bounds_array(bounds)[1:]]
     for vector in product(*grid):
         try:
             frame = Theta.from_vector((0.0, *vector)).source_frame(r_s)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sawmill_worker.tomography.fit_parameters import RAYS, Parameter
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
 from sawmill_worker.tomography.ray_error import ray_error
 
 # What a cause does not explain must be within this number of standard deviations (Mahalanobis).
@@ -107,7 +107,7 @@ def likely_cause(
     allowed_mm, radius_mm : float
         RMS ray distance up to which nothing moved, and the disc in which it is counted.
     """
-    change = after.to_vector() - before.to_vector()
+    change = to_vector(after) - to_vector(before)
     spread = np.diag(_negligible(scanner, before, allowed_mm, radius_mm) ** 2)
     if covariance is not None:
         spread += covariance[RAYS, RAYS]

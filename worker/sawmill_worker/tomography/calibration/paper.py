@@ -27,7 +27,14 @@ from sawmill_worker.tomography.calibration.search import SearchCallback, SearchR
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta, ThetaBounds
+from sawmill_worker.tomography.geometry import (
+    FanBeamGeometry,
+    FloatArray,
+    GeometryError,
+    Theta,
+    ThetaBounds,
+    bounds_array,
+)
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.vocabulary import (
@@ -152,7 +159,7 @@ def calibrate_as_published(
     chosen = options or PaperOptions()
     rotation = task.rotation or Rotation.AS_GIVEN
     objective = PaperObjective(task, rotation, chosen)
-    bounds = (task.bounds or ThetaBounds()).as_array()
+    bounds = bounds_array(task.bounds or ThetaBounds())
 
     history: list[tuple[int, float]] = []
 

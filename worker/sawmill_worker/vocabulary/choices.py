@@ -1,10 +1,5 @@
-"""The words that cross walls: what can be chosen and answered, and the published outlines, each defined once.
+"""What can be chosen and what can be answered: the enums and literals of both sides."""
 
-Science, contracts, pictures and service all import this module, and it imports the standard library alone.
-"""
-
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Literal, Protocol, Self, TypeVar
 
@@ -152,20 +147,3 @@ class AlphaRule(StrEnum):
     DISCREPANCY = "discrepancy"
     GCV = "gcv"
     L_CURVE = "l-curve"
-
-
-# The metadata of a field are the bounds and the description that the contract reads: pydantic understands them.
-@dataclass(frozen=True)
-class Progress:
-    """How far a running job is."""
-
-    fraction: float = field(metadata={"ge": 0, "le": 1})
-    stage: str = field(metadata={"examples": ["search"]})
-    generation: int | None = field(default=None, metadata={"description": "Of the search."})
-    best_value: float | None = field(default=None, metadata={"description": "Best objective of the search so far."})
-    seconds_left: float | None = field(
-        default=None, metadata={"ge": 0, "description": "Of a reconstruction, by its pace so far."}
-    )
-
-
-ProgressCallback = Callable[[Progress], None]
