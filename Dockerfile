@@ -9,12 +9,14 @@ FROM python:3.11-slim
 # Numba's parallel kernels link to it; without it a slower layer that forbids threads takes over.
 RUN apt-get update && apt-get install --yes --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/sawmill /opt/sawmill
-# The installation is read-only for the service's user: compiled kernels are kept with the data.
+# The installation is read-only for the service's user: compiled kernels are kept beside it, in a folder of its own.
 ENV PATH=/opt/sawmill/bin:$PATH \
     SAWMILL_DATA_FOLDER=/data \
-    NUMBA_CACHE_DIR=/data/numba-cache
-RUN useradd --create-home --uid 1000 sawmill && install --directory --owner=sawmill /data
+    NUMBA_CACHE_DIR=/var/cache/sawmill
+RUN useradd --create-home --uid 1000 sawmill && install --directory --owner=sawmill /data /var/cache/sawmill
 USER sawmill
+# A processor of another kind compiles them again at the first start.
+RUN sawmill compile
 WORKDIR /data
 VOLUME /data
 EXPOSE 8000

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 WORKER = ROOT / "worker"
 OURS = ("sawmill_worker", "sawmill_service", "sawmill_calibration")

@@ -25,6 +25,8 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 COMPOSE = ROOT / "docker-compose.yml"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)

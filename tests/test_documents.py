@@ -33,6 +33,8 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta
 from sawmill_worker.tomography.ray_error import ray_error
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]

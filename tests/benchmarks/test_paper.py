@@ -20,6 +20,8 @@ from scans import TRUE_THETA
 
 from sawmill_worker.tomography.geometry import to_vector
 
+pytestmark = pytest.mark.slow
+
 MOST_BYTES = 150_000
 PAGE = Path(__file__).parents[2] / "docs/paper.md"
 

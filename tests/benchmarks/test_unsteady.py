@@ -10,6 +10,8 @@ from unsteady import Outcomes, slipped, slipped_with_a_fault, steady
 
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 
+pytestmark = pytest.mark.slow
+
 VIEWS = (20, 45, 90)
 SCANS = 31
 RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])

@@ -14,6 +14,8 @@ from sawmill_worker.tomography.geometry import Scanner, Theta
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases import scan_rows
 
+pytestmark = pytest.mark.slow
+
 TRUTH = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
 SCANNER = Scanner(859.46, 256, 4.508593749)
 KNOWN = ("--data", "line-integrals", "--source-to-cor-mm", 859.46)

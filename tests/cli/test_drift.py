@@ -10,6 +10,8 @@ from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.vocabulary import Theta
 
+pytestmark = pytest.mark.slow
+
 THETA = "2.55,714.7,319.9,43.7,0.281"
 MOVED = "2.55,714.7,317.9,45.7,0.281"  # the turntable 2 mm along x
 SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 3.0)

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 SAWMILL = Path(sys.executable).with_name("sawmill")
 THETA = "2.55,714.7,319.9,43.7,0.281"
 

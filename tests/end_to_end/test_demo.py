@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+pytestmark = pytest.mark.slow
+
 COMMAND = [sys.executable, "-m", "sawmill_service.cli", "demo"]
 
 

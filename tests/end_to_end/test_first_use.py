@@ -6,6 +6,8 @@ import pytest
 
 from sawmill_worker.tomography.geometry import Theta
 
+pytestmark = pytest.mark.slow
+
 QUEUED_S = 30.0
 
 

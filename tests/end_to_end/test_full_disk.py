@@ -12,6 +12,8 @@ import pytest
 
 from sawmill_worker.tomography.geometry import Theta
 
+pytestmark = pytest.mark.slow
+
 DISK_MIB = 48
 # In a mount namespace of its own: nothing stays mounted, however the test ends.
 ON_A_SMALL_DISK = ["unshare", "--map-root-user", "--mount", "sh", "-c"]

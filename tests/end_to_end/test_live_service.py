@@ -20,6 +20,8 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.geometry import Theta
 
+pytestmark = pytest.mark.slow
+
 REQUESTS = Path(__file__).parents[2] / "openapi" / "requests"
 VIEWS, CELLS = 12, 512
 READY_S = 90.0

@@ -2,6 +2,10 @@
 
 import time
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 
 def test_every_post_is_answered_within_half_a_second(tmp_path, offline, serve, silent_redis_url):
     with serve(tmp_path, {**offline.variables, "SAWMILL_BROKER_URL": silent_redis_url}, "--no-examples") as service:

@@ -13,6 +13,8 @@ from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.tomography.ray_error import ray_error
 
+pytestmark = pytest.mark.slow
+
 
 def chunks(path: Path, size: int = 100_000):
     with path.open("rb") as stream:

@@ -20,6 +20,8 @@ from sawmill_worker.execution.limits import DATA_BYTES
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.vocabulary import DataKind
 
+pytestmark = pytest.mark.slow
+
 CHUNK = 2**20
 WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
 

@@ -17,6 +17,8 @@ from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.settings import ExecutionSettings
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery"]
 NEVER_S = 80_000

@@ -1,12 +1,15 @@
 import threading
 import time
 
+import pytest
 from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import Job, JobState
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.storage.errors import StorageUnavailable
+
+pytestmark = pytest.mark.slow
 
 
 def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):

@@ -17,6 +17,8 @@ from sawmill_worker.execution.limits import DATA_BYTES, limits_of
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.vocabulary import Disc, Theta
 
+pytestmark = pytest.mark.slow
+
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
     name="Line 2",

@@ -14,6 +14,8 @@ from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.store import Store
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def stop():

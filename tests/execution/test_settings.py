@@ -9,6 +9,8 @@ from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.variables import KNOWN, OF_THE_SERVICE, UnknownVariableError, check_variables
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 

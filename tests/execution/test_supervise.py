@@ -10,6 +10,8 @@ from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.supervise import WorkerSupervisor
 
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).parent
 WORKER = [sys.executable, str(HERE / "fake_worker.py")]
 

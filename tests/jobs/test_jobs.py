@@ -26,6 +26,8 @@ from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def upload(store, spec):

@@ -10,6 +10,8 @@ from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.image_panels import log_comparison_png
 
+pytestmark = pytest.mark.slow
+
 FIELD_MM = 400.0
 THETA = {
     "initial_angle_rad": 2.55,

@@ -3,6 +3,10 @@
 import subprocess
 import sys
 
+import pytest
+
+pytestmark = pytest.mark.slow
+
 FORBIDDEN = (
     "sawmill_worker.tomography",
     "sawmill_worker.readers",

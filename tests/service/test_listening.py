@@ -15,6 +15,8 @@ import pytest
 
 from sawmill_service.listening import ListenError, is_loopback, listen
 
+pytestmark = pytest.mark.slow
+
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - what is tested
 START_S, STOP_S = 60.0, 25.0

@@ -13,6 +13,8 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import Base
 
+pytestmark = pytest.mark.slow
+
 
 def test_the_migrations_make_the_tables_of_the_models(store):
     with store._database.engine.connect() as connection:

@@ -52,6 +52,7 @@ def test_each_job_is_claimed_once_by_threads(store, upload):
     assert set(taken) == jobs
 
 
+@pytest.mark.slow
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
     program = (
@@ -187,6 +188,7 @@ def test_a_passing_failure_is_tried_again_and_the_third_is_final(store, upload):
 
 
 @pytest.mark.parametrize("outage", [FULL, AWAY])
+@pytest.mark.slow
 def test_an_outage_is_waited_out_however_long_it_lasts(store, upload, outage):
     scan = upload(store)
     for attempt in range(1, 11):

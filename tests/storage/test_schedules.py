@@ -144,6 +144,7 @@ def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
     assert_each_time_ran_once(store, schedule, ran)
 
 
+@pytest.mark.slow
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
     program = (
         "from datetime import UTC, datetime\n"

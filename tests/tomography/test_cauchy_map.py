@@ -17,6 +17,8 @@ from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.tomography.tikhonov import tikhonov
 from sawmill_worker.tomography.total_variation import total_variation
 
+pytestmark = pytest.mark.slow
+
 LOG = Phantom(
     "log of two zones with a knot",
     (

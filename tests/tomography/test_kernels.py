@@ -10,6 +10,8 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, S
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 
+pytestmark = pytest.mark.slow
+
 SCANNER = Scanner(859.46, 768, 1.502864583)
 
 

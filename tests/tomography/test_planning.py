@@ -14,6 +14,8 @@ from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.vocabulary import Handedness, Rotation
 
+pytestmark = pytest.mark.slow
+
 NOISE = 0.02
 REPEATS = 30
 

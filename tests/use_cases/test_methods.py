@@ -16,6 +16,8 @@ from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory, run_reconstruction
 from sawmill_worker.vocabulary import Handedness, ReconstructionMethod, Rotation
 
+pytestmark = pytest.mark.slow
+
 # Off the centre, with a knot: no slice of it looks like another one turned.
 LOG = Phantom("log", (Disc((25.0, -10.0), 110.0, 0.018), Disc((60.0, 20.0), 20.0, 0.012)))
 SIZE, FIELD_MM = 48, 400.0

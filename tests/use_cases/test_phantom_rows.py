@@ -13,6 +13,8 @@ from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def stack():

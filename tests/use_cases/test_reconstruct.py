@@ -14,6 +14,8 @@ from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_recons
 from sawmill_worker.use_cases.value_range import SAMPLED_VALUES, ValueRange
 from sawmill_worker.vocabulary import Handedness, Rotation
 
+pytestmark = pytest.mark.slow
+
 SLICES = 70
 OPTIONS = ReconstructionOptions(size=32, field_mm=420.0)
 

@@ -10,7 +10,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.storage.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
-pytestmark = pytest.mark.usefixtures("seeded")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
 @pytest.fixture

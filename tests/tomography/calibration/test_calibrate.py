@@ -30,6 +30,8 @@ from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
 from sawmill_worker.tomography.tracing import trace
 from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(20)
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 

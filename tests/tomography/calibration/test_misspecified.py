@@ -15,6 +15,8 @@ from sawmill_worker.tomography.phantom import Disc, Polygon
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.tracing import trace
 
+pytestmark = pytest.mark.slow
+
 SCANNER = Scanner(859.46, 768, 1.502864583)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)
 ANGLES = (np.arange(60) + 0.5) * 2.0 * np.pi / 60

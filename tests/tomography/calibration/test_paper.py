@@ -17,6 +17,8 @@ from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.vocabulary import Handedness, Rotation
 
+pytestmark = pytest.mark.slow
+
 SMALL = PaperOptions(image_size=64, max_generations=5)
 SEARCHED = replace(SMALL, max_generations=40)
 COARSE = Scanner(859.46, 192, 1154.2 / 192)

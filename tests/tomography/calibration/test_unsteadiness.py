@@ -15,6 +15,8 @@ from sawmill_worker.tomography.phantom import Disc
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Adjustment
 
+pytestmark = pytest.mark.slow
+
 SCANNER = Scanner(859.46, 384, 3.0)
 FRAME = Theta(1.2, 741.0, 212.0, 31.0, 0.17).source_frame(859.46)
 VIEWS = 72

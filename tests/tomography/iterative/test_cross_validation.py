@@ -16,6 +16,8 @@ from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
 
+pytestmark = pytest.mark.slow
+
 SIZE, NOISE = 32, 0.05
 LOG = Phantom("log", (Disc((0.0, 10.0), 130.0, 0.015), Disc((20.0, -10.0), 50.0, 0.006)))
 # The data weigh as much as they should, and hardly at all.

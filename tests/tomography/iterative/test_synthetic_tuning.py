@@ -8,6 +8,8 @@ from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
 
+pytestmark = pytest.mark.slow
+
 SIZE, NOISE = 32, 0.05
 LOG = Phantom("log", (Disc((0.0, 10.0), 130.0, 0.015), Disc((20.0, -10.0), 50.0, 0.006)))
 

@@ -15,6 +15,8 @@ from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_fea
 from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
 from sawmill_worker.tomography.projector import Projector
 
+pytestmark = pytest.mark.slow
+
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
 ROW_PITCH_MM = 2.0

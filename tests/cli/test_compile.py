@@ -1,0 +1,52 @@
+"""`sawmill compile`: the kernels of every part, in processes of their own."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from sawmill_worker.commands import compile as compiling
+from sawmill_worker.commands.compile import compile_kernels
+
+pytestmark = pytest.mark.slow
+
+COMMAND = [sys.executable, "-m", "sawmill_service.cli", "compile"]
+
+
+def test_what_is_compiled_once_is_loaded_the_next_time(tmp_path):
+    """One kernel of the calibration stands for all: compiling them all takes a minute on a busy machine."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    warm = "from sawmill_worker.tomography.warm_up import PARTS; PARTS['slices']()"
+    counted = (
+        "from numba.core import event\n"
+        "class Count(event.Listener):\n"
+        "    times = 0\n"
+        "    def on_start(self, started):\n"
+        "        module = started.data['dispatcher'].py_func.__module__\n"
+        "        Count.times += module.startswith('sawmill_worker')\n"
+        "    def on_end(self, ended): pass\n"
+        f"event.register('numba:compile', Count())\n{warm}\nprint(Count.times)"
+    )
+    runs = [
+        subprocess.run([sys.executable, "-c", counted], env=environment, capture_output=True, text=True, check=True)
+        for _ in range(2)
+    ]
+    first, second = (int(run.stdout) for run in runs)
+    assert first > 0
+    assert second == 0
+
+
+def test_the_command_ends_well_and_says_nothing_where_nobody_looks():
+    done = subprocess.run(COMMAND, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
+def test_every_part_is_reported_and_a_failure_is_no_silence(monkeypatch):
+    progress = []
+    monkeypatch.setattr(compiling, "PARTS", {"slices": None})
+    compile_kernels(progress.append)
+    assert [(one.fraction, one.stage) for one in progress] == [(0.0, "slices"), (1.0, "done")]
+    monkeypatch.setattr(compiling, "PARTS", {"no such part": None})
+    with pytest.raises(subprocess.CalledProcessError):
+        compile_kernels(progress.append)
