@@ -33,7 +33,7 @@ DISTANCE_ERROR_MM = 0.5
 
 @dataclass
 class Tally:
-    """What came of the scans of one kind."""
+    """The results of the scans of one kind."""
 
     scans: int = 0
     held: int = 0
@@ -46,7 +46,7 @@ class Tally:
         found = np.array([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm])
         true = np.array([truth.cor_column_mm, truth.tilt_rad, truth.source_to_detector_mm])
         error, deviation = found - true, fit.deviation
-        deviation[:2] = np.hypot(deviation[:2], DISTANCE_ERROR_MM * fit.carried)
+        deviation[:2] = np.hypot(deviation[:2], DISTANCE_ERROR_MM * fit.distance_sensitivity)
         if fit.distance_held:
             self.held += 1
             error[2] = deviation[2] = math.nan

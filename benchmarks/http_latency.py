@@ -60,13 +60,13 @@ def answered(client: httpx.Client, scan_id: str, wait: Wait) -> Json:
     }
 
 
-def said(name: str, seconds: Sequence[float]) -> None:
+def print_seconds(name: str, seconds: Sequence[float]) -> None:
     """One line of the table."""
     print(f"  {name:<34} median {statistics.median(seconds):6.3f} s   max {max(seconds):6.3f} s", flush=True)
 
 
 def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: int) -> None:
-    """The times of so many calibrations."""
+    """The times of a number of calibrations."""
     rows = []
     for _ in range(repeats):
         time.sleep(PAUSE_S)
@@ -77,7 +77,7 @@ def measure(client: httpx.Client, scan_id: str, name: str, wait: Wait, repeats: 
     print(f"{name}, {repeats} calibrations")
     for part in rows[0]:
         if part != "report":
-            said(part, [row[part] for row in rows])
+            print_seconds(part, [row[part] for row in rows])
 
 
 def pictures(client: httpx.Client, scan_id: str) -> None:
@@ -95,8 +95,8 @@ def scan_of(client: httpx.Client, folder: Path, views: int) -> str:
     examples.write_mill_stack(stack, views, examples.mill_slices())
     spec = {"name": "line", "constants": vars(examples.SCANNER)}
     scanner = demo_client.post(client, "/v1/scanners", json=spec)
-    told = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{examples.PHANTOM_ROWS}"}
-    scan = demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **told)
+    fields = {"data": "counts", "phantom_id": "l-shape", "phantom_rows": f"0:{examples.PHANTOM_ROWS}"}
+    scan = demo_client.upload(client, stack, lambda *_: None, scanner_id=scanner["id"], **fields)
     return str(scan["id"])
 
 

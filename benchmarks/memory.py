@@ -36,7 +36,7 @@ from sawmill_worker.vocabulary import DataKind
 VIEWS, CELLS = 360, SCANNER.num_detector_pixels
 FIELDS, PHOTONS, DARK = 10, 40_000.0, 200.0
 GEOMETRY = ("--theta=2.55023549,714.683839,319.943788,43.6514375,0.280799451", "--source-to-cor-mm=859.46")
-TOLD = ("--angles-deg=0.5:1", f"--detector-pitch-mm={SCANNER.detector_pitch_mm}")
+ANGLES_AND_PITCH = ("--angles-deg=0.5:1", f"--detector-pitch-mm={SCANNER.detector_pitch_mm}")
 
 
 def views(rows: int) -> Iterator[NDArray[np.float32]]:
@@ -110,12 +110,12 @@ def ingest(path: Path, kind: DataKind) -> None:
     with tempfile.TemporaryDirectory(dir=path.parent) as folder:
         store = Store.open(StorageSettings(data_folder=Path(folder) / "data", database_url=None))
         scanner = ScannerSpec(name="scanner", constants=ScannerConstants(**vars(SCANNER)), tolerances=Tolerances())
-        said = ScanSpec(
+        given = ScanSpec(
             scanner_id=store.scanners.create(scanner).id,
             data=kind,
             angles_deg=None if kind is DataKind.COUNTS else "0.5:1",
         )
-        store.scans.accept(said, store.files.receive([b"in place of the file"], max_bytes=100))
+        store.scans.accept(given, store.files.receive([b"in place of the file"], max_bytes=100))
         (job,) = store.jobs.page(kind=JobKind.INGEST, limit=1).items
         upload = store.files.upload(job.kind, job.subject_id)
         upload.unlink()
@@ -128,9 +128,9 @@ def ingest(path: Path, kind: DataKind) -> None:
 
 def reconstruct(path: Path, kind: DataKind) -> tuple[str, ...]:
     """The command line."""
-    told = () if kind is DataKind.COUNTS else TOLD
+    reported = () if kind is DataKind.COUNTS else ANGLES_AND_PITCH
     volume = str(path.with_name("volume.h5"))
-    return "-m", "sawmill_service.cli", "reconstruct", str(path), f"--data={kind}", *told, *GEOMETRY, "-o", volume
+    return "-m", "sawmill_service.cli", "reconstruct", str(path), f"--data={kind}", *reported, *GEOMETRY, "-o", volume
 
 
 def watched(*command: str) -> str:
@@ -166,10 +166,10 @@ def main() -> None:
     for name, (kind, _) in FILES.items():
         with tempfile.TemporaryDirectory(dir=options.folder) as folder:
             path = Path(folder).resolve() / "log"
-            said = ("--path", str(path), "--rows", str(options.rows))
-            watched(__file__, "--make", name, *said)
+            given = ("--path", str(path), "--rows", str(options.rows))
+            watched(__file__, "--make", name, *given)
             print(f"  {name:23} sawmill reconstruct {watched(*reconstruct(path, kind))}")
-            print(f"  {'':23} upload's job        {watched(__file__, '--ingest', name, *said)}", flush=True)
+            print(f"  {'':23} upload's job        {watched(__file__, '--ingest', name, *given)}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
     python benchmarks/preparing.py
 
-Three simulated logs, lost rows 0 to 10 at each end, noise of a line integral as said. `off` is the RMS of the shifts'
-errors less their mean, `refused` that the way said it cannot. Takes a few minutes.
+Three simulated logs, lost rows 0 to 10 at each end, noise of a line integral as given. `off` is the RMS of the shifts'
+errors less their mean, `refused` that the way given it cannot. Takes a few minutes.
 """
 
 import time
@@ -52,7 +52,7 @@ def lose_rows(stack: Stack, rng: np.random.Generator) -> tuple[Stack, FloatArray
     return lost, top.astype(np.float64)
 
 
-def told(way: str, lost: Stack, angles: FloatArray, truth: FloatArray) -> str:
+def reported(way: str, lost: Stack, angles: FloatArray, truth: FloatArray) -> str:
     """How far off a way is, and how long it took."""
     started = time.perf_counter()
     try:
@@ -73,7 +73,7 @@ def missing_rows() -> None:
                 rng = np.random.default_rng(seed)
                 noisy = clean + noise * rng.standard_normal(clean.shape).astype(np.float32)
                 lost, truth = lose_rows(noisy, rng)
-                answers = "; ".join(told(way, lost, angles, truth) for way in WAYS)
+                answers = "; ".join(reported(way, lost, angles, truth) for way in WAYS)
                 print(f"{views} views, log {seed}, noise {noise}: {answers}", flush=True)
 
 

@@ -54,7 +54,7 @@ KINDS = {made.__name__: made for made in (steady, with_a_fault, slipped, slipped
 
 @dataclass
 class Outcomes:
-    """What came of the scans of one kind."""
+    """The results of the scans of one kind."""
 
     errors: list[float] = field(default_factory=list)
     bounds: list[float] = field(default_factory=list)

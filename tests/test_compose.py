@@ -230,7 +230,7 @@ def test_the_services_start_and_their_health_checks_tell_the_truth(services, sta
         wait_until(lambda: client.get("/v1/scans/example").json().get("state") == "ready", "example scan ready")
 
 
-def test_redis_health_check_tells_the_truth(services, redis_url):
+def test_redis_health_check_reports_the_truth(services, redis_url):
     """The image of Redis brings redis-cli along; the command that it is given is sent to a real server here."""
     program, *command = health_check(services["redis"])
     assert program == "redis-cli"

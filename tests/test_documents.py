@@ -142,18 +142,18 @@ def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_
     tour = script(sections(README)["A tour with curl"])
     assert tour.count(documented) == 1
     further = "\n".join(blocks((ROOT / "docs/http.md").read_text(), "sh"))
-    example = 'examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > said.txt; echo "$scanner" "$API" > used.txt'
+    example = 'examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > log.txt; echo "$scanner" "$API" > used.txt'
     with serving(tmp_path) as address:
         commands = f"{tour}\ncp calibration.json tour.json\n{further}\n{SIMULATE_PHANTOM}\n{example}"
-        told = run(commands.replace(documented, address), tmp_path)
+        reported = run(commands.replace(documented, address), tmp_path)
         scanner, api = (tmp_path / "used.txt").read_text().split()
         active = httpx.get(f"{api}/v1/scanners/{scanner}", trust_env=False).json()["active_calibration_id"]
-    assert "event: end" in told
+    assert "event: end" in reported
     found = json.loads((tmp_path / "tour.json").read_text())
     assert (found["state"], found["verdict"]) == ("succeeded", "pass")
     assert active == found["id"]
     assert ray_error_mm(found["source_frame"]) < 0.06
-    assert ": pass" in (tmp_path / "said.txt").read_text()
+    assert ": pass" in (tmp_path / "log.txt").read_text()
     check_log_volume(tmp_path / "volume.h5", 3)
     assert (tmp_path / "first-bytes").read_bytes() == (tmp_path / "volume.h5").read_bytes()[:8]
     for name in ("report.png", "overlay.png", "slice.png", "slice16.png"):
@@ -170,7 +170,7 @@ def check_either_file_is_enough(folder: Path) -> None:
         assert np.array_equal(*(file["entry/reconstruction/data"][()] for file in (one, other)))
 
 
-def test_the_example_script_says_what_the_service_says(tmp_path):
+def test_the_example_script_prints_what_the_service_answers(tmp_path):
     with serving(tmp_path) as address:
         command = f'examples/calibrate.sh {address} no-such-scanner "{README}" l-shape'
         with pytest.raises(AssertionError, match="there is no scanner 'no-such-scanner'"):
@@ -217,7 +217,7 @@ def run():
 """
 
 
-def test_a_volume_opens_as_the_formats_page_says(tmp_path):
+def test_a_volume_opens_as_the_formats_page_has_it(tmp_path):
     with new_reconstruction(
         tmp_path / "volume.h5",
         (3, 6, 6),
@@ -233,11 +233,11 @@ def test_a_volume_opens_as_the_formats_page_says(tmp_path):
     ) as volume:
         volume.write(0, np.ones((3, 6, 6), np.float32))
     (tmp_path / "napari.py").write_text(NAPARI)
-    told = [
+    reported = [
         subprocess.run([sys.executable, "-c", block], cwd=tmp_path, check=True, capture_output=True, text=True).stdout
         for block in blocks(sections(ROOT / "docs/formats.md")["Opening a volume"], "python")
     ]
-    assert told == [
+    assert reported == [
         "(3, 6, 6) 20.0 1.5 1.5 100.0 6.25 -33.75 ('z', 'x', 'y') mm\n",
         "(6, 6) 1/mm 120.0\n",
     ]
@@ -262,7 +262,7 @@ class AcquisitionGeometry:
 """
 
 
-def test_the_exported_files_are_read_as_the_export_page_says(tmp_path):
+def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path):
     page = ROOT / "docs/export.md"
     run("\n".join(blocks(page.read_text(), "sh")), tmp_path)
     (tmp_path / "cil").mkdir()

@@ -41,7 +41,7 @@ def every_so_many(views: int) -> slice:
 
 
 def binned(scanner: Scanner, sinogram: FloatArray, by: int) -> tuple[Scanner, FloatArray]:
-    """The same detector with so many cells taken together."""
+    """The same detector with cells taken together."""
     cells = scanner.num_detector_pixels // by
     coarse = Scanner(scanner.source_to_cor_mm, cells, scanner.detector_pitch_mm * by)
     return coarse, sinogram.reshape(len(sinogram), cells, by).mean(axis=2)
@@ -125,7 +125,7 @@ def run_in_odl(phantom: str, made_of: MadeOf, views: int, seed: int) -> Result:
 
 
 def theta_with_first_angle(theta: Theta, further_deg: float) -> Theta:
-    """Theta with its initial angle so many degrees further on."""
+    """Theta with its initial angle turned by this number of degrees."""
     vector = to_vector(theta)
     vector[0] += np.radians(further_deg)
     return Theta.from_vector(vector)

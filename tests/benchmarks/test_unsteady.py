@@ -42,7 +42,7 @@ def test_slips_are_named_and_never_pass(remove_rings):
     """As many as an independent simulator found to pass; one of 31 may drown in the noise of 20 views."""
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)
     assert found.wrong == 0
-    # What leaves the rays right to a quarter of the tolerance need not be told.
+    # What leaves the rays right to a quarter of the tolerance need not be named.
     matters = np.array(found.errors) > 0.025
     assert matters.sum() >= 20
     assert np.count_nonzero(matters & ~np.array(found.slips)) <= 1

@@ -49,7 +49,7 @@ def test_the_answer_is_one_json_object_near_the_truth(run, phantom_scan):
     assert len(document["input_sha256"]) == 64
 
 
-def test_the_answer_says_how_well_everything_is_known(run, phantom_scan):
+def test_the_answer_reports_how_well_everything_is_known(run, phantom_scan):
     document = calibrated(run, phantom_scan, *KNOWN, *L)
     deviations = list(document["standard_deviation"]["theta"].values())
     np.testing.assert_allclose(np.sqrt(np.diag(document["theta_covariance"])), deviations)
@@ -172,7 +172,7 @@ def test_rows_beyond_the_free_memory_are_refused(failure, phantom_scan, monkeypa
     assert reported["detail"] == "2 rows need 122880 bytes in memory and 122400 are free; ask for fewer with --rows"
 
 
-def test_without_an_answer_the_object_says_why(failure, bare_scan, phantom_scan, tmp_path):
+def test_without_an_answer_the_object_reports_why(failure, bare_scan, phantom_scan, tmp_path):
     assert failure("calibrate", bare_scan, *BARE)["code"] == "angles-missing"
     pitch = failure("calibrate", bare_scan, *KNOWN, *L, "--angles-deg", "3:6")
     assert pitch["code"] == "detector-pitch-missing"

@@ -37,7 +37,7 @@ def test_what_is_compiled_once_is_loaded_the_next_time(tmp_path):
     assert second == 0
 
 
-def test_the_command_ends_well_and_says_nothing_where_nobody_looks():
+def test_the_command_ends_well_and_prints_nothing_where_nobody_looks():
     done = subprocess.run(COMMAND, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout) == (0, ""), done.stderr
 

@@ -201,7 +201,7 @@ def test_the_sense_of_rotation_comes_with_theta(run, phantom_scan, tmp_path):
     assert relative_error(volume(tmp_path / "reversed.h5")[0], truth) > 0.5
 
 
-def test_json_says_what_the_volume_holds(run, stack, result_file, tmp_path):
+def test_json_reports_what_the_volume_holds(run, stack, result_file, tmp_path):
     flags = ("--data", "counts", "--calibration", result_file, "--size", 64, "--field-mm", 320, "--filter", "cosine")
     result = run("reconstruct", stack, *flags, "-o", tmp_path / "out.h5", "--json", "--views", 30)
     document = json.loads(result.stdout)

@@ -282,7 +282,7 @@ def events() -> Callable[[Service, str], list[dict[str, Any]]]:
     """What a job's stream of server-sent events tells until its end."""
 
     def follow(service: Service, job_id: str) -> list[dict[str, Any]]:
-        told: list[dict[str, Any]] = []
+        reported: list[dict[str, Any]] = []
         with service.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=JOB_S) as response:
             assert response.headers["content-type"].startswith("text/event-stream")
             name = ""
@@ -290,9 +290,9 @@ def events() -> Callable[[Service, str], list[dict[str, Any]]]:
                 if line.startswith("event: "):
                     name = line.removeprefix("event: ")
                 elif line.startswith("data: ") and name == "job":
-                    told.append(json.loads(line.removeprefix("data: ")))
+                    reported.append(json.loads(line.removeprefix("data: ")))
                 elif line.startswith("data: ") and name == "end":
-                    return told
+                    return reported
         raise AssertionError("the stream ended without its event `end`")
 
     return follow

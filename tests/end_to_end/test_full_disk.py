@@ -32,7 +32,7 @@ def small_disk(tmp_path: Path) -> list[str]:
 
 
 def leave_free(ballast: Path, free_bytes: int) -> None:
-    """Fill the disk up to so many bytes."""
+    """Fill the disk up to this number of bytes."""
     with ballast.open("ab", buffering=0) as file:
         for size in (2**20, 2**12):
             with suppress(OSError):

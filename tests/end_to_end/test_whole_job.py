@@ -39,10 +39,10 @@ def test_from_a_stack_of_counts_to_a_theta_and_a_log(engine, mill_scan, events, 
     log = {"scan_id": scan["id"], "calibration_id": asked["id"], "rows": "2:4"}
     wanted = engine.post("/v1/reconstructions", json=log)
 
-    told = events(engine, asked["job_id"])
-    fractions = [job["progress"]["fraction"] for job in told if job["progress"]]
-    assert told[-1]["state"] == "succeeded"
-    assert told[-1]["attempt"] == 1
+    reported = events(engine, asked["job_id"])
+    fractions = [job["progress"]["fraction"] for job in reported if job["progress"]]
+    assert reported[-1]["state"] == "succeeded"
+    assert reported[-1]["attempt"] == 1
     assert fractions == sorted(fractions)
     assert engine.wait(wanted["job_id"])["state"] == "succeeded"
 

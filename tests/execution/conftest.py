@@ -58,7 +58,7 @@ def command() -> list[str]:
 
 @pytest.fixture
 def queue(store: Store) -> Callable[..., Job]:
-    """Queue a job that behaves as told."""
+    """Queue a job that behaves as asked."""
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
 

@@ -119,10 +119,10 @@ def start_a_thread(_: Attempt) -> dict[str, Any]:
 
 def tell_limits(attempt: Attempt) -> dict[str, Any]:
     names = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
-    told = succeed(attempt)
+    reported = succeed(attempt)
     limits = {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}")) for name in names}
     (attempt.output / "scan.h5").write_text(json.dumps(limits))
-    return told
+    return reported
 
 
 def talk(attempt: Attempt) -> dict[str, Any]:
@@ -186,12 +186,12 @@ def needs_of(_: Attempt) -> Needs:
 
 def run(attempt: Attempt) -> dict[str, Any]:
     if attempt.job.kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
-        told = attempt.store.files.upload(attempt.job.kind, attempt.job.subject_id)
+        reported = attempt.store.files.upload(attempt.job.kind, attempt.job.subject_id)
     elif "FAKE_BEHAVIOUR" in os.environ:
-        told = Path(os.environ["FAKE_BEHAVIOUR"])
+        reported = Path(os.environ["FAKE_BEHAVIOUR"])
     else:
         return refuse(attempt)
-    return BEHAVIOURS[told.read_text()](attempt)
+    return BEHAVIOURS[reported.read_text()](attempt)
 
 
 def install() -> None:

@@ -66,7 +66,7 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     assert "reading the picture crashed the reader (SIGABRT)" in store.phantoms.get(phantom.id).reason
 
 
-def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_told_once(store, start, monkeypatch, tmp_path):
+def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, start, monkeypatch, tmp_path):
     body = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
     five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
     theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)

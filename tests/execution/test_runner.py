@@ -49,7 +49,7 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
     assert runner.run_next() is None
 
 
-def test_the_end_of_a_job_is_told_to_those_who_may_wait_for_it(store, settings, stop, command, queue):
+def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settings, stop, command, queue):
     ended = []
     runner = Runner(store, settings, stop, command=command, on_ended=ended.append)
     first, _ = queue("refuse"), queue("fill-the-disk")
@@ -67,7 +67,7 @@ def test_the_end_of_a_job_is_told_to_those_who_may_wait_for_it(store, settings, 
         ("answer-nonsense", FailureKind.INTERNAL, "invalid-result", "a defect"),
     ],
 )
-def test_a_failure_is_told_in_its_own_way(store, runner, queue, behaviour, kind, code, words):
+def test_a_failure_is_reported_in_its_own_way(store, runner, queue, behaviour, kind, code, words):
     job = queue(behaviour)
     assert runner.run_next() is JobState.FAILED
     failure = store.jobs.get(job.id).failure

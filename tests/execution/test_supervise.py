@@ -22,7 +22,7 @@ def supervisor(storage, settings):
         yield running
 
 
-def test_a_worker_that_is_told_of_a_job_does_not_wait_for_its_next_look(store, storage, settings, queue, wait_for):
+def test_a_worker_that_is_woken_for_a_job_does_not_wait_for_its_next_look(store, storage, settings, queue, wait_for):
     seldom = settings.model_copy(update={"poll_s": 600.0})
     with WorkerSupervisor(storage, seldom, command=WORKER) as supervisor:
         first = queue("succeed")
@@ -56,7 +56,7 @@ def processes_of(folder: Path) -> list[int]:
 
 
 @pytest.mark.usefixtures("supervisor")
-def test_workers_run_jobs_without_being_told(store, queue, wait_for):
+def test_workers_run_jobs_without_a_wake_up(store, queue, wait_for):
     jobs = [queue("succeed") for _ in range(4)]
     wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
 

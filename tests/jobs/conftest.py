@@ -26,11 +26,11 @@ def store(tmp_path: Path) -> Iterator[Store]:
 def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
     """An attempt at the newest job of a kind, and what it reported."""
 
-    def at(kind: JobKind, told: list[Progress] | None = None) -> Attempt:
+    def at(kind: JobKind, reported: list[Progress] | None = None) -> Attempt:
         (job,) = store.jobs.page(kind=kind, limit=1).items
         output = tmp_path / f"output-{job.id}"
         output.mkdir()
-        return Attempt(job=job, store=store, output=output, report=[].append if told is None else told.append)
+        return Attempt(job=job, store=store, output=output, report=[].append if reported is None else reported.append)
 
     return at
 

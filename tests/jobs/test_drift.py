@@ -61,47 +61,45 @@ def look(known, turn):
 
 
 def test_a_scanner_that_has_not_moved_is_within_tolerance(look, log_scan):
-    told = look(log_scan())
-    assert told.within_tolerance is True
-    assert not told.moved
-    assert "nothing moved that this scan can show" in told.reason
-    assert abs(told.change.cor_column_mm) < 4.0 * told.change_standard_deviation.cor_column_mm
-    assert any("distance R" in blind for blind in told.not_seen)
-    assert any("psi" in blind for blind in told.not_seen)
+    reported = look(log_scan())
+    assert reported.within_tolerance is True
+    assert not reported.moved
+    assert "nothing moved that this scan can show" in reported.reason
+    assert abs(reported.change.cor_column_mm) < 4.0 * reported.change_standard_deviation.cor_column_mm
+    assert any("distance R" in blind for blind in reported.not_seen)
+    assert any("psi" in blind for blind in reported.not_seen)
 
 
-def test_what_was_done_to_the_scan_is_told(look, log_scan):
+def test_what_was_done_to_the_scan_is_reported(look, log_scan):
     sound = log_scan()
     assert look(sound).adjustments == []
     faulty = sound.copy()
     faulty[:, 150], faulty[40] = 0.0, 30.0
     done = look(faulty).adjustments
-    assert [words in told for words, told in zip(("1 detector cells", "1 corrupt views"), done, strict=True)] == [
-        True,
-        True,
-    ]
+    expected = ("1 detector cells", "1 corrupt views")
+    assert all(words in adjustment for words, adjustment in zip(expected, done, strict=True))
 
 
 def test_a_turntable_that_moved_is_named_and_the_tolerance_decides(look, log_scan):
-    told = look(log_scan(TURNTABLE))
+    reported = look(log_scan(TURNTABLE))
     expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
-    assert told.change.cor_column_mm == pytest.approx(expected, abs=0.15)
-    assert "look at the turntable" in told.reason
-    assert told.within_tolerance is False
-    assert look(log_scan(TURNTABLE), tolerance_mm=2.0 * told.ray_change_mm).within_tolerance is True
+    assert reported.change.cor_column_mm == pytest.approx(expected, abs=0.15)
+    assert "look at the turntable" in reported.reason
+    assert reported.within_tolerance is False
+    assert look(log_scan(TURNTABLE), tolerance_mm=2.0 * reported.ray_change_mm).within_tolerance is True
 
 
-def test_a_scan_that_is_too_uncertain_says_so(look, log_scan):
-    told = look(log_scan(), tolerance_mm=1e-4)
-    assert told.within_tolerance is None
-    assert "average more rows" in told.reason
+def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
+    reported = look(log_scan(), tolerance_mm=1e-4)
+    assert reported.within_tolerance is None
+    assert "average more rows" in reported.reason
 
 
-def test_a_log_that_turned_the_other_way_is_told_first(look, log_scan):
-    told = look(log_scan(reverse=True))
-    assert (told.rotation, told.rotation_decided, told.within_tolerance) == ("reversed", True, False)
-    assert told.rotation_ratio > 3.0
-    assert "turned the other way" in told.reason
+def test_a_log_that_turned_the_other_way_is_reported_first(look, log_scan):
+    reported = look(log_scan(reverse=True))
+    assert (reported.rotation, reported.rotation_decided, reported.within_tolerance) == ("reversed", True, False)
+    assert reported.rotation_ratio > 3.0
+    assert "turned the other way" in reported.reason
 
 
 @pytest.fixture
@@ -169,8 +167,8 @@ def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, att
         run(attempt(JobKind.DRIFT))
 
 
-def test_the_tilt_is_told_in_the_units_of_its_name(look, log_scan):
-    told = look(log_scan(replace(THETA, detector_tilt=0.16)))
+def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
+    reported = look(log_scan(replace(THETA, detector_tilt=0.16)))
     expected = math.atan(0.16) - math.atan(0.15)
-    assert told.change.tilt_rad == pytest.approx(expected, abs=6.0 * told.change_standard_deviation.tilt_rad)
-    assert told.moved
+    assert reported.change.tilt_rad == pytest.approx(expected, abs=6.0 * reported.change_standard_deviation.tilt_rad)
+    assert reported.moved

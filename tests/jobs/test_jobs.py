@@ -38,10 +38,10 @@ def upload(store, spec):
         buffer = io.BytesIO()
         np.save(buffer, stack.astype(np.float32))
         received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        told = ScanSpec(
+        reported = ScanSpec(
             scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
         )
-        return store.scans.accept(told, received)
+        return store.scans.accept(reported, received)
 
     return accept
 
@@ -83,14 +83,14 @@ def test_another_detectors_upload_is_refused(upload, attempt):
 def test_a_calibration_writes_its_numbers(store, ingested, attempt, ask, sinogram, turn, scanner, theta):
     scan = ingested(sinogram(turn(60))[:, None], "3:6")
     store.calibrations.accept(ask(scan_id=scan.id))
-    told = []
-    calibrating = attempt(JobKind.CALIBRATE, told)
+    reported = []
+    calibrating = attempt(JobKind.CALIBRATE, reported)
     result = CalibrationResult.model_validate(run(calibrating))
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.02
     assert result.comparison is None
     assert [path.name for path in calibrating.output.iterdir()] == ["result.h5"]
-    fractions = [progress.fraction for progress in told]
+    fractions = [progress.fraction for progress in reported]
     assert fractions == sorted(fractions)
 
 
@@ -215,8 +215,8 @@ def test_a_picture_is_traced_to_its_drawing(store, attempt):
     drawn = Image.fromarray(np.rint(255 * RECTANGLE_WITH_HOLE.rasterise(800, 400.0)).astype(np.uint8))
     buffer = io.BytesIO()
     drawn.save(buffer, format="PNG")
-    said = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
-    store.phantoms.accept_picture(said, store.files.receive([buffer.getvalue()], max_bytes=10**7))
+    given = PhantomPicture(name="traced", width_mm=400.0, size_tolerance=0.002)
+    store.phantoms.accept_picture(given, store.files.receive([buffer.getvalue()], max_bytes=10**7))
     drawing = PhantomDrawing.model_validate(run(attempt(JobKind.TRACE_PHANTOM)))
     assert (drawing.name, drawing.size_tolerance) == ("traced", 0.002)
     traced = replace(to_phantom(drawing), name=RECTANGLE_WITH_HOLE.name)

@@ -41,7 +41,7 @@ def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, 
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
 
 
-def test_a_phantom_deleted_meanwhile_is_told(asked, attempt, store):
+def test_a_phantom_deleted_meanwhile_is_reported(asked, attempt, store):
     phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
     asked(phantom.id)
     store.phantoms.delete(phantom.id)

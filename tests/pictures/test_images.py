@@ -46,7 +46,7 @@ def test_small_images_are_enlarged_by_whole_factors(rng):
     np.testing.assert_array_equal(panel[::6, ::6][:, :100], panel[5::6, 5::6][:, :100])
 
 
-def test_scale_bar_has_the_length_it_says(rng):
+def test_scale_bar_has_the_length_on_its_label(rng):
     page = np.asarray(decoded(image_png(rng.random((256, 256)), pixel_mm=400 / 256, unit="1/mm", window=(-1, 0))))
     bar = max(int(np.argmax(row != 20)) for row in page[530:, 15:])
     assert bar == 128  # 100 mm at 400 mm over 512 pixels

@@ -19,7 +19,7 @@ def events(text: str) -> list[tuple[str, object]]:
     return [(block["event"], json.loads(block["data"])) for block in blocks]
 
 
-def test_a_job_tells_its_place_in_the_queue(seeded, job_id):
+def test_a_job_reports_its_place_in_the_queue(seeded, job_id):
     second = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["job_id"]
     assert [seeded.get(f"/v1/jobs/{each}").json()["queue_position"] for each in (job_id, second)] == [0, 1]
 

@@ -44,7 +44,7 @@ def test_a_service_with_nothing_to_do_is_ready(client):
     assert client.get("/health/ready").json() == {"state": "ready", "detail": ""}
 
 
-def test_a_data_folder_or_database_that_is_away_is_told(client, store, monkeypatch):
+def test_a_data_folder_or_database_that_is_away_is_reported(client, store, monkeypatch):
     def away():
         raise StorageUnavailable("the database does not answer")
 
@@ -55,7 +55,7 @@ def test_a_data_folder_or_database_that_is_away_is_told(client, store, monkeypat
 
 
 @pytest.mark.parametrize(("running", "state"), [(0, "without-worker"), (1, "ready")])
-def test_jobs_that_nobody_does_are_told(client, store, running, state):
+def test_jobs_that_nobody_does_are_reported(client, store, running, state):
     store.jobs = Waiting(running)
     answer = client.get("/health/ready")
     assert (answer.status_code, answer.json()["state"]) == (200, state)

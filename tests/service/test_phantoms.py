@@ -81,7 +81,7 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
 
 
 @pytest.mark.parametrize(
-    ("shapes", "told"),
+    ("shapes", "reported"),
     [
         (
             [{"kind": "polygon", "vertices_mm": [[0, 0], [0, 50], [0, 100]]}],
@@ -100,10 +100,10 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
         ([{**SQUARE, "density": 0}], "add up to 0 mm²"),
     ],
 )
-def test_a_drawing_without_extent_is_a_problem(client, shapes, told):
+def test_a_drawing_without_extent_is_a_problem(client, shapes, reported):
     answer = client.post("/v1/phantoms", json={"name": "nothing", "shapes": shapes})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
-    assert told in answer.json()["detail"]
+    assert reported in answer.json()["detail"]
 
 
 def test_a_drawing_without_extent_that_an_earlier_version_accepted_is_drawn(client, store):

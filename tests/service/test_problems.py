@@ -78,7 +78,7 @@ def test_an_unknown_path_is_a_problem(client):
         ("GET", "/operator/activate/example", "POST"),
     ],
 )
-def test_a_wrong_method_is_a_problem_that_says_which_is_right(client, method, path, allowed):
+def test_a_wrong_method_is_a_problem_that_reports_which_is_right(client, method, path, allowed):
     answer = client.request(method, path)
     assert problem(answer).code == "method-not-allowed"
     assert answer.headers["Allow"] == allowed
@@ -96,7 +96,7 @@ def test_an_identifier_that_cannot_be_is_a_problem(client, identifier):
         (StorageUnavailable("the database is away"), 503, "storage-unavailable"),
     ],
 )
-def test_storage_trouble_is_told(client, store, error, status, code):
+def test_storage_trouble_is_reported(client, store, error, status, code):
     store.scanners = Failing(error)
     found = problem(client.get("/v1/scanners"))
     assert (found.status, found.code, found.detail) == (status, code, str(error))

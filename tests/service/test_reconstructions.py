@@ -32,7 +32,7 @@ def test_a_theta_of_ones_own_needs_no_calibration(seeded, theta):
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "told"),
+    ("name", "value", "reported"),
     [
         ("detector_shift_mm", 1e300, "should be less than or equal to 100000, not 1e+300"),
         ("source_shift_mm", -1e6, "should be greater than or equal to -100000, not -1000000.0"),
@@ -41,14 +41,14 @@ def test_a_theta_of_ones_own_needs_no_calibration(seeded, theta):
         ("initial_angle_rad", 1e9, "should be less than or equal to 1000, not 1000000000.0"),
     ],
 )
-def test_a_theta_that_no_scanner_has_is_a_problem(seeded, theta, name, value, told):
+def test_a_theta_that_no_scanner_has_is_a_problem(seeded, theta, name, value, reported):
     for path, ask in (
         ("reconstructions", {"scan_id": "example"}),
         ("phantoms/l-shape/plans", {"scanner_id": "example"}),
     ):
         answer = seeded.post(f"/v1/{path}", json={**ask, "theta": {**theta, name: value}})
         assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
-        assert answer.json()["detail"] == f"body.theta.{name} {told}"
+        assert answer.json()["detail"] == f"body.theta.{name} {reported}"
 
 
 def test_a_theta_that_an_earlier_version_accepted_is_still_listed(seeded, store, theta):
@@ -82,7 +82,7 @@ def test_a_sixteen_bit_slice_holds_the_values_of_its_window(seeded, volume):
     np.testing.assert_allclose(drawn / 65535 * 4, volume[1], atol=1e-4)
 
 
-def test_slices_and_windows_are_told_apart(seeded):
+def test_slices_and_windows_are_distinguished(seeded):
     urls = [
         f"slices/{index}.png?window_high={high}&bits={bits}" for index in (0, 1) for high in (2, 3) for bits in (8, 16)
     ]
@@ -205,7 +205,7 @@ def test_pictures_that_the_client_holds_are_not_drawn(seeded):
         assert seeded.get(f"{path}&window_high=2", headers={"If-None-Match": tag}).status_code == 200
 
 
-def test_a_volume_without_side_views_says_what_to_do(seeded, store):
+def test_a_volume_without_side_views_reports_what_to_do(seeded, store):
     with h5py.File(store.files.volume("example"), "r+") as file:
         del file["entry/side_view"]
     answer = seeded.get("/v1/reconstructions/example/side.png")
@@ -214,7 +214,7 @@ def test_a_volume_without_side_views_says_what_to_do(seeded, store):
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "reported"),
     [
         ({"size": [256, 128]}, "size must be one number, since pixels are square, not [256, 128]"),
         ({"field_mm": [400, 300.5]}, "field_mm must be one number, since pixels are square, not [400, 300.5]"),
@@ -222,10 +222,10 @@ def test_a_volume_without_side_views_says_what_to_do(seeded, store):
         ({"rows": "0:9:0"}, "rows must be A:B with 0 <= A < B, as in 0:16, or A:B:STEP"),
     ],
 )
-def test_a_field_or_rows_that_cannot_be_are_told(seeded, options, told):
+def test_a_field_or_rows_that_cannot_be_are_reported(seeded, options, reported):
     answer = seeded.post("/v1/reconstructions", json={"scan_id": "example", **options})
     assert answer.status_code == 422
-    assert told in answer.text.replace("\\u003c", "<")
+    assert reported in answer.text.replace("\\u003c", "<")
 
 
 def test_rows_that_are_averaged_have_no_step(seeded):

@@ -27,7 +27,7 @@ def test_an_upload_is_kept_as_it_came_and_read_by_a_job(seeded, store, woken):
     assert (store.files.folder / "uploads/scans" / scan["id"] / "original").read_bytes() == content
 
 
-def test_how_a_scan_is_prepared_is_said_at_the_upload(seeded):
+def test_how_a_scan_is_prepared_is_given_at_the_upload(seeded):
     answer = seeded.post(UPLOAD + "&air=background&rings=sorting&align_rows=profile", content=b"x")
     scan = seeded.get(answer.headers["Location"]).json()
     assert [scan[name] for name in ("air", "faulty_cells", "rings", "align_rows")] == [

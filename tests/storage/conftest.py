@@ -18,7 +18,7 @@ from sawmill_worker.vocabulary import DataKind
 
 
 class TestClock:
-    """A clock that moves only when told."""
+    """A clock that moves only when it is advanced."""
 
     __test__ = False
 

@@ -62,14 +62,14 @@ def test_several_processes_may_open_a_new_store_at_once(tmp_path):
     assert answers == [b"2"] * 4
 
 
-def test_a_database_that_is_no_database_is_told_in_a_sentence(tmp_path):
+def test_a_database_that_is_no_database_is_reported_in_a_sentence(tmp_path):
     (tmp_path / "not-a-folder").write_text("")
     database = Database(make_engine(f"sqlite:///{tmp_path}/not-a-folder/sawmill.db"))
     with pytest.raises(StorageUnavailable, match="does not answer"), database.read() as session:
         session.execute(text("SELECT 1"))
 
 
-def test_check_says_what_is_wrong_with_the_data_folder(store, monkeypatch):
+def test_check_reports_what_is_wrong_with_the_data_folder(store, monkeypatch):
     store.check()
     monkeypatch.setattr("os.access", lambda *_: False)  # root may write anywhere
     with pytest.raises(StorageUnavailable, match="cannot be written to"):

@@ -47,7 +47,7 @@ def test_another_scanner_s_calibration_is_refused(store, scanner, calibration):
         store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id))
 
 
-def test_a_taken_id_and_an_unknown_one_are_told(store, ready_scan, calibration):
+def test_a_taken_id_and_an_unknown_one_are_reported(store, ready_scan, calibration):
     ask = DriftAsk(scan_id=ready_scan.id, calibration_id=calibration.id)
     store.drifts.accept(ask, identifier="example")
     with pytest.raises(Conflict, match="there is a drift 'example' already"):

@@ -74,7 +74,7 @@ def test_an_upload_that_breaks_off_leaves_nothing(files):
     assert incoming(files) == []
 
 
-def test_a_full_disk_is_told_and_leaves_nothing(files):
+def test_a_full_disk_is_reported_and_leaves_nothing(files):
     def chunks():
         yield b"ab"
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -64,7 +64,7 @@ def test_a_new_kind_s_rows_stand_in_the_common_table(store, scanner, ready_scan,
 
 
 @pytest.mark.usefixtures("as_new_kinds")
-def test_kinds_that_share_a_table_are_told_apart(store, scanner):
+def test_kinds_that_share_a_table_are_distinguished(store, scanner):
     plan = store.plans.accept(PlanAsk(scanner_id=scanner.id, theta=NOMINAL), given={"phantom_id": "l-shape"})
     assert store.drifts.page().items == []
     with pytest.raises(NotFound, match=f"there is no drift '{plan.id}'"):

@@ -43,7 +43,7 @@ def test_a_plan_waits_for_its_phantom_to_be_traced(store, scanner, finish):
     assert store.plans.get(asked.id).state == "succeeded"
 
 
-def test_a_refused_phantom_and_unknown_ones_are_told(store, scanner):
+def test_a_refused_phantom_and_unknown_ones_are_reported(store, scanner):
     phantom = traced_later(store)
     claim = store.jobs.claim("test", lease_s=60)
     store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="no-picture", detail="there is no wood in it"))

@@ -88,7 +88,7 @@ def test_a_taken_scan_id_leaves_the_older_scan_s_file_alone(store, upload):
     assert everything_in(store, "incoming") == []
 
 
-def test_a_read_scan_says_what_was_found(ready_scan):
+def test_a_read_scan_reports_what_was_found(ready_scan):
     assert ready_scan.state is ScanState.READY
     assert ready_scan.shape.views == 20
     assert ready_scan.remarks == ["one invalid frame left out"]
@@ -221,7 +221,7 @@ def test_a_picture_is_traced_by_a_job_and_a_calibration_waits_for_it(store, uplo
     assert store.phantoms.get(phantom.id).drawing.name == "traced"
 
 
-def test_a_refused_picture_says_why(store):
+def test_a_refused_picture_reports_why(store):
     picture = PhantomPicture(name="cross", width_mm=400)
     phantom = store.phantoms.accept_picture(picture, store.files.receive([b"png"], max_bytes=10))
     store.jobs.fail(store.jobs.claim("test", lease_s=60), REFUSAL)

@@ -198,10 +198,10 @@ def test_a_log_that_hardly_shows_the_distance_leaves_it_as_calibrated(full_turn,
     assert abs(fit.cor_column_mm - frame.cor_column_mm) < 4.0 * fit.deviation[0]
     uncertain = drift_change(MILL, frame, np.diag([0.0, 0.0, 100.0, 0.0, 0.0]), fit)
     off = conjugate_fit(MILL, scan(full_turn(180), body=body, noise=0.005), full_turn(180), moved(frame, distance=10.0))
-    carried = [off.cor_column_mm - fit.cor_column_mm, off.tilt_rad - fit.tilt_rad]
+    distance_sensitivity = [off.cor_column_mm - fit.cor_column_mm, off.tilt_rad - fit.tilt_rad]
     # The slopes are those of noisy data.
-    assert 10.0 * fit.carried == pytest.approx(carried, rel=0.4)
-    assert uncertain.deviation[:2] == pytest.approx(np.hypot(fit.deviation[:2], 10.0 * fit.carried))
+    assert 10.0 * fit.distance_sensitivity == pytest.approx(distance_sensitivity, rel=0.4)
+    assert uncertain.deviation[:2] == pytest.approx(np.hypot(fit.deviation[:2], 10.0 * fit.distance_sensitivity))
     change = drift_change(MILL, frame, np.eye(5) * 1e-8, fit)
     assert change.deviation[2] == change.significance[2] == change.change[2] == 0.0
     assert "nothing moved" in likely_cause(frame, change)
@@ -269,7 +269,7 @@ def test_the_calibration_s_own_errors_count(full_turn, frame):
 def test_a_distance_that_has_not_surely_changed_is_held(full_turn, frame):
     fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
     assert not fit.distance_held
-    assert not fit.carried.any()
+    assert not fit.distance_sensitivity.any()
     worse = replace(fit, covariance=fit.covariance + np.diag([0.0, 0.0, 400.0]), source_to_detector_mm=1650.0)
     assert abs(worse.source_to_detector_mm - frame.source_to_detector_mm) > 20.0
     assert drift_change(MILL, frame, None, worse).ray_change_mm < 0.2

@@ -19,7 +19,7 @@ WINDOWS = {
 
 @every_filter
 @pytest.mark.parametrize("scaling", [1.0, 0.5])
-def test_the_window_is_what_its_name_says(name, scaling):
+def test_the_window_is_what_its_name_means(name, scaling):
     # 256 cells pad to 512: the cut-off and its half fall on frequencies of the transform.
     response, length = ramp_response(256, PITCH, name, scaling)
     ramp, _ = ramp_response(256, PITCH, FilterName.RAM_LAK, 1.0)

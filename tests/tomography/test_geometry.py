@@ -56,7 +56,7 @@ def test_the_source_frame_describes_the_same_rays_as_theta(scanner, theta):
         np.testing.assert_allclose(rotate(beta, 0.0, -frame.source_distance_mm), source[view], atol=1e-9)
 
 
-def test_vectors_place_the_source_the_detector_and_its_slope_as_the_conventions_page_says(scanner):
+def test_vectors_place_the_source_the_detector_and_its_slope_as_the_conventions_page_has_it(scanner):
     theta = Theta(0.0, 700.0, 30.0, 40.0, 0.5)
     source, centre, axis = FanBeamGeometry(scanner, theta, np.array([0.0, math.pi / 2.0])).vectors()
     np.testing.assert_allclose(source, [(30.0, -R_S), (R_S, 30.0)], atol=1e-12 * R_S)

@@ -39,7 +39,7 @@ def test_a_whorl_has_knots_and_clear_wood_has_none():
     assert not knots[5.0]
 
 
-def test_the_metal_is_where_it_is_said_to_be_and_only_there():
+def test_the_metal_is_where_it_was_put_and_only_there():
     log = LogModel.random(1009)
     inside, away = image_at(log, log.metal_height_mm), image_at(log, log.metal_height_mm + 60.0)
     i, j = (math.floor(c + FIELD / 2) for c in log.metal_mm)

@@ -39,7 +39,7 @@ def test_the_twin_has_not_moved(calibration, watched, theta):
     assert change.within_tolerance
 
 
-def test_a_knocked_detector_is_told_in_millimetres(calibration, watched, theta):
+def test_a_knocked_detector_is_reported_in_millimetres(calibration, watched, theta):
     moved = replace(theta, detector_shift_mm=theta.detector_shift_mm - 2.0)
     change = compare(calibration(), calibration(moved), watched())
     expected = moved.source_frame(859.46).cor_column_mm - theta.source_frame(859.46).cor_column_mm
@@ -79,7 +79,7 @@ def test_the_scanners_tolerance_decides(calibration, watched, theta):
     assert not compare(calibration(), moved, watched(ray_change_mm=0.99 * ray_change)).within_tolerance
 
 
-def test_a_log_that_turns_the_other_way_is_told_first(calibration, watched):
+def test_a_log_that_turns_the_other_way_is_reported_first(calibration, watched):
     change = compare(calibration(), calibration(rotation="reversed"), watched())
     assert not change.within_tolerance
     assert "turns the other way" in change.reason

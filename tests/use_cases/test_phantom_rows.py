@@ -35,7 +35,7 @@ def given(stack):
     )
 
 
-def test_the_phantom_s_rows_are_found_used_and_told(stack):
+def test_the_phantom_s_rows_are_found_used_and_reported(stack):
     progress = []
     narrowed, calibration = run_calibration(given(stack), CalibrationOptions(), progress.append, stack=stack)
     result = calibration_result(calibration, narrowed)

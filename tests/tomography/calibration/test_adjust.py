@@ -95,7 +95,7 @@ def displaced_views(clean, *, moments=None, rng=None):  # noqa: ARG001 - every f
     clean[views] = np.roll(clean[views], 5, axis=1)
 
 
-# The fault, what is told of it, and what must be left out for the scan to fail: outliers would mend single cells too.
+# The fault, how it is reported, and what must be left out for the scan to fail: outliers would mend single cells too.
 FAULTS = {
     "hot cells": (hot_cells, "detector cells without a usable signal", [Adjustment.FAULTY_CELLS, Adjustment.OUTLIERS]),
     "dead cells": (
@@ -124,8 +124,8 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_is_found_told_and_mended_unless_its_remedy_is_switched_off(clean, moments, angles, name):
-    fault, told, remedies = FAULTS[name]
+def test_a_fault_is_found_reported_and_mended_unless_its_remedy_is_switched_off(clean, moments, angles, name):
+    fault, reported, remedies = FAULTS[name]
     faulty = clean.copy()
     fault(faulty, moments=moments, rng=np.random.default_rng(1200))
     faulty = noise_on(faulty, clean, 1201)
@@ -133,14 +133,14 @@ def test_a_fault_is_found_told_and_mended_unless_its_remedy_is_switched_off(clea
         faulty[:, 300:330] = 0.0
     error, found = off_mm(faulty, angles)
     assert error < LIMIT_MM
-    assert any(told in sentence for sentence in found.adjustments)
+    assert any(reported in sentence for sentence in found.adjustments)
     assert (found.judgement.status, found.judgement.verdict) == ("calibrated", "pass")
     try:
         plain, left_alone = off_mm(faulty, angles, *remedies)
     except CalibrationError:
         return  # without its remedy the phantom is not even found
     assert plain > 4.0 * error
-    assert not any(told in sentence for sentence in left_alone.adjustments)
+    assert not any(reported in sentence for sentence in left_alone.adjustments)
     # What is not mended is not passed over either.
     assert left_alone.judgement.verdict != "pass"
 
@@ -161,7 +161,7 @@ def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles)
     assert "at the phantom's edges" in sharp.judgement.reasons[0]
 
 
-def test_blur_and_hardening_are_told_apart(clean, angles):
+def test_blur_and_hardening_are_distinguished(clean, angles):
     both = clean.copy()
     beam_hardening(both)
     blur(both)

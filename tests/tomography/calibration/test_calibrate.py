@@ -161,9 +161,9 @@ def test_each_of_the_four_hypotheses_is_recovered(scan, theta, full_turn, phanto
     assert errors(found, theta)[0] < 0.06
 
 
-def test_a_hypothesis_that_is_told_is_the_only_one_tried(scan, theta, full_turn):
-    told = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
-    found = calibrate(scan(L_SHAPE, full_turn(24), seed=1103, **told))
+def test_a_hypothesis_that_is_given_is_the_only_one_tried(scan, theta, full_turn):
+    given = {"handedness": Handedness.AS_DRAWN, "rotation": Rotation.AS_GIVEN}
+    found = calibrate(scan(L_SHAPE, full_turn(24), seed=1103, **given))
     assert len(found.alternatives.hypotheses) == 1
     assert errors(found, theta)[0] < 0.06
 
@@ -176,9 +176,9 @@ def test_a_hypothesis_that_is_told_is_the_only_one_tried(scan, theta, full_turn)
         (RECTANGLE_WITH_HOLE, Rotation.REVERSED),
     ],
 )
-def test_a_wrong_hypothesis_that_is_told_never_passes(scan, full_turn, phantom, rotation):
-    told = {"handedness": Handedness.FROM_BEHIND, "rotation": rotation}
-    task = scan(phantom, full_turn(24), seed=1104, **told)
+def test_a_wrong_hypothesis_that_is_given_never_passes(scan, full_turn, phantom, rotation):
+    given = {"handedness": Handedness.FROM_BEHIND, "rotation": rotation}
+    task = scan(phantom, full_turn(24), seed=1104, **given)
     try:
         found = calibrate(task)
     except CalibrationError as error:
@@ -191,8 +191,8 @@ def test_a_wrong_hypothesis_that_is_told_never_passes(scan, full_turn, phantom, 
 
 
 def test_a_wrong_side_that_explains_too_little_is_no_answer(scan, full_turn):
-    told = {"handedness": Handedness.FROM_BEHIND, "rotation": Rotation.AS_GIVEN}
-    assert code_of(scan(L_SHAPE, full_turn(24), seed=1105, **told)) == "phantom-not-found"
+    given = {"handedness": Handedness.FROM_BEHIND, "rotation": Rotation.AS_GIVEN}
+    assert code_of(scan(L_SHAPE, full_turn(24), seed=1105, **given)) == "phantom-not-found"
 
 
 @both_phantoms
@@ -335,7 +335,7 @@ def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_tur
             assert 0.0 <= angle < TAU
 
 
-def test_too_much_noise_is_said_and_does_not_pass(scan, full_turn):
+def test_too_much_noise_is_reported_and_does_not_pass(scan, full_turn):
     found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.15))
     assert found.error_bars.predicted_ray_error.rms_mm > 0.1
     assert found.judgement.verdict in {"watch", "fail"}
@@ -352,7 +352,7 @@ def test_too_much_noise_is_said_and_does_not_pass(scan, full_turn):
     ],
     ids=lambda body: body.name,
 )
-def test_a_symmetric_phantom_leaves_an_ambiguity_that_is_said(scan, full_turn, body):
+def test_a_symmetric_phantom_leaves_an_ambiguity_that_is_reported(scan, full_turn, body):
     found = calibrate(scan(body, full_turn(40), seed=1129))
     assert found.judgement.verdict != "pass"
     assert found.judgement.status in {"ambiguous-handedness", "not-converged"}
@@ -491,7 +491,7 @@ def test_a_body_that_is_nearly_itself_after_part_of_a_turn_is_found_at_the_right
     assert psi < 0.1
 
 
-def test_a_parallelogram_may_be_half_a_turn_off_and_that_is_said(scan, full_turn):
+def test_a_parallelogram_may_be_half_a_turn_off_and_that_is_reported(scan, full_turn):
     """It is itself after half a turn, but no mirror image of itself: only the first angle is in doubt."""
     body = Phantom("parallelogram", (Polygon(((-120.0, -60.0), (60.0, -60.0), (120.0, 60.0), (-60.0, 60.0))),))
     found = calibrate(scan(body, full_turn(60), seed=1161))
@@ -524,10 +524,10 @@ def test_counts_are_calibrated_as_well_as_line_integrals(scanner, theta, full_tu
     # Photon noise predicts 0.002 mm.
     assert errors(allowed, theta)[0] < 0.01
     assert errors(plain, theta)[0] > 2.0 * errors(allowed, theta)[0]
-    assert any("averaging of intensities" in told for told in allowed.adjustments)
+    assert any("averaging of intensities" in reported for reported in allowed.adjustments)
 
 
-def test_a_phantom_larger_than_the_detector_is_told_by_its_size(scanner, full_turn):
+def test_a_phantom_larger_than_the_detector_is_reported_by_its_size(scanner, full_turn):
     noise = np.random.default_rng(1190).standard_normal((20, 768))
     task = CalibrationTask(scanner, L_SHAPE.scaled(4.0), noise, full_turn(20))
     with pytest.raises(CalibrationError, match=r"and the detector is 1154 mm wide"):

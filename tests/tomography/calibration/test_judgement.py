@@ -112,8 +112,8 @@ def test_a_good_fit_passes_without_a_reason(verdict_of):
 def test_the_tolerance_is_held_where_it_is_held_with_95_percent(verdict_of, rms, upper_95, verdict):
     found, reasons = verdict_of(bars={"predicted_ray_error": predicted(upper_95, rms)})
     assert found == verdict
-    told = f"is {rms:.3f} mm, with 95 % below {upper_95:.3f} mm, where 0.100 mm is allowed"
-    assert all(told in reason for reason in reasons)
+    reported = f"is {rms:.3f} mm, with 95 % below {upper_95:.3f} mm, where 0.100 mm is allowed"
+    assert all(reported in reason for reason in reasons)
     assert len(reasons) == (verdict != "pass")
 
 
@@ -124,18 +124,18 @@ def test_a_fit_that_did_not_converge_fails(verdict_of):
 
 
 @pytest.mark.parametrize(("share", "verdict", "count"), [(0.0009, "pass", 0), (0.004, "pass", 1), (0.006, "watch", 1)])
-def test_a_structured_residual_is_told_and_a_large_one_watched(verdict_of, share, verdict, count):
+def test_a_structured_residual_is_reported_and_a_large_one_watched(verdict_of, share, verdict, count):
     found, reasons = verdict_of(residual=ResidualAnalysis(Structure(share, Place.EDGES)))
     assert (found, len(reasons)) == (verdict, count)
     assert all(f"{share:.1%} of the sinogram unexplained, and not as noise" in reason for reason in reasons)
 
 
 @pytest.mark.parametrize(
-    ("place", "told"),
+    ("place", "reported"),
     [(Place.EDGES, "draw it anew"), (Place.SHADOW, "use a sound phantom"), (Place.VIEWS, "repeat the scan")],
 )
-def test_where_the_residual_lies_names_the_cause_and_the_cure(verdict_of, place, told):
-    assert told in verdict_of(residual=ResidualAnalysis(Structure(0.01, place)))[1][0]
+def test_where_the_residual_lies_names_the_cause_and_the_cure(verdict_of, place, reported):
+    assert reported in verdict_of(residual=ResidualAnalysis(Structure(0.01, place)))[1][0]
 
 
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
@@ -156,7 +156,7 @@ def test_a_hypothesis_hardly_better_than_the_next_is_watched(verdict_of):
     assert verdict_of(hypotheses=(RIGHT, second(0.02 * 1.0011)), inflation=2.0)[0] == "watch"
 
 
-def test_a_single_hypothesis_has_nothing_to_be_told_from(verdict_of):
+def test_a_single_hypothesis_has_nothing_to_be_distinguished_from(verdict_of):
     assert verdict_of(hypotheses=(RIGHT,)) == ("pass", ())
 
 
@@ -169,7 +169,7 @@ def test_a_distance_too_short_by_more_than_noise_contradicts_the_scanner(verdict
     assert "larger than its drawing, by 1.1% or more" in reasons[0]
 
 
-def test_what_the_phantom_s_tolerance_leaves_open_is_told(verdict_of):
+def test_what_the_phantom_s_tolerance_leaves_open_is_reported(verdict_of):
     found, reasons = verdict_of(scale=ScaleUncertainty(0.9, 0.43))
     assert (found, len(reasons)) == ("pass", 1)
     assert "0.430 mm RMS, which no residual shows" in reasons[0]
@@ -204,7 +204,7 @@ def test_a_phantom_that_looks_the_same_turned_is_watched(verdict_of):
     assert verdict_of(turned=TurnedAlternative(by_deg=180.0, relative_residual=0.02 * 1.0011))[0] == "pass"
 
 
-def test_an_unresolved_source_shift_is_said_and_still_passes(verdict_of):
+def test_an_unresolved_source_shift_is_reported_and_still_passes(verdict_of):
     found, reasons = verdict_of(bars={"source_shift_resolved": False})
     assert found == "pass"
     assert "not resolved from 0" in reasons[0]
@@ -222,5 +222,5 @@ def test_what_changed_counts_by_what_it_puts_the_rays_off(verdict_of, off_mm, ve
     assert any(reason.startswith("the phantom moved at view 17, by 0.5 mm") for reason in reasons) == (
         verdict != "pass"
     )
-    # One cause is told for what the residual holds.
+    # One cause is named for what the residual holds.
     assert any("most of it" in reason for reason in reasons) == (verdict == "pass")

@@ -1,4 +1,4 @@
-"""Where the model is wrong on purpose: the bound still holds, and something is said or done."""
+"""Where the model is wrong on purpose: the bound still holds, and something is reported or done."""
 
 from dataclasses import replace
 
@@ -54,21 +54,21 @@ def calibrated(body, drawn, seed):
 
 @pytest.mark.parametrize("body", [with_a_knot, with_a_worn_corner])
 def test_the_bound_holds_what_wood_that_is_not_as_drawn_costs(body):
-    inside, told, plain = 0, 0, 0
+    inside, reported, plain = 0, 0, 0
     for seed in SEEDS:
         error, found = calibrated(body(np.random.default_rng(seed)), L_SHAPE, seed)
         inside += error <= found.error_bars.predicted_ray_error.upper_95_mm
-        told += any("not as noise" in reason for reason in found.judgement.reasons)
+        reported += any("not as noise" in reason for reason in found.judgement.reasons)
         # What noise alone of 0.5 % predicts: 0.002 mm.
         plain += error <= 2.0 * 0.002
     # Of six at 95 %, five or six are inside in 97 of 100 cases.
     assert inside >= len(SEEDS) - 1
-    assert told == len(SEEDS)
+    assert reported == len(SEEDS)
     # The case is one: noise alone would not have held the truth.
     assert plain < len(SEEDS) - 1
 
 
-def test_a_coarse_picture_is_told_and_its_pixels_are_the_size_s_uncertainty():
+def test_a_coarse_picture_is_reported_and_its_pixels_are_the_size_s_uncertainty():
     for number, size in enumerate((190, 173, 154, 141, 137)):
         drawn = trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="picture")
         error, found = calibrated(L_SHAPE, drawn, 1270 + number)

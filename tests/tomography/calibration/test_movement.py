@@ -16,7 +16,7 @@ DEVIATION = np.array([0.0005, 0.6, 0.8, 0.02, 0.0006])
 
 
 @pytest.fixture
-def told():
+def reported():
     def cause(deviation=DEVIATION, **changes):
         after = replace(BEFORE, **{name: getattr(BEFORE, name) + change for name, change in changes.items()})
         covariance = None if deviation is None else np.diag(deviation**2)
@@ -40,28 +40,28 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_each_thing_that_can_move_is_named_with_where_to_look(told, name):
+def test_each_thing_that_can_move_is_named_with_where_to_look(reported, name):
     changes, sentence = CASES[name]
-    assert sentence in told(**changes)
+    assert sentence in reported(**changes)
 
 
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("seed", range(1250, 1255))
-def test_the_noise_of_both_calibrations_is_no_movement(told, name, seed):
+def test_the_noise_of_both_calibrations_is_no_movement(reported, name, seed):
     changes, sentence = CASES[name]
     noise = DEVIATION * np.random.default_rng(seed).standard_normal(5)
     noisy = {key: changes.get(key, 0.0) + noise[place] for place, key in enumerate(vars(BEFORE))}
-    assert sentence in told(**noisy)
+    assert sentence in reported(**noisy)
 
 
-def test_the_movement_is_told_in_millimetres_and_degrees(told):
-    assert told(cor_column_mm=0.8).startswith("the COR moved +0.80 mm on the detector and the tilt did not")
-    assert "changed by +1.146 degrees" in told(tilt_rad=0.02)
+def test_the_movement_is_reported_in_millimetres_and_degrees(reported):
+    assert reported(cor_column_mm=0.8).startswith("the COR moved +0.80 mm on the detector and the tilt did not")
+    assert "changed by +1.146 degrees" in reported(tilt_rad=0.02)
 
 
-def test_without_error_bars_what_hardly_moves_the_rays_is_no_movement(told):
-    assert "and the tilt did not" in told(deviation=None, cor_column_mm=2.0, tilt_rad=math.radians(0.005))
+def test_without_error_bars_what_hardly_moves_the_rays_is_no_movement(reported):
+    assert "and the tilt did not" in reported(deviation=None, cor_column_mm=2.0, tilt_rad=math.radians(0.005))
 
 
-def test_a_turned_phantom_moves_nothing(told):
-    assert told(psi_rad=1.0, cor_column_mm=0.8) == told(cor_column_mm=0.8)
+def test_a_turned_phantom_moves_nothing(reported):
+    assert reported(psi_rad=1.0, cor_column_mm=0.8) == reported(cor_column_mm=0.8)

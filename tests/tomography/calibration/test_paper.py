@@ -37,7 +37,7 @@ def task(geometry):
 
 @pytest.fixture(scope="module")
 def searched(task):
-    """A search of 40 generations, and what its progress told."""
+    """A search of 40 generations, and what its progress reported."""
     heard = []
     return calibrate_as_published(task, options=SEARCHED, seed=3, progress=lambda *news: heard.append(news)), heard
 
@@ -130,7 +130,7 @@ def test_the_background_is_removed_whatever_it_is(geometry):
     assert abs(one[air].mean()) < noise
 
 
-def test_the_rotation_that_is_told_is_taken(geometry):
+def test_the_rotation_that_is_given_is_taken(geometry):
     reversed_scan = simulate_sinogram(
         L_SHAPE, geometry.with_angles(-geometry.angles_rad), noise=0.02, background=3.0, seed=1205
     )

@@ -20,7 +20,7 @@ def stack_of(bodies, noise, seed):
     return stack + noise * np.random.default_rng(seed).standard_normal(stack.shape)
 
 
-def test_phantom_and_log_are_told_apart():
+def test_phantom_and_log_are_distinguished():
     wood, log = L_SHAPE.of_density(SAPWOOD_PER_MM), LogModel.random(1300)
     bodies = [wood] * 4 + [log.slice_at(40.0 + 4.0 * row) for row in range(7)]
     assert min(segments(stack_of(bodies, 0.02, 1301)), key=lambda run: run.start) == slice(0, 4)

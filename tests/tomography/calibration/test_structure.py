@@ -34,7 +34,7 @@ def test_a_pattern_s_share_is_its_size(model, rng):
     assert found.share == pytest.approx(wave.std() / model.std(), rel=0.05)
 
 
-def test_edges_inside_and_views_are_told_apart(model, rng):
+def test_edges_inside_and_views_are_distinguished(model, rng):
     noise = 0.1 * rng.standard_normal(model.shape)
     edges = np.abs(np.diff(model, axis=1, prepend=0.0)) > 50.0
     assert find_structure(noise + 3.0 * edges, model).place is Place.EDGES

@@ -1,4 +1,4 @@
-"""A phantom that moves during its scan, and angles that are not those of the turntable: told, and never passed."""
+"""A phantom that moves during its scan, and angles that are not those of the turntable: reported, and never passed."""
 
 from dataclasses import replace
 
@@ -45,7 +45,7 @@ def error_mm(found):
 
 @pytest.mark.parametrize("without", [(), tuple(Adjustment)])
 @pytest.mark.parametrize(("view", "mm"), [(20, 0.4), (50, 2.0), (40, 8.0)])
-def test_a_phantom_that_slips_is_told_with_the_view_and_how_far(view, mm, without):
+def test_a_phantom_that_slips_is_reported_with_the_view_and_how_far(view, mm, without):
     found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301, without=without)
     reason = next(reason for reason in found.judgement.reasons if "the phantom moved at view" in reason)
     told_view, told_mm = reason.split("view ")[1].split(",")[0], reason.split("by ")[1].split(" mm")[0]
@@ -65,7 +65,7 @@ def test_a_phantom_that_slips_is_told_with_the_view_and_how_far(view, mm, withou
         (ANGLES, 1.0, "the angles jump at view 3"),
     ],
 )
-def test_angles_that_are_not_the_turntable_s_are_told(angles, turn_deg, cause):
+def test_angles_that_are_not_the_turntable_s_are_reported(angles, turn_deg, cause):
     sinogram = np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)])
     found = calibrated(sinogram, 1302)
     assert any(reason.startswith(cause) for reason in found.judgement.reasons), found.judgement

@@ -54,7 +54,7 @@ class StoredScanner(Stamped, ScannerSpec):
     """A scanner as it is stored."""
 
     active_calibration_id: Identifier | None = Field(
-        None, description="The calibration that reconstructions use unless told."
+        None, description="The calibration that reconstructions use unless another is given."
     )
 
 

@@ -12,7 +12,7 @@ from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanne
 from sawmill_worker.tomography.phantom import Phantom
 
 PARAMETERS = kernels.PARAMETERS
-# Below so many samples one thread is done before others have woken up, on a busy machine by far.
+# Below this number of samples one thread ends before others have woken up.
 WORTH_THREADS = 40_000
 
 
@@ -70,7 +70,7 @@ def project(
     angles_rad : (views,) float64
         View angles as the scanner's sense of rotation reads them.
     rays_per_cell : int, optional
-        So many equidistant rays a cell; by default the mean over the whole cell.
+        The number of equidistant rays a cell; by default the mean over the whole cell.
 
     Returns
     -------

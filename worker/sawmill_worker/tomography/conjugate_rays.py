@@ -28,13 +28,13 @@ ComplexArray = NDArray[np.complex128]
 WIDEST_STEP_DEG = 3.0
 # Share by which an encoder may scatter a step.
 JITTER = 0.02
-# Blur in views and in cells: the coarse one finds the valley and the sense of rotation, the finest one that the noise
-# allows finds the bottom.
+# Blur in views and in cells: the coarse one finds the basin and the sense of rotation, the finest one that the noise
+# allows finds the minimum.
 COARSE = (4.0, 8.0)
 FINE = ((1.0, 1.5), (1.5, 2.5), (2.0, 4.0), (3.0, 6.0))
 # Gaussians are cut off here, in widths.
 CUT_OFF = 4.5
-# Pairs stand so many widths of the blur apart, but not closer than cells.
+# Pairs stand this many widths of the blur apart, but not closer than cells.
 PAIR_STEP = 0.5
 # How far u_c (share of the detector), tau (rad) and SDD (share) may have moved and are still followed.
 REACH = (0.05, 0.2, 0.2)
@@ -44,16 +44,16 @@ SIGNAL_SHARE = 0.3
 WORST_DISTANCE = 0.02
 # A u_c less certain than this share of a cell says nothing about drift.
 WORST_CELLS = 0.5
-# Nor does a tau less certain than this (rad): along so flat a valley the errors are no longer those of a linear fit.
+# Nor does a tau less certain than this (rad): along so flat a basin the errors are no longer those of a linear fit.
 WORST_TILT = 0.03
 STEPS = 40
 # A step below this share of the standard deviations is the last one.
 SMALL_STEP = 1e-2
-# A view whose rays differ from their opposites so many times more than the views' median does not belong to the turn;
+# A view whose rays differ from their opposites this many times more than the views' median does not belong to the turn;
 # where more than this share of the views would not, it is the log that moved. Its opposites differ too: only those near
 # the worst are left out at a time.
 ODD_VIEW, MOST_ODD_VIEWS, NEAR_WORST = 3.0, 0.1, 0.7
-# A pair is left out when a ray of it lies within so many widths of the blur of a cell without data, unless that would
+# A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
 # be more than this share of the pairs.
 CELL_REACH, MOST_TOUCHED = 3.0, 0.5
 # A gain found with a wrong geometry hides part of the error: so often are both found in turn.
@@ -300,7 +300,7 @@ class _Solution:
         return covariance
 
     @property
-    def carried(self) -> FloatArray:
+    def distance_sensitivity(self) -> FloatArray:
         """Change of (u_c, tau) per mm of the SDD at which they were fitted, (2,); zeros where it is free."""
         if self.free == ALL_THREE:
             return np.zeros(2)
@@ -388,7 +388,7 @@ def conjugate_fit(
         scan = replace(scan, usable=scan.usable & ~odd)
         best, rotation, ratio, used = _fit(scan, start, rotation)
     disagreeing = int(np.sum(screening.views & ~scan.usable))
-    told = f"{disagreeing} views whose rays do not agree with their opposites were left out"
+    remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
     _check_found(scanner, best, start)
     u_c, tau, sdd = (float(value) for value in best.vector)
     return ConjugateFit(
@@ -400,8 +400,8 @@ def conjugate_fit(
         rotation,
         ratio,
         best.rays.relative_residual,
-        best.carried,
-        (*used.done, told) if disagreeing else used.done,
+        best.distance_sensitivity,
+        (*used.done, remark) if disagreeing else used.done,
     )
 
 
@@ -423,18 +423,18 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> tuple[_Solution
     filled = scan.angles_rad[~scan.usable]
     turn = _turn(even, first, filled, scan.bridged)
     other = next(sense for sense in Rotation if sense is not rotation)
-    valleys = {sense: _valley(scan.scanner, turn.read(sense), start) for sense in (rotation, other)}
-    ratio = valleys[other].rays.relative_residual / valleys[rotation].rays.relative_residual
+    basins = {sense: _basin(scan.scanner, turn.read(sense), start) for sense in (rotation, other)}
+    ratio = basins[other].rays.relative_residual / basins[rotation].rays.relative_residual
     if ratio < 1.0 / DECISIVE_RATIO:
         rotation, ratio = other, 1.0 / ratio
-    vector, done = valleys[rotation].vector, scan.done
+    vector, done = basins[rotation].vector, scan.done
     for _ in range(GAIN_ROUNDS):
         fan, _ = _fan(scan.scanner, vector)
         gain = view_gain(even, fan, reversed_turn=rotation is Rotation.REVERSED)
         if gain is not None:
             turn = _turn(gain.removed(even), first, filled, scan.bridged)
             done = (*scan.done, gain.done)
-        best = _bottom(scan.scanner, turn.read(rotation), start, vector)
+        best = _minimum(scan.scanner, turn.read(rotation), start, vector)
         if gain is None or not best.settled:
             break
         vector = best.vector
@@ -469,18 +469,18 @@ def _vector(frame: SourceFrame) -> FloatArray:
     return np.array([frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm])
 
 
-def _valley(scanner: Scanner, turn: _Turn, start: SourceFrame) -> _Solution:
+def _basin(scanner: Scanner, turn: _Turn, start: SourceFrame) -> _Solution:
     """The coarse fit, with SDD held: it needs the fine structure of the log."""
     pairs = _Pairs(scanner, turn, _vector(start), COARSE)
     return pairs.solve(_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 
-def _bottom(scanner: Scanner, turn: _Turn, start: SourceFrame, valley: FloatArray) -> _Solution:
+def _minimum(scanner: Scanner, turn: _Turn, start: SourceFrame, basin: FloatArray) -> _Solution:
     """The fit from the coarse one's end: as fine, and with as many unknowns, as the scan allows."""
     worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
     for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):
-        pairs = _Pairs(scanner, turn, valley, blur)
-        solution = pairs.solve(valley, *_reach(scanner, start), free=free, corrected=True)
+        pairs = _Pairs(scanner, turn, basin, blur)
+        solution = pairs.solve(basin, *_reach(scanner, start), free=free, corrected=True)
         if solution.settled and np.all(np.sqrt(np.diag(solution.covariance)) < worst):
             break
     return solution

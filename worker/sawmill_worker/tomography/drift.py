@@ -12,9 +12,9 @@ from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanne
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
 from sawmill_worker.vocabulary import Rotation
 
-# From so many times the better residual on, the other sense of rotation is ruled out.
+# From this ratio to the better residual on, the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1
-# A change beyond so many standard deviations is a change.
+# A change beyond this many standard deviations is significant.
 SIGNIFICANT = 3.0
 # Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
 UNEXPLAINED = 11.83
@@ -61,7 +61,7 @@ class ConjugateFit:
     relative_residual : float
         RMS of the pairs' differences against the RMS of what they differ in: the part of the rays that changes with
         the view, after the blur.
-    carried : (2,) float64
+    distance_sensitivity : (2,) float64
         Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
     adjustments : tuple of str
         What was done to the scan before it was used.
@@ -75,7 +75,7 @@ class ConjugateFit:
     rotation: Rotation
     rotation_ratio: float
     relative_residual: float
-    carried: FloatArray
+    distance_sensitivity: FloatArray
     adjustments: tuple[str, ...]
 
     @property
@@ -153,7 +153,7 @@ def drift_change(
         order = [3, 4, 2]
         # Where SDD is held, the calibration's error of it moves what is measured of the others.
         difference = np.eye(3)
-        difference[:2, 2] = -fit.carried
+        difference[:2, 2] = -fit.distance_sensitivity
         covariance += difference @ calibrated_covariance[np.ix_(order, order)] @ difference.T
     if fit.distance_held:
         covariance[2, :] = covariance[:, 2] = 0.0
@@ -176,8 +176,8 @@ def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Fl
     """The change and its covariance, conditional on an unchanged SDD unless that has changed significantly."""
     if covariance[2, 2] == 0.0 or abs(change[2]) > SIGNIFICANT * math.sqrt(covariance[2, 2]):
         return change, covariance
-    carried = covariance[:, 2] / covariance[2, 2]
-    return change - carried * change[2], covariance - np.outer(carried, covariance[2])
+    distance_sensitivity = covariance[:, 2] / covariance[2, 2]
+    return change - distance_sensitivity * change[2], covariance - np.outer(distance_sensitivity, covariance[2])
 
 
 def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:

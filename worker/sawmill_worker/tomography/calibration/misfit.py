@@ -95,7 +95,7 @@ class CoarseMisfit:
 def coarse_data(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray
 ) -> tuple[FloatArray, FloatArray, DetectorCells]:
-    """Every so many views, and cells averaged, down to about 40 x 64: (sinogram, angles, cells)."""
+    """Views at regular intervals, and cells averaged, down to about 40 x 64: (sinogram, angles, cells)."""
     binned = max(1, scanner.num_detector_pixels // COARSE_CELLS)
     cells = DetectorCells.of(scanner, binned=binned)
     step = max(1, sinogram.shape[0] // COARSE_VIEWS)

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
 
-# A step from row to row is a jump when it is so many times the usual one, and this share of the shadow itself.
+# A step from row to row is a jump when it is this many times the usual one, and this share of the shadow itself.
 JUMP, JUMP_SHARE = 4.0, 0.1
-# Rows that are compared are averaged over cells and taken at so many views: jumps are coarse.
+# Rows that are compared are averaged over cells and taken at this number of views: jumps are coarse.
 VIEWS, CELLS = 60, 64
 
 
@@ -33,7 +33,7 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
 
 
 def _coarse(stack: NDArray[np.floating]) -> FloatArray:
-    """(rows, samples): every so many views, cells averaged."""
+    """(rows, samples): views at regular intervals, cells averaged."""
     views, rows, cells = stack.shape
     binned = max(1, cells // CELLS)
     some = np.asarray(stack[:: max(1, views // VIEWS), :, : cells // binned * binned], np.float64)
