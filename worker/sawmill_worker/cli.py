@@ -226,7 +226,8 @@ def simulate(
         raise typer.BadParameter(f"--phantom-rows {phantom_rows} leaves no row for the log: give more --rows.")
     drawn = shared.PhantomSource(phantom if body in set(shared.Body) else body, phantom_width_mm)
     with answering():
-        from sawmill_worker.commands.simulate import log_slices, phantom_slices, simulate_scan
+        from sawmill_worker.commands.simulate import phantom_slices, simulate_scan
+        from sawmill_worker.tomography.log_model import log_slices
 
         wood = 0 if body == shared.Body.LOG else phantom_rows if body == shared.Body.LOG_WITH_PHANTOM else rows
         as_wood = data is DataKind.COUNTS or body == shared.Body.LOG_WITH_PHANTOM

@@ -7,9 +7,7 @@ import numpy as np
 from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
-from sawmill_worker.tomography.calibration.calibration import Calibration
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.prepare import Stack
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Adjustment, ProgressCallback
@@ -42,22 +40,8 @@ def calibrate_scan(
     given, calibration = run_calibration(given, options, used.on_progress, stack=None if rows_given else stack)
     result = calibration_result(calibration, given)
     if picture is not None:
-        _draw(picture, stack, used.rows, given, calibration, result)
+        # Imported here because it brings the reconstruction along, for which an answer need not wait.
+        from sawmill_worker.use_cases.calibration_files import report_arrays, write_report_png  # noqa: PLC0415
+
+        write_report_png(picture, result, report_arrays(calibration, given, stack, used.rows))
     return result
-
-
-def _draw(
-    picture: Path,
-    stack: Stack,
-    rows: tuple[int, int],
-    given: CalibrationInput,
-    calibration: Calibration,
-    result: CalibrationResult,
-) -> None:
-    # Imported here because it brings the reconstruction along, for which an answer need not wait.
-    from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_report_png  # noqa: PLC0415
-    from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside  # noqa: PLC0415
-
-    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
-    images = None if log is None else log_images(log, given, calibration.geometry, None)
-    write_report_png(picture, result, calibration_arrays(calibration, given, images))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource
-from sawmill_worker.commands.result_file import read_calibration
+from sawmill_worker.use_cases.result_file import read_calibration
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult

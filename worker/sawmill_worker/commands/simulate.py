@@ -11,14 +11,11 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.geometry import FanBeamGeometry
-from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.simulate import simulate_sinogram, simulate_stack
+from sawmill_worker.tomography.simulate import simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
-
-FIRST_LOG_SLICE_MM = 20.0
-SHORTEST_LOG_MM = 400.0
 
 
 def simulate_scan(
@@ -52,13 +49,9 @@ def simulate_scan(
             row_pitch_mm=scanner.row_pitch_mm,
         )
     else:
-        layers = [
-            simulate_sinogram(piece, fan, noise=noise, background=background, seed=seed + row)
-            for row, piece in enumerate(slices)
-        ]
         write_scan(
             output,
-            line_integrals=np.stack(layers, axis=1).astype(np.float32),
+            line_integrals=simulate_rows(slices, fan, noise=noise, background=background, seed=seed),
             angles_rad=angles_rad,
             detector_pitch_mm=scanner.detector_pitch_mm,
             row_pitch_mm=scanner.row_pitch_mm,
@@ -79,10 +72,3 @@ def phantom_slices(
     seen = drawn if handedness is Handedness.AS_DRAWN else drawn.mirrored()
     moved = seen.moved(position.x, position.y)
     return [moved.of_density(SAPWOOD_PER_MM) if as_wood else moved] * rows
-
-
-def log_slices(rows: int, *, row_pitch_mm: float, seed: int) -> list[Phantom]:
-    """Cross-sections of a synthetic log, a row's pitch apart."""
-    heights = [FIRST_LOG_SLICE_MM + row * row_pitch_mm for row in range(rows)]
-    log = LogModel.random(seed, length_mm=max(SHORTEST_LOG_MM, heights[-1]))
-    return [log.slice_at(height) for height in heights]

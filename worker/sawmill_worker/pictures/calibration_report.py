@@ -31,12 +31,12 @@ VERDICTS = {
 
 
 def report_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
-    """The report of one calibration.
+    """The report of one calibration as a PNG file; arguments and errors as for the figure."""
+    return encoded(report_figure(result, arrays))
 
-    Returns
-    -------
-    bytes
-        A PNG file.
+
+def report_figure(result: CalibrationResult, arrays: CalibrationArrays) -> Figure:
+    """The report of one calibration.
 
     Raises
     ------
@@ -59,7 +59,7 @@ def report_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
         _draw_log(parts["log"], arrays.log)
     _draw_fit(parts["fit"], result, arrays)
     _draw_pairs(parts["pairs"], result)
-    return encoded(figure)
+    return figure
 
 
 def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:

@@ -16,6 +16,8 @@ HEARTWOOD_PER_MM = 0.012
 RING_CONTRAST = 0.12
 KNOT_PER_MM = 0.022
 METAL_PER_MM = 0.30
+FIRST_LOG_SLICE_MM = 20.0
+SHORTEST_LOG_MM = 400.0
 
 
 @dataclass(frozen=True)
@@ -112,3 +114,10 @@ class LogModel:
         ]
         corners = tuple((float(x), float(y)) for x, y in [*left, *reversed(right)])
         return Polygon(corners, KNOT_PER_MM - HEARTWOOD_PER_MM)
+
+
+def log_slices(rows: int, *, row_pitch_mm: float, seed: int) -> list[Phantom]:
+    """Cross-sections of a synthetic log, a row's pitch apart."""
+    heights = [FIRST_LOG_SLICE_MM + row * row_pitch_mm for row in range(rows)]
+    log = LogModel.random(seed, length_mm=max(SHORTEST_LOG_MM, heights[-1]))
+    return [log.slice_at(height) for height in heights]

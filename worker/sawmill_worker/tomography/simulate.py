@@ -41,6 +41,17 @@ def simulate_sinogram(
     return clean + background + noise * rms * rng.standard_normal(clean.shape)
 
 
+def simulate_rows(
+    slices: list[Phantom], geometry: FanBeamGeometry, *, noise: float = 0.0, background: float = 0.0, seed: int
+) -> NDArray[np.float32]:
+    """Line integrals (views, rows, detector) float32, one cross-section a row; row n has the seed `seed` + n."""
+    sinograms = [
+        simulate_sinogram(body, geometry, noise=noise, background=background, seed=seed + row)
+        for row, body in enumerate(slices)
+    ]
+    return np.stack(sinograms, axis=1).astype(np.float32)
+
+
 @dataclass(frozen=True)
 class SimulatedStack:
     """Raw counts with flat and dark fields, as a scanner writes them: (views or frames, rows, detector) uint16."""

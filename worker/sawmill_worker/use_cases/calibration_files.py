@@ -15,6 +15,7 @@ from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
 
 PHANTOM_SIZE = 256
 
@@ -35,6 +36,21 @@ def calibration_arrays(calibration: Calibration, given: CalibrationInput, log: L
         search_history=np.array(calibration.search.history, np.float64).reshape(-1, 2),
         log=log,
     )
+
+
+def report_arrays(
+    calibration: Calibration, given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]
+) -> CalibrationArrays:
+    """The arrays behind the report of a stack in memory, with the log that its other rows may show.
+
+    Parameters
+    ----------
+    stack : (views, rows, detector) float32
+        Of the rows first..last of the scan.
+    """
+    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
+    images = None if log is None else log_images(log, given, calibration.geometry, None)
+    return calibration_arrays(calibration, given, images)
 
 
 def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArrays, *, log_unit: str) -> None:
