@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource
-from sawmill_worker.use_cases.result_file import read_calibration
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
@@ -17,6 +16,7 @@ from sawmill_worker.pictures.images import image_png
 from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, run_reconstruction
+from sawmill_worker.use_cases.result_file import read_calibration
 from sawmill_worker.use_cases.scan_rows import ScanRows, open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Handedness, ProgressCallback, Rotation, Theta

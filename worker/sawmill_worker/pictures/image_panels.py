@@ -74,12 +74,13 @@ def draw_logs(figure: FigureBase, images: list[tuple[str, NDArray[Any]]], field_
     figure.colorbar(shown, ax=axes, label=unit, shrink=0.9, pad=0.015)
 
 
-def show_image(ax: Axes, image: NDArray[Any], field_mm: float, window: Window) -> AxesImage:
-    """Show an image (x, y) in mm, the rotation centre at the origin."""
-    half = field_mm / 2
-    shown = ax.imshow(
-        image, cmap="gray", vmin=window[0], vmax=window[1], extent=(-half, half, half, -half), interpolation="nearest"
-    )
+def show_image(
+    ax: Axes, image: NDArray[Any], field_mm: float, window: Window, centre_mm: tuple[float, float] = (0.0, 0.0)
+) -> AxesImage:
+    """Show an image (x, y) in mm, the rotation centre at the origin; `centre_mm` is (x, y) of the field's centre."""
+    half, (x, y) = field_mm / 2, centre_mm
+    extent = (y - half, y + half, x + half, x - half)
+    shown = ax.imshow(image, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, interpolation="nearest")
     ax.set_xlabel("y, mm")
     ax.set_ylabel("x, mm")
     return shown

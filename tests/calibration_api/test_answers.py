@@ -1,0 +1,227 @@
+"""Calibrating, reconstructing and looking for drift from Python gives what the command line gives."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from typer.testing import CliRunner
+
+import sawmill_calibration as sawmill
+from sawmill_service.cli import main
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.files.volume_reader import volume_slices
+from sawmill_worker.tomography.geometry import to_vector
+
+SCANNER = sawmill.Scanner(859.46, 256, 4.508593749)
+THETA = sawmill.Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+THETA_FLAG = ("--theta", "2.55,714.7,319.9,43.7,0.281")
+SCANNER_FLAGS = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749, "--detector-pixels", 256)
+DRAWING = BUILT_IN_PHANTOMS["l-shape"].model_dump_json()
+# Times and identifiers differ from run to run.
+OF_THE_RUN = {"id", "timing_s", "time_s", "input_sha256"}
+
+
+def command(*arguments):
+    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def lasting(document):
+    return {name: value for name, value in document.items() if name not in OF_THE_RUN}
+
+
+@pytest.fixture(scope="module")
+def phantom_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("api") / "phantom.h5"
+    noisy = ("--views", 60, "--noise", 0.01, "--rows", 2, "--data", "line-integrals")
+    command("simulate", "l-shape", *THETA_FLAG, *SCANNER_FLAGS, *noisy, "-o", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def result_file(phantom_file):
+    flags = ("--data", "line-integrals", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
+    path = phantom_file.with_name("RESULT.json")
+    path.write_text(command("calibrate", phantom_file, *flags))
+    return path
+
+
+@pytest.fixture(scope="module")
+def stack_file(phantom_file):
+    """Counts: two rows of the phantom, two of a log."""
+    path = phantom_file.with_name("stack.h5")
+    rows = ("--views", 120, "--rows", 4, "--phantom-rows", 2)
+    command("simulate", "log-with-phantom", *THETA_FLAG, *SCANNER_FLAGS, *rows, "-o", path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def scan():
+    return sawmill.simulate_phantom_scan("l-shape", SCANNER, THETA, views=60, noise=0.01, rows=2)
+
+
+@pytest.fixture(scope="module")
+def log():
+    return sawmill.simulate_log_scan(SCANNER, THETA, views=120, rows=2, row_pitch_mm=40.0, noise=0.005)
+
+
+@pytest.fixture(scope="module")
+def calibration(scan):
+    return sawmill.calibrate(scan, "l-shape")
+
+
+def test_a_simulated_scan_is_the_command_s(phantom_file, scan):
+    read = sawmill.read_scan(phantom_file, data="line-integrals", source_to_cor_mm=859.46)
+    np.testing.assert_array_equal(read.line_integrals, scan.line_integrals)
+    np.testing.assert_allclose(read.angles_rad, scan.angles_rad, rtol=1e-15)
+    assert read.rows == scan.rows == (0, 2)
+    assert read.scanner == scan.scanner == SCANNER
+
+
+def test_a_calibration_is_the_command_s(phantom_file, result_file, tmp_path):
+    read = sawmill.read_scan(phantom_file, data="line-integrals", source_to_cor_mm=859.46)
+    found = sawmill.calibrate(read, "l-shape")
+    found.save(tmp_path / "RESULT.json")
+    printed, saved = json.loads(result_file.read_text()), json.loads((tmp_path / "RESULT.json").read_text())
+    assert lasting(saved) == lasting(printed)
+    assert saved["input_sha256"] == printed["input_sha256"]
+
+
+def test_the_phantom_s_rows_of_a_stack_are_found_as_by_the_command(stack_file):
+    flags = ("--data", "counts", "--source-to-cor-mm", 859.46, "--phantom", "l-shape", "--json")
+    printed = json.loads(command("calibrate", stack_file, *flags))
+    found = sawmill.calibrate(sawmill.read_scan(stack_file, data="counts", source_to_cor_mm=859.46), "l-shape")
+    assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
+    assert found.result.rows == (0, 2)
+    assert found.arrays().log is not None
+
+
+def test_rows_that_were_chosen_are_averaged(stack_file):
+    read = sawmill.read_scan(stack_file, data="counts", source_to_cor_mm=859.46, rows="1:2")
+    assert sawmill.calibrate(read, "l-shape").result.rows == (1, 2)
+
+
+def test_a_saved_calibration_reads_back(calibration, tmp_path):
+    calibration.save(tmp_path / "saved.json")
+    again = sawmill.read_calibration(tmp_path / "saved.json")
+    assert again.result == calibration.result
+    with pytest.raises(sawmill.InputError, match="read from a file"):
+        again.plot()
+
+
+def test_a_calibration_finds_the_geometry(calibration):
+    assert calibration.verdict == "pass"
+    assert calibration.predicted_ray_error_mm.upper_95 < 0.1
+    np.testing.assert_allclose(to_vector(calibration.theta), to_vector(THETA), rtol=0.05)
+    assert calibration.theta.source_frame(859.46).magnification == pytest.approx(calibration.source_frame.magnification)
+    assert calibration.scanner == SCANNER
+    assert calibration.covariance.shape == (5, 5)
+
+
+def test_a_reconstruction_is_the_volume_of_the_command(stack_file, result_file, tmp_path):
+    volume, grid = tmp_path / "volume.h5", ("--size", 64, "--field-mm", 320, "--rows", "2:4")
+    flags = ("--data", "counts", "--calibration", result_file)
+    document = json.loads(command("reconstruct", stack_file, *flags, *grid, "-o", volume, "--json"))
+    read = sawmill.read_scan(stack_file, data="counts", source_to_cor_mm=859.46)
+    made = sawmill.reconstruct(read, sawmill.read_calibration(result_file), size=64, field_mm=320.0, rows="2:4")
+    np.testing.assert_array_equal(made.volume, [piece.data for piece in volume_slices(volume, [0, 1])])
+    assert lasting(made.result.model_dump(mode="json")).items() <= lasting(document).items()
+    np.testing.assert_array_equal(made.image, made.volume[1])
+
+
+def test_theta_gives_the_volume_of_its_calibration(log, calibration):
+    by_theta = sawmill.reconstruct(log, calibration.theta, size=64)
+    np.testing.assert_array_equal(by_theta.volume, sawmill.reconstruct(log, calibration, size=64).volume)
+
+
+def test_drift_sees_what_moved_and_that_nothing_did(calibration):
+    still, moved = (
+        sawmill.drift(sawmill.simulate_log_scan(SCANNER, theta, views=240, noise=0.002), calibration)
+        for theta in (THETA, replace(THETA, detector_shift_mm=THETA.detector_shift_mm + 5.0))
+    )
+    assert still.within_tolerance is True
+    assert not still.moved
+    assert moved.within_tolerance is False
+    assert moved.moved
+    assert moved.ray_change_mm > still.ray_change_mm
+    assert "COR moved" in moved.reason
+
+
+def test_drift_is_the_command_s(phantom_file, result_file):
+    path = phantom_file.with_name("log.h5")
+    flags = ("--views", 240, "--noise", 0.002, "--data", "line-integrals")
+    command("simulate", "log", *THETA_FLAG, *SCANNER_FLAGS, *flags, "-o", path)
+    printed = json.loads(command("drift", path, "--data", "line-integrals", "--calibration", result_file, "--json"))
+    read = sawmill.read_scan(path, data="line-integrals", source_to_cor_mm=859.46)
+    found = sawmill.drift(read, sawmill.read_calibration(result_file))
+    assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
+
+
+def test_results_draw_themselves(scan, log, calibration):
+    reconstruction = sawmill.reconstruct(log, calibration, size=64, field_centre_mm=(10.0, -20.0), field_mm=100.0)
+    checked = sawmill.drift(log, calibration)
+    for shown in (scan, calibration, reconstruction, checked):
+        assert isinstance(shown.plot(), Figure)
+        assert "<table>" in shown._repr_html_()
+    axes = reconstruction.plot(0).axes[0]
+    assert (*axes.get_xlim(), *axes.get_ylim()) == (-70.0, 30.0, 60.0, -40.0)
+    assert isinstance(scan.plot(1), Figure)
+
+
+def test_html_escapes_the_phantom_s_name(scan, tmp_path):
+    l_shape = json.loads(DRAWING)
+    (tmp_path / "phantom.json").write_text(json.dumps(l_shape | {"name": "<script>alert(1)</script>"}))
+    page = sawmill.calibrate(scan, tmp_path / "phantom.json")._repr_html_()
+    assert "<script" not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_a_phantom_may_be_an_object_a_name_or_a_file(scan, calibration, tmp_path):
+    (tmp_path / "phantom.json").write_text(DRAWING)
+    corners = tuple(tuple(corner) for corner in json.loads(DRAWING)["shapes"][0]["vertices_mm"])
+    for phantom in (tmp_path / "phantom.json", sawmill.Phantom("L", (sawmill.Polygon(corners),))):
+        assert sawmill.calibrate(scan, phantom).theta == calibration.theta
+
+
+def test_a_part_of_a_scan_keeps_its_rows_numbers(log):
+    part = log.select(rows="1:2", views=60)
+    assert part.rows == (1, 2)
+    assert part.rows_chosen
+    np.testing.assert_array_equal(part.line_integrals, log.line_integrals[::2, 1:])
+    np.testing.assert_array_equal(part.angles_rad, log.angles_rad[::2])
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (lambda scan, _: sawmill.calibrate(scan, "l-shape", sead=7), "sead: Extra inputs are not permitted"),
+        (lambda scan, _: sawmill.calibrate(scan, "l-shape", seed=-1), "seed: .*greater than or equal to 0"),
+        (lambda scan, _: sawmill.calibrate(scan, "t-shape"), "must be l-shape, rectangle-with-hole or a file"),
+        (lambda scan, _: sawmill.calibrate(scan.select(views=2), "l-shape"), "views"),
+        (lambda scan, found: sawmill.reconstruct(scan, found, rows="0:9"), "the scan has rows 0:2"),
+        (lambda scan, found: sawmill.reconstruct(scan, found, size=1), "size: .*16"),
+        (lambda scan, found: sawmill.drift(scan.select(views=20), found), "3 degrees"),
+        (lambda *_: sawmill.read_scan(__file__, data="counts", source_to_cor_mm=859.46), "none of HDF5"),
+        (lambda *_: sawmill.read_scan(__file__, data="pixels", source_to_cor_mm=859.46), "data: "),
+        (lambda scan, _: sawmill.Scan.from_arrays(scan.line_integrals[1:], scan.angles_rad, SCANNER), "60 views"),
+        (lambda *_: sawmill.read_calibration(__file__), "neither"),
+        (
+            lambda *_: sawmill.simulate_log_scan(SCANNER, THETA, views=3, angles_deg=[0.0, 1.0, 2.0]),
+            "views or angles_deg, not both",
+        ),
+    ],
+)
+def test_wrong_use_is_a_value_error_with_a_sentence(scan, calibration, wrong, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        wrong(scan, calibration)
+
+
+def test_another_scanner_s_calibration_is_refused(calibration):
+    other = sawmill.simulate_log_scan(replace(SCANNER, num_detector_pixels=128), THETA, views=120)
+    for use in (sawmill.reconstruct, sawmill.drift):
+        with pytest.raises(sawmill.InputError, match="num_detector_pixels 256 and the scan has 128") as refused:
+            use(other, calibration)
+        assert refused.value.code == "contradiction"

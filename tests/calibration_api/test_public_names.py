@@ -1,0 +1,78 @@
+"""The page of public names: what it holds, what it imports, and that no file in the working folder disturbs it."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sawmill_calibration
+
+ROOT = Path(__file__).parents[2]
+PYTHON_PAGE = ROOT / "docs/python.md"
+SLOW_TO_IMPORT = {"numpy", "numba", "scipy", "h5py", "matplotlib", "pydantic", "cv2", "skimage"}
+
+
+def run(script: str, folder: Path) -> str:
+    """The output of a script in a fresh interpreter that finds its modules where this one does."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_importing_the_package_imports_nothing_slow(tmp_path):
+    loaded = set(run("import sys, sawmill_calibration; print(*sys.modules)", tmp_path).split())
+    assert not loaded & SLOW_TO_IMPORT
+
+
+def test_a_geometry_needs_numpy_alone(tmp_path):
+    script = (
+        "import sys, sawmill_calibration as s; s.Theta, s.Scanner, s.FanBeamGeometry, s.Phantom; print(*sys.modules)"
+    )
+    loaded = set(run(script, tmp_path).split())
+    assert loaded & SLOW_TO_IMPORT == {"numpy"}
+
+
+def test_nothing_needs_matplotlib_before_a_plot(tmp_path):
+    script = """
+import sys
+from sawmill_calibration import *
+loaded = set(sys.modules)
+print(*loaded)
+"""
+    assert "matplotlib" not in run(script, tmp_path).split()
+
+
+def test_every_public_name_is_there_and_documented():
+    assert dir(sawmill_calibration) == sorted(sawmill_calibration.__all__)
+    for name in sawmill_calibration.__all__:
+        public = getattr(sawmill_calibration, name)
+        assert public.__name__ == name
+        assert public.__doc__
+    table = set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\| (`.*?) \|", PYTHON_PAGE.read_text(), re.MULTILINE))))
+    results = {"Calibration", "Reconstruction", "Drift"}
+    assert table | results == set(sawmill_calibration.__all__)
+
+
+def test_another_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="no attribute 'calibrator'"):
+        sawmill_calibration.calibrator  # noqa: B018
+
+
+def test_the_page_s_example_runs_beside_files_named_as_our_folders(tmp_path):
+    for name in ("worker.py", "service.py"):
+        (tmp_path / name).write_text("raise SystemExit('a file of the user was imported')")
+    (example,) = re.findall(r"^```python\n(.*?)^```$", PYTHON_PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    assert run(example, tmp_path).startswith("pass Theta(")
+    assert (tmp_path / "RESULT.json").exists()

@@ -1,0 +1,73 @@
+"""The public names for Python users and notebooks; docs/python.md shows them at work.
+
+Each name is imported when it is first used, so that importing the package takes no time.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sawmill_calibration.answers import (
+        Calibration,
+        Drift,
+        Reconstruction,
+        calibrate,
+        drift,
+        read_calibration,
+        reconstruct,
+    )
+    from sawmill_calibration.input_errors import InputError
+    from sawmill_calibration.scans import Scan, read_scan
+    from sawmill_calibration.simulation import simulate_log_scan, simulate_phantom_scan
+    from sawmill_worker.tomography.geometry import FanBeamGeometry
+    from sawmill_worker.tomography.phantom import Phantom
+    from sawmill_worker.vocabulary import Disc, Polygon, Scanner, Theta
+
+__all__ = [
+    "Calibration",
+    "Disc",
+    "Drift",
+    "FanBeamGeometry",
+    "InputError",
+    "Phantom",
+    "Polygon",
+    "Reconstruction",
+    "Scan",
+    "Scanner",
+    "Theta",
+    "calibrate",
+    "drift",
+    "read_calibration",
+    "read_scan",
+    "reconstruct",
+    "simulate_log_scan",
+    "simulate_phantom_scan",
+]
+
+# No module here bears a public name: importing it would hide that name.
+_MODULES = {
+    "sawmill_calibration.answers": (
+        *("Calibration", "Drift", "Reconstruction"),
+        *("calibrate", "drift", "read_calibration", "reconstruct"),
+    ),
+    "sawmill_calibration.input_errors": ("InputError",),
+    "sawmill_calibration.scans": ("Scan", "read_scan"),
+    "sawmill_calibration.simulation": ("simulate_log_scan", "simulate_phantom_scan"),
+    "sawmill_worker.tomography.geometry": ("FanBeamGeometry",),
+    "sawmill_worker.tomography.phantom": ("Phantom",),
+    "sawmill_worker.vocabulary": ("Disc", "Polygon", "Scanner", "Theta"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+if not TYPE_CHECKING:  # so that a type checker sees a wrong name
+
+    def __getattr__(name: str) -> object:
+        """The public name, imported now."""
+        if name not in _MODULE_OF:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        return getattr(import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,378 @@
+"""Calibrating, reconstructing, looking for drift: the use cases of the command line on scans in memory."""
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+from uuid import uuid4
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_calibration.html import html_of
+from sawmill_calibration.input_errors import InputError, input_errors, options_of
+from sawmill_calibration.phantoms import drawing_of
+from sawmill_calibration.scans import Scan, bare_scanner, unreported
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import (
+    CalibrationFile,
+    CalibrationOptions,
+    CalibrationResult,
+    PredictedRayError,
+)
+from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.contracts.geometry import GivenTheta
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.use_cases.result_file import read_calibration as read_result
+from sawmill_worker.vocabulary import (
+    Adjustment,
+    Handedness,
+    ProgressCallback,
+    Rotation,
+    Scanner,
+    SourceFrame,
+    Theta,
+    Verdict,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A calibration: the whole answer is `result` (docs/http.md has its fields), the most used stand beside it.
+
+    Attributes
+    ----------
+    arrays : callable, or None
+        Computes the arrays behind the report; None for a calibration that was read from a file.
+    """
+
+    result: CalibrationResult
+    arrays: Callable[[], CalibrationArrays] | None = field(default=None, repr=False)
+
+    @property
+    def theta(self) -> Theta:
+        """The calibrated five."""
+        return self.result.theta
+
+    @property
+    def source_frame(self) -> SourceFrame:
+        """The same geometry with the source on the axis."""
+        return self.result.source_frame
+
+    @property
+    def scanner(self) -> Scanner:
+        """The scanner that was calibrated."""
+        return bare_scanner(self.result.scanner)
+
+    @property
+    def rotation(self) -> Rotation:
+        """Which way the view angles count."""
+        return self.result.rotation
+
+    @property
+    def verdict(self) -> Verdict:
+        """pass, watch or fail."""
+        return self.result.verdict
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why it is not a pass, or what to know of it, a sentence each."""
+        return self.result.reasons
+
+    @property
+    def predicted_ray_error_mm(self) -> PredictedRayError | None:
+        """The ray error that the covariance predicts; None without error bars."""
+        return self.result.predicted_ray_error_mm
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """(5, 5) of (psi, R, SDD, u_c, tau) in rad and mm; None without error bars."""
+        return None if self.result.covariance is None else np.array(self.result.covariance)
+
+    def save(self, path: str | Path) -> None:
+        """Write RESULT.json as `sawmill calibrate --json` prints it; `read_calibration` reads it."""
+        document = CalibrationFile(id=str(uuid4()), **dict(self.result)).model_dump(mode="json")
+        Path(path).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
+
+    def plot(self) -> "Figure":
+        """The report on one page, as report.png shows it.
+
+        Raises
+        ------
+        InputError
+            The calibration was read from a file.
+        """
+        if self.arrays is None:
+            raise InputError("no-arrays", "this calibration was read from a file: calibrate its scan again to plot it")
+        from sawmill_worker.pictures.calibration_report import report_figure  # noqa: PLC0415 - matplotlib is slow
+
+        return report_figure(self.result, self.arrays())
+
+    def _repr_html_(self) -> str:
+        from sawmill_worker.pictures.calibration_table import calibration_table  # noqa: PLC0415
+
+        sentences = [*self.reasons, *self.result.adjustments]
+        title = f"Calibration with {self.result.phantom}"
+        return html_of(title, calibration_table(self.result), verdict=self.verdict, sentences=sentences)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A volume and how it was made.
+
+    Attributes
+    ----------
+    volume : (slices, x, y) float32
+        In `result.unit`.
+    standard_deviation : like volume, or None
+        Of each pixel, with `uncertainty=True`.
+    """
+
+    volume: NDArray[np.float32] = field(repr=False)
+    standard_deviation: NDArray[np.float32] | None = field(repr=False)
+    result: ReconstructionResult
+    field_centre_mm: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def image(self) -> NDArray[np.float32]:
+        """(x, y) float32: the middle slice."""
+        middle: NDArray[np.float32] = self.volume[len(self.volume) // 2]
+        return middle
+
+    def plot(self, number: int | None = None) -> "Figure":
+        """One slice, counted from 0: the middle one by default, in the grey window of the volume."""
+        from sawmill_worker.pictures.figures import slice_figure  # noqa: PLC0415 - matplotlib is slow to import
+
+        shown = range(len(self.volume))[len(self.volume) // 2 if number is None else number]
+        row = range(*self.result.rows, self.result.row_step)[shown]
+        return slice_figure(
+            self.volume[shown],
+            field_mm=self.result.pixel_mm * self.result.shape[1],
+            centre_mm=self.field_centre_mm,
+            unit=self.result.unit,
+            window=self.result.value_range,
+            title=f"slice {shown}, row {row} of the scan",
+        )
+
+    def _repr_html_(self) -> str:
+        from sawmill_worker.pictures.images import image_png  # noqa: PLC0415
+
+        result = self.result
+        rows = [
+            ("method", "" if result.method is None else result.method.name),
+            ("slices, x, y", " x ".join(map(str, result.shape))),
+            ("pixel", f"{result.pixel_mm:.4g} mm"),
+            ("views", result.views),
+            ("unit", result.unit),
+            ("time", f"{result.time_s:.3g} s"),
+        ]
+        png = image_png(self.image, pixel_mm=result.pixel_mm, unit=result.unit, window=result.value_range)
+        return html_of("Reconstruction", rows, png=png)
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """A drift check: the whole answer is `result`, the most used fields stand beside it."""
+
+    result: DriftResult
+
+    @property
+    def moved(self) -> bool:
+        """Whether any change is beyond three standard deviations."""
+        return self.result.moved
+
+    @property
+    def within_tolerance(self) -> bool | None:
+        """None: the scan is too uncertain to decide."""
+        return self.result.within_tolerance
+
+    @property
+    def ray_change_mm(self) -> float:
+        """RMS distance between the rays inside the log's disc."""
+        return self.result.ray_change_mm
+
+    @property
+    def reason(self) -> str:
+        """A likely cause and what to do, in one sentence."""
+        return self.result.reason
+
+    def plot(self) -> "Figure":
+        """Each parameter's change with its uncertainty."""
+        from sawmill_worker.pictures.figures import drift_figure  # noqa: PLC0415 - matplotlib is slow to import
+
+        return drift_figure(self.result)
+
+    def _repr_html_(self) -> str:
+        result, deviation = self.result, self.result.change_standard_deviation
+        verdicts = {True: "within tolerance", False: "not within tolerance", None: "too uncertain to decide"}
+        rows = [("rays", f"{result.ray_change_mm:.3g} ± {result.ray_change_uncertainty_mm:.2g} mm")]
+        for name, label in (("cor_column_mm", "COR on the detector, mm"), ("tilt_rad", "tilt, rad")):
+            rows.append((label, f"{getattr(result.change, name):+.3g} ± {getattr(deviation, name):.2g}"))
+        sentences = [result.reason, *(f"not seen: {what}" for what in result.not_seen)]
+        return html_of("Drift", rows, verdict=verdicts[result.within_tolerance], sentences=sentences)
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """A calibration that `save`, `sawmill calibrate --json` or the service wrote (RESULT.json or result.h5).
+
+    Raises
+    ------
+    ValueError
+        `InputError`: the file holds none.
+    """
+    with input_errors():
+        return Calibration(read_result(Path(path)))
+
+
+def calibrate(
+    scan: Scan,
+    phantom: Phantom | str | Path,
+    *,
+    tolerance_mm: float = 0.1,
+    log_radius_mm: float = 150.0,
+    on_progress: ProgressCallback = unreported,
+    **options: object,
+) -> Calibration:
+    """Find theta from a scan of a phantom, as `sawmill calibrate` does.
+
+    Parameters
+    ----------
+    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
+    tolerance_mm : float
+        The calibration passes where its predicted ray error is below this with 95 %.
+    log_radius_mm : float
+        Of the disc in which ray errors are counted.
+    **options
+        As docs/http.md lists them for a calibration: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
+        `without`, `rays_per_cell`, `paper`.
+
+    Raises
+    ------
+    ValueError
+        `InputError`: an option is wrong, or the scan determines no geometry.
+    """
+    chosen = options_of(CalibrationOptions, options)
+    scan = scan.select(rows=chosen.rows, views=chosen.views)
+    given = CalibrationInput(
+        sinogram=scan.sinogram,
+        angles_rad=scan.angles_rad,
+        rows=scan.rows,
+        scanner=scan.constants,
+        bounds=None,
+        drawing=drawing_of(phantom),
+        input_sha256=scan.sha256,
+        log_radius_mm=log_radius_mm,
+        tolerance_mm=tolerance_mm,
+        from_counts=scan.from_counts,
+    )
+    rows_given = scan.rows_chosen or Adjustment.PHANTOM_ROWS in chosen.without
+    stack = scan.line_integrals
+    with input_errors():
+        given, found = run_calibration(given, chosen, on_progress, stack=None if rows_given else stack)
+
+    def arrays() -> CalibrationArrays:
+        from sawmill_worker.use_cases.calibration_files import report_arrays  # noqa: PLC0415 - as a command
+
+        return report_arrays(found, given, stack, scan.rows)
+
+    return Calibration(calibration_result(found, given), arrays)
+
+
+def reconstruct(
+    scan: Scan,
+    geometry: Calibration | Theta,
+    *,
+    rotation: Rotation | str = Rotation.AS_GIVEN,
+    on_progress: ProgressCallback = unreported,
+    **options: object,
+) -> Reconstruction:
+    """Reconstruct each row of a scan into arrays, as `sawmill reconstruct` does into a file.
+
+    Parameters
+    ----------
+    geometry : Calibration or Theta
+    rotation : str
+        With a Theta: which way the angles count. A calibration carries its own.
+    **options
+        As docs/http.md lists them for a reconstruction: `method` (fbp by default), `size`, `field_mm`, `rows`, `views`,
+        `filter`, `alpha`, `uncertainty`, and more.
+
+    Raises
+    ------
+    ValueError
+        `InputError` or `GeometryError`: an option is wrong, or the geometry is not the scan's.
+    """
+    chosen = options_of(ReconstructionOptions, options)
+    scan = scan.select(rows=chosen.rows, views=chosen.views)
+    if isinstance(geometry, Calibration):
+        _check_same_scanner(scan, geometry)
+        theta, handedness, rotation = geometry.result.theta, geometry.result.handedness, geometry.rotation
+    else:
+        theta, handedness = options_of(GivenTheta, vars(geometry)), Handedness.AS_DRAWN
+    given = ReconstructionInput(
+        read=lambda start, stop: scan.line_integrals[:, start:stop],
+        angles_rad=scan.angles_rad,
+        rows=scan.rows,
+        scanner=scan.constants,
+        theta=theta,
+        rotation=Rotation(rotation),
+        handedness=handedness,
+        input_sha256=scan.sha256,
+        counts=scan.from_counts,
+        preparation=scan.remarks,
+        row_step=scan.row_step,
+    )
+    with input_errors():
+        made = reconstruct_in_memory(given, chosen, on_progress)
+    return Reconstruction(made.data, made.standard_deviation, made.result, chosen.field_centre_mm)
+
+
+def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) -> Drift:
+    """What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+
+    Parameters
+    ----------
+    tolerance_mm : float
+        RMS ray distance up to which nothing moved.
+
+    Raises
+    ------
+    ValueError
+        `InputError`: the calibration is of another scanner, or the scan's opposite rays cannot be paired.
+    """
+    _check_same_scanner(scan, calibration)
+    predicted = calibration.predicted_ray_error_mm
+    known_radius = {} if predicted is None else {"log_radius_mm": predicted.radius_mm}
+    given = DriftInput(
+        sinogram=scan.sinogram,
+        angles_rad=scan.angles_rad,
+        rows=scan.rows,
+        calibration=calibration.result,
+        input_sha256=scan.sha256,
+        tolerance_mm=tolerance_mm,
+        **known_radius,
+    )
+    with input_errors():
+        return Drift(run_drift(given))
+
+
+def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
+    """Refuse a calibration of another scanner."""
+    for name, calibrated in vars(calibration.scanner).items():
+        given = getattr(scan.scanner, name)
+        if not math.isclose(given, calibrated, rel_tol=1e-6):
+            raise InputError(
+                "contradiction",
+                f"the calibration is of a scanner with {name} {calibrated:.9g} and the scan has {given:.9g}: "
+                "use the calibration of the same scanner",
+            )

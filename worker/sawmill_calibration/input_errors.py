@@ -1,0 +1,56 @@
+"""One error for all input that cannot lead to a result."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from sawmill_worker.contracts.base import complaint
+from sawmill_worker.contracts.jobs import FailureKind
+from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+
+Options = TypeVar("Options")
+
+
+class InputError(ValueError):
+    """A file, a scan or an option that cannot lead to a result.
+
+    The message is one sentence: which value, and what would be right.
+
+    Attributes
+    ----------
+    code : str
+        Stable, for programs: one of docs/http.md's, or `options`.
+    """
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+@contextmanager
+def input_errors() -> Iterator[None]:
+    """Turn the errors of readers, science and use cases about unusable input into an `InputError`."""
+    try:
+        with input_errors_translated():
+            yield
+    except JobFailure as failure:
+        if failure.kind is not FailureKind.INPUT:
+            raise
+        raise InputError(failure.code, failure.detail) from failure
+
+
+def options_of(contract: type[Options], given: Mapping[str, object]) -> Options:
+    """Options as their contract, a model or a dataclass of pydantic, checks them.
+
+    Raises
+    ------
+    InputError
+        An option is unknown, or its value is none that it may have.
+    """
+    try:
+        return TypeAdapter(contract).validate_python(given)
+    except ValidationError as error:
+        where = ".".join(str(part) for part in error.errors()[0]["loc"])
+        raise InputError("options", f"{where}: {complaint(error)}" if where else complaint(error)) from error

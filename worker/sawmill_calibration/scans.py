@@ -1,0 +1,241 @@
+"""Scans in memory: read from a file, or made of arrays."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sawmill_calibration.html import html_of
+from sawmill_calibration.input_errors import InputError, input_errors, options_of
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.scans import UnregisteredScanOptions
+from sawmill_worker.readers.angles import AngleList, AnglesGiven, parse_angles
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.scan_rows import open_rows
+from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
+from sawmill_worker.vocabulary import (
+    AirCorrection,
+    DataKind,
+    FaultyCells,
+    Progress,
+    ProgressCallback,
+    RingRemoval,
+    RowAlignment,
+    Scanner,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def unreported(_: Progress) -> None:
+    """Progress that nobody asked for."""
+
+
+def bare_scanner(constants: ScannerConstants) -> Scanner:
+    """The three constants without the rows' pitch: a dataclass equals only one of its own class."""
+    return Scanner(constants.source_to_cor_mm, constants.num_detector_pixels, constants.detector_pitch_mm)
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Line integrals in memory with each view's angle; axes and signs are those of docs/conventions.md.
+
+    Attributes
+    ----------
+    line_integrals : (views, rows, cells) float32, dimensionless
+    angles_rad : (views,) float64
+    rows, row_step
+        The rows of the file that are held: the first, the one after the last, and every which of them.
+    rows_chosen : bool
+        Whether somebody chose them: a calibration then averages them all, and else finds the phantom's rows.
+    from_counts : bool
+        Whether the line integrals were made of counts: volumes are then in 1/mm.
+    sha256 : str
+        Of the file, or of the array.
+    remarks : tuple of str
+        What was done to the data on reading.
+    """
+
+    line_integrals: NDArray[np.float32] = field(repr=False)
+    angles_rad: FloatArray = field(repr=False)
+    scanner: Scanner
+    rows: tuple[int, int]
+    row_step: int = 1
+    rows_chosen: bool = False
+    row_pitch_mm: float | None = None
+    from_counts: bool = False
+    sha256: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @classmethod
+    def from_arrays(
+        cls,
+        line_integrals: ArrayLike,
+        angles_rad: ArrayLike,
+        scanner: Scanner,
+        *,
+        row_pitch_mm: float | None = None,
+        from_counts: bool = False,
+    ) -> Self:
+        """A scan of (views, rows, cells) line integrals, or of one sinogram (views, cells).
+
+        Raises
+        ------
+        InputError
+            The arrays do not agree with each other or with the scanner, or are not finite.
+        """
+        given, angles = np.asarray(line_integrals, np.float32), np.asarray(angles_rad, np.float64)
+        stack = np.ascontiguousarray(given[:, np.newaxis] if given.ndim == 2 else given)
+        expected = (angles.size, scanner.num_detector_pixels)
+        if stack.ndim != 3 or angles.ndim != 1 or (len(stack), stack.shape[2]) != expected or not stack.size:
+            raise InputError(
+                "wrong-shape",
+                f"line_integrals must be (views, cells) or (views, rows, cells) with {expected[0]} views, as "
+                f"angles_rad has, and {expected[1]} cells, as the scanner has, not {given.shape}",
+            )
+        if not (np.isfinite(stack).all() and np.isfinite(angles).all()):
+            raise InputError("not-finite", "line_integrals and angles_rad must be finite numbers")
+        digest = hashlib.sha256(stack.tobytes()).hexdigest()
+        rows = (0, stack.shape[1])
+        return cls(stack, angles, scanner, rows, row_pitch_mm=row_pitch_mm, from_counts=from_counts, sha256=digest)
+
+    @property
+    def constants(self) -> ScannerConstants:
+        """The scanner's constants with the rows' pitch."""
+        return options_of(ScannerConstants, {**vars(self.scanner), "row_pitch_mm": self.row_pitch_mm})
+
+    @property
+    def sinogram(self) -> FloatArray:
+        """(views, cells) float64: the mean over the rows."""
+        mean: FloatArray = self.line_integrals.mean(axis=1, dtype=np.float64)
+        return mean
+
+    def select(self, *, rows: str | None = None, views: int | None = None) -> "Scan":
+        """A part: rows `A:B` or `A:B:STEP`, counted within this scan, and every (total / views)-th view.
+
+        Raises
+        ------
+        ValueError
+            There are no such rows, or fewer views.
+        """
+        if rows is None and views is None:
+            return self
+        total_views, total_rows, _ = self.line_integrals.shape
+        with input_errors():
+            part, kept = chosen_rows(rows, total_rows), chosen_views(views, total_views)
+        numbers = range(*self.rows, self.row_step)[part]
+        return replace(
+            self,
+            line_integrals=np.ascontiguousarray(self.line_integrals[kept, part]),
+            angles_rad=self.angles_rad[kept],
+            rows=(numbers.start, numbers.stop),
+            row_step=numbers.step,
+            rows_chosen=self.rows_chosen or rows is not None,
+        )
+
+    def plot(self, row: int | None = None) -> "Figure":
+        """The sinogram of one row, counted within this scan, or the mean over the rows."""
+        from sawmill_worker.pictures.figures import sinogram_figure  # noqa: PLC0415 - matplotlib is slow to import
+
+        sinogram = self.sinogram if row is None else self.line_integrals[:, row]
+        title = "mean over the rows" if row is None else f"row {range(*self.rows, self.row_step)[row]}"
+        return sinogram_figure(
+            sinogram, angles_deg=np.rad2deg(self.angles_rad), pitch_mm=self.scanner.detector_pitch_mm, title=title
+        )
+
+    def _repr_html_(self) -> str:
+        views, rows, cells = self.line_integrals.shape
+        first, last = np.rad2deg(self.angles_rad[[0, -1]])
+        table = [
+            ("views", f"{views}, {first:.4g} to {last:.4g} degrees"),
+            ("rows", f"{rows} ({self.rows[0]}:{self.rows[1]})"),
+            ("cells", f"{cells}, {self.scanner.detector_pitch_mm:.6g} mm apart"),
+            ("source to centre of rotation", f"{self.scanner.source_to_cor_mm:.6g} mm"),
+            ("made of counts", "yes" if self.from_counts else "no"),
+        ]
+        return html_of("Scan", table, sentences=self.remarks)
+
+
+def read_scan(
+    path: str | Path,
+    *,
+    data: DataKind | str,
+    source_to_cor_mm: float,
+    angles_deg: str | Sequence[float] | None = None,
+    detector_pitch_mm: float | None = None,
+    row_pitch_mm: float | None = None,
+    dataset: str | None = None,
+    rows: str | None = None,
+    views: int | None = None,
+    air: AirCorrection | str = AirCorrection.AUTO,
+    faulty_cells: FaultyCells | str = FaultyCells.AUTO,
+    rings: RingRemoval | str = RingRemoval.OFF,
+    align_rows: RowAlignment | str = RowAlignment.OFF,
+    on_progress: ProgressCallback = unreported,
+) -> Scan:
+    """Read a scan's file as the command line does: HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT.
+
+    Parameters
+    ----------
+    data : str
+        `counts` or `line-integrals`; this is never guessed.
+    source_to_cor_mm : float
+        r_S, source to centre of rotation.
+    angles_deg : str or sequence of float, optional
+        `START:STEP` in degrees, or every view's angle; where the file carries none.
+    detector_pitch_mm, row_pitch_mm : float, optional
+        Distances between cells and between rows, where the file does not carry them.
+    dataset : str, optional
+        Path or variable of the projections, where the file holds several.
+    rows : str, optional
+        `A:B` or `A:B:STEP`; all by default.
+    views : int, optional
+        Use every (total / views)-th view.
+    air, faulty_cells, rings, align_rows : str
+        What is done to the data (docs/preparing.md).
+
+    Raises
+    ------
+    ValueError
+        `InputError`: the file, or what is given about it, cannot be used.
+    """
+    options = options_of(
+        UnregisteredScanOptions,
+        {
+            "data": data,
+            "dataset": dataset,
+            "detector_pitch_mm": detector_pitch_mm,
+            "row_pitch_mm": row_pitch_mm,
+            "air": air,
+            "faulty_cells": faulty_cells,
+            "rings": rings,
+            "align_rows": align_rows,
+        },
+    )
+    with input_errors():
+        source = ScanSource(Path(path), options, _angles_given(angles_deg), views, rows)
+        with open_rows(source, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
+            return Scan(
+                line_integrals=used.stack(),
+                angles_rad=used.angles_rad,
+                scanner=bare_scanner(used.scanner),
+                rows=used.rows,
+                row_step=used.row_step,
+                rows_chosen=rows is not None,
+                row_pitch_mm=used.scanner.row_pitch_mm,
+                from_counts=used.counts,
+                sha256=used.sha256,
+                remarks=used.remarks,
+            )
+
+
+def _angles_given(angles_deg: str | Sequence[float] | None) -> AnglesGiven | None:
+    if angles_deg is None or isinstance(angles_deg, str):
+        return None if angles_deg is None else parse_angles(angles_deg)
+    return AngleList(tuple(float(angle) for angle in angles_deg))

@@ -1,0 +1,103 @@
+"""Simulated scans in memory, from analytic projections and seeded."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sawmill_calibration.input_errors import InputError
+from sawmill_calibration.phantoms import drawing_of
+from sawmill_calibration.scans import Scan
+from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
+from sawmill_worker.tomography.log_model import log_slices
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_worker.use_cases.conversion import to_phantom
+from sawmill_worker.vocabulary import Handedness, Rotation, Scanner, Theta
+
+
+def simulate_phantom_scan(
+    phantom: Phantom | str | Path,
+    scanner: Scanner,
+    theta: Theta,
+    *,
+    views: int | None = None,
+    angles_deg: ArrayLike | None = None,
+    rows: int = 1,
+    position_mm: tuple[float, float] = (0.0, 0.0),
+    handedness: Handedness | str = Handedness.AS_DRAWN,
+    rotation: Rotation | str = Rotation.AS_GIVEN,
+    noise: float = 0.0,
+    background: float = 0.0,
+    seed: int = 1,
+) -> Scan:
+    """A scan of a phantom that stands at `position_mm`, the same in each row.
+
+    Parameters
+    ----------
+    phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
+    views : int, optional
+        A full turn of 360 by default, from half a step on.
+    angles_deg : (views,), optional
+        Every view's angle, instead of `views`.
+    noise : float
+        Standard deviation, relative to the RMS of the noise-free sinogram.
+    background : float
+        Added everywhere.
+
+    Raises
+    ------
+    ValueError
+        No such phantom or geometry can be.
+    """
+    drawn = to_phantom(drawing_of(phantom))
+    seen = drawn if Handedness(handedness) is Handedness.AS_DRAWN else drawn.mirrored()
+    slices = [seen.moved(*position_mm)] * rows
+    angles = _angles_rad(views, angles_deg)
+    return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, None)
+
+
+def simulate_log_scan(
+    scanner: Scanner,
+    theta: Theta,
+    *,
+    views: int | None = None,
+    angles_deg: ArrayLike | None = None,
+    rows: int = 1,
+    row_pitch_mm: float = 2.0,
+    rotation: Rotation | str = Rotation.AS_GIVEN,
+    noise: float = 0.0,
+    background: float = 0.0,
+    seed: int = 1,
+) -> Scan:
+    """A scan of a synthetic log with knots, whose rows are `row_pitch_mm` apart; else as `simulate_phantom_scan`."""
+    slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)
+    angles = _angles_rad(views, angles_deg)
+    return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, row_pitch_mm)
+
+
+def _angles_rad(views: int | None, angles_deg: ArrayLike | None) -> FloatArray:
+    """The angles as `sawmill simulate` has them; giving both is wrong use."""
+    if angles_deg is not None:
+        if views is not None:
+            raise InputError("options", "give views or angles_deg, not both")
+        return np.deg2rad(np.asarray(angles_deg, np.float64))
+    count = 360 if views is None else views
+    return np.deg2rad(AngleSteps(180.0 / count, 360.0 / count).expand(count))
+
+
+def _scan_of(
+    slices: list[Phantom],
+    scanner: Scanner,
+    theta: Theta,
+    angles_rad: FloatArray,
+    rotation: Rotation,
+    noise: float,
+    background: float,
+    seed: int,
+    row_pitch_mm: float | None,
+) -> Scan:
+    geometry = FanBeamGeometry(scanner, theta, rotation.apply(angles_rad))
+    stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
+    return Scan.from_arrays(stack, angles_rad, scanner, row_pitch_mm=row_pitch_mm)

@@ -1,0 +1,77 @@
+"""Figures for notebooks: a sinogram, a slice, a drift check. Drawn without pyplot, as all of our figures."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.pictures.image_panels import show_image
+from sawmill_worker.pictures.windows import Window, window_of
+
+# A change beyond this number of standard deviations is a move (contracts.drifts.DriftResult.moved).
+SIGNIFICANT = 3.0
+DETECTOR_PARAMETERS = {
+    "cor_column_mm": "COR on the detector, mm",
+    "tilt_rad": "tilt of the detector, rad",
+    "source_to_detector_mm": "source to detector, mm",
+}
+
+
+def sinogram_figure(
+    sinogram: NDArray[np.floating[Any]], *, angles_deg: NDArray[np.float64], pitch_mm: float, title: str
+) -> Figure:
+    """A sinogram (views, cells): views downwards with their angles in degrees, the detector to the right in mm."""
+    views, cells = sinogram.shape
+    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
+    ax = figure.add_subplot()
+    half, window = cells * pitch_mm / 2, window_of(sinogram)
+    extent = (-half, half, views - 0.5, -0.5)
+    shown = ax.imshow(
+        sinogram, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, aspect="auto", interpolation="nearest"
+    )
+    # By index and not on an axis of angles: views may stand at any angles.
+    labelled = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
+    ax.set_yticks(labelled, [f"{angles_deg[view]:.4g}" for view in labelled])
+    ax.set_xlabel("position on the detector, mm")
+    ax.set_ylabel("angle of the view, degrees")
+    ax.set_title(title)
+    figure.colorbar(shown, ax=ax, label="line integral")
+    return figure
+
+
+def slice_figure(
+    image: NDArray[np.floating[Any]],
+    *,
+    field_mm: float,
+    centre_mm: tuple[float, float],
+    unit: str,
+    window: Window,
+    title: str,
+) -> Figure:
+    """A slice (x, y) in mm, x downwards and y to the right (docs/conventions.md#axes)."""
+    figure = Figure(figsize=(6.8, 5.8), layout="constrained")
+    ax = figure.add_subplot()
+    shown = show_image(ax, image, field_mm, window, centre_mm=centre_mm)
+    ax.set_title(title)
+    figure.colorbar(shown, ax=ax, label=unit, shrink=0.9)
+    return figure
+
+
+def drift_figure(result: DriftResult) -> Figure:
+    """Each parameter's change with three standard deviations around it; what the scan does not show is left out."""
+    deviation = result.change_standard_deviation
+    shown = [name for name in DETECTOR_PARAMETERS if getattr(deviation, name) is not None]
+    figure = Figure(figsize=(8.0, 0.9 + 1.0 * len(shown)), layout="constrained")
+    figure.suptitle(
+        f"change since the calibration, ± {SIGNIFICANT:g} standard deviations; "
+        f"rays moved {result.ray_change_mm:.2g} mm, tolerance {result.tolerance_mm:.2g} mm"
+    )
+    for ax, name in zip(np.atleast_1d(figure.subplots(len(shown), 1)), shown, strict=True):
+        change, reach = getattr(result.change, name), SIGNIFICANT * getattr(deviation, name)
+        ax.errorbar([change], [0.0], xerr=[reach], fmt="o", capsize=5)
+        ax.axvline(0.0, color="0.6", linewidth=1.0)
+        ax.set_yticks([])
+        ax.set_xlabel(DETECTOR_PARAMETERS[name])
+    return figure
