@@ -63,9 +63,9 @@ def drift_figure(result: DriftResult) -> Figure:
     """Each parameter's change with three standard deviations around it; what the scan does not show is left out."""
     deviation = result.change_standard_deviation
     shown = [name for name in DETECTOR_PARAMETERS if getattr(deviation, name) is not None]
-    figure = Figure(figsize=(8.0, 0.9 + 1.0 * len(shown)), layout="constrained")
+    figure = Figure(figsize=(8.0, 1.2 + 1.0 * len(shown)), layout="constrained")
     figure.suptitle(
-        f"change since the calibration, ± {SIGNIFICANT:g} standard deviations; "
+        f"change since the calibration, ± {SIGNIFICANT:g} standard deviations\n"
         f"rays moved {result.ray_change_mm:.2g} mm, tolerance {result.tolerance_mm:.2g} mm"
     )
     for ax, name in zip(np.atleast_1d(figure.subplots(len(shown), 1)), shown, strict=True):
