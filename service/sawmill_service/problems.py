@@ -13,7 +13,7 @@ from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.routing import compile_path
 
-from sawmill_worker.files.errors import NotStored, OutOfRange
+from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
     Conflict,
     Invalid,
@@ -25,15 +25,16 @@ from sawmill_worker.storage.errors import (
 )
 
 MEDIA_TYPE = "application/problem+json"
-STORAGE_STATUS: Mapping[type[Exception], int] = {
+STATUS: Mapping[type[Exception], int] = {
     NotFound: 404,
     Conflict: 409,
     Invalid: 422,
     UploadTooLarge: 413,
     StorageUnavailable: 503,
     StorageFull: 507,
+    NotStored: 409,
+    OutOfRange: 422,
 }
-FILE_STATUS: Mapping[type[Exception], int] = {NotStored: 409, OutOfRange: 422}
 
 
 class FieldProblem(BaseModel):
@@ -142,23 +143,17 @@ def _documented_methods(request: Request) -> str:
     return ", ".join(sorted(documented))
 
 
-def _on_storage(request: Request, error: Exception) -> JSONResponse:
-    status = STORAGE_STATUS.get(type(error))
+def _on_stored(request: Request, error: Exception) -> JSONResponse:
+    status = STATUS.get(type(error))
     if status is None:
         raise error  # ours, not the client's
-    return problem_response(request.url.path, status, cast("StorageError", error).code, str(error))
-
-
-def _on_file(request: Request, error: Exception) -> JSONResponse:
-    return problem_response(
-        request.url.path, FILE_STATUS[type(error)], cast("OutOfRange | NotStored", error).code, str(error)
-    )
+    code = cast("StorageError | FileError", error).code
+    return problem_response(request.url.path, status, code, str(error))
 
 
 def install(app: FastAPI) -> None:
     """Give every kind of error its problem; the observer sees to the rest."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
-    app.add_exception_handler(StorageError, _on_storage)
-    for file_error in FILE_STATUS:
-        app.add_exception_handler(file_error, _on_file)
+    for stored in (StorageError, NotStored, OutOfRange):
+        app.add_exception_handler(stored, _on_stored)

@@ -3,6 +3,7 @@ from io import BytesIO
 import numpy as np
 import pytest
 from PIL import Image
+from results import CONSTANTS, FRAME, SEARCH, THETA, calibration_result
 
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationResult
@@ -13,21 +14,6 @@ from sawmill_worker.pictures.image_panels import log_comparison_png
 pytestmark = pytest.mark.slow
 
 FIELD_MM = 400.0
-THETA = {
-    "initial_angle_rad": 2.55,
-    "detector_to_cor_mm": 714.7,
-    "source_shift_mm": 319.9,
-    "detector_shift_mm": 43.7,
-    "detector_tilt": 0.281,
-}
-FRAME = {
-    "psi_rad": 2.907,
-    "source_distance_mm": 917.1,
-    "source_to_detector_mm": 1619.3,
-    "cor_column_mm": -209.1,
-    "tilt_rad": -0.083,
-    "magnification": 1.766,
-}
 VARIANCES = np.array([1e-8, 0.2, 0.8, 1e-4, 1e-6])
 
 
@@ -47,44 +33,19 @@ def table_of(answer):
 def answer():
     deviations = {"theta": dict.fromkeys(THETA, 0.01), "source_frame": dict.fromkeys(FRAME, 0.02)}
     hypothesis = {"handedness": "as-drawn", "rotation": "as-given", "relative_residual": 0.001}
-    return {
-        "phantom": "L-shape",
-        "theta": THETA,
-        "theta_twin": THETA | {"source_shift_mm": -319.9, "initial_angle_rad": 3.26},
-        "source_frame": FRAME,
-        "standard_deviation": deviations,
-        "covariance": np.diag(VARIANCES).tolist(),
-        "unconstrained_source_distance_mm": 917.1,
-        "scale_uncertainty_mm": 0.9,
-        "scale_ray_error_mm": 0.05,
-        "predicted_ray_error_mm": {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0},
-        "handedness": "as-drawn",
-        "rotation": "as-given",
-        "hypotheses": [hypothesis, hypothesis | {"handedness": "from-behind", "relative_residual": 0.15}],
-        "phantom_position_mm": [0.03, 0.02],
-        "residual": {"rms": 0.1, "relative": 0.001},
-        "verdict": "pass",
-        "reasons": [],
-        "adjustments": ["2 detector cells without a usable signal were left out"],
-        "comparison": None,
-        "gain": 1.0,
-        "offset": 0.0,
-        "scanner": {"source_to_cor_mm": 859.46, "num_detector_pixels": 48, "detector_pitch_mm": 1.5},
-        "views": 20,
-        "rows": [0, 3],
-        "search": {
-            "method": "multi-start",
-            "seed": 7,
-            "evaluations": 12,
-            "generations": 1,
-            "best_value": 0.002,
-            "converged": True,
-            "message": "",
-        },
-        "timing_s": {"total": 0.2, "search": 0.1, "refine": 0.05, "uncertainty": 0.05},
-        "software_version": "0",
-        "input_sha256": "0" * 64,
-    }
+    return calibration_result(
+        theta_twin=THETA | {"source_shift_mm": -319.9, "initial_angle_rad": 3.26},
+        standard_deviation=deviations,
+        covariance=np.diag(VARIANCES).tolist(),
+        hypotheses=[hypothesis, hypothesis | {"handedness": "from-behind", "relative_residual": 0.15}],
+        phantom_position_mm=[0.03, 0.02],
+        status=None,
+        adjustments=["2 detector cells without a usable signal were left out"],
+        scanner=CONSTANTS | {"num_detector_pixels": 48},
+        rows=[0, 3],
+        search=SEARCH | {"method": "multi-start", "evaluations": 12, "best_value": 0.002},
+        timing_s={"total": 0.2, "search": 0.1, "refine": 0.05, "uncertainty": 0.05},
+    )
 
 
 @pytest.fixture

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import h5py
 import httpx
 import numpy as np
 import pytest
@@ -29,6 +28,7 @@ from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
+from sawmill_worker.files.scan_writer import write_scan as write_scan_file
 from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
@@ -230,10 +230,15 @@ def make_volume() -> np.ndarray:
 
 
 def write_scan(folder: Path) -> None:
-    with h5py.File(folder / "scan.h5", "w") as file:
-        file["/entry/instrument/detector/data"] = projections()
-        file["/entry/instrument/detector/x_pixel_size"] = 1.5
-        file["/entry/sample/rotation_angle"] = np.arange(VIEWS) * 30.0
+    write_scan_file(
+        folder / "scan.h5",
+        line_integrals=projections(),
+        angles_rad=np.deg2rad(np.arange(VIEWS) * 30.0),
+        detector_pitch_mm=1.5,
+        row_pitch_mm=None,
+        air_level=None,
+        provenance={},
+    )
 
 
 def write_calibration(folder: Path) -> None:

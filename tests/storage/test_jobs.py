@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 
 import pytest
 from pydantic import ValidationError
+from results import reading
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
@@ -22,11 +23,7 @@ FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk i
 AWAY = Failure(kind=FailureKind.PASSING, code="storage-unavailable", detail="the database does not answer")
 OURS = Failure(kind=FailureKind.INTERNAL, code="internal-error", detail="the job stopped on an unexpected KeyError")
 AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
-READING = {
-    "format": "NPZ",
-    "shape": {"views": 20, "rows": 1, "detector": 768},
-    "angular_range_deg": (0.0, 342.0),
-}
+READING = reading()
 
 
 def claim(store, lease_s: float = 60.0):

@@ -24,6 +24,15 @@ FRAME = {
     "tilt_rad": -0.083,
     "magnification": 1.766,
 }
+SEARCH = {
+    "method": "default",
+    "seed": 7,
+    "evaluations": 1,
+    "generations": 1,
+    "best_value": 0.0,
+    "converged": True,
+    "message": "converged",
+}
 
 
 def reading(**changes: Any) -> dict[str, Any]:
@@ -60,15 +69,7 @@ def calibration_result(**changes: Any) -> dict[str, Any]:
         "phantom": "L-shape",
         "views": 20,
         "rows": (0, 1),
-        "search": {
-            "method": "default",
-            "seed": 7,
-            "evaluations": 1,
-            "generations": 1,
-            "best_value": 0.0,
-            "converged": True,
-            "message": "converged",
-        },
+        "search": SEARCH,
         "timing_s": {"total": 1.0, "search": 0.5, "refine": 0.4, "uncertainty": 0.1},
         "software_version": "0",
         "input_sha256": "0" * 64,

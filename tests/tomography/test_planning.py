@@ -102,8 +102,8 @@ def test_the_density_of_the_wood_changes_nothing(fan):
 def test_a_larger_tolerance_costs_scale_and_nothing_else(fan):
     rough = Phantom("rough", L_SHAPE.shapes, size_tolerance=0.01)
     fine, coarse = (plan(fan(20), phantom, noise=NOISE) for phantom in (L_SHAPE, rough))
-    assert coarse.scale_uncertainty_mm == pytest.approx(0.01 * fan(20).frame.source_distance_mm)
-    assert coarse.scale_ray_error_mm == pytest.approx(10.0 * fine.scale_ray_error_mm, rel=0.02)
+    assert coarse.scale.source_distance_mm == pytest.approx(0.01 * fan(20).frame.source_distance_mm)
+    assert coarse.scale.ray_error_mm == pytest.approx(10.0 * fine.scale.ray_error_mm, rel=0.02)
     assert np.array_equal(fine.covariance, coarse.covariance)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
-from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +31,6 @@ from sawmill_worker.use_cases.drift import DriftInput, run_drift
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.use_cases.result_file import read_calibration as read_result
 from sawmill_worker.vocabulary import (
-    Adjustment,
     Handedness,
     ProgressCallback,
     Rotation,
@@ -101,7 +99,7 @@ class Calibration:
 
     def save(self, path: str | Path) -> None:
         """Write RESULT.json as `sawmill calibrate --json` prints it; `read_calibration` reads it."""
-        document = CalibrationFile(id=str(uuid4()), **dict(self.result)).model_dump(mode="json")
+        document = CalibrationFile.of(self.result).model_dump(mode="json")
         Path(path).write_text(json.dumps(document, indent=2) + "\n", encoding="utf-8")
 
     def plot(self) -> "Figure":
@@ -275,10 +273,9 @@ def calibrate(
         tolerance_mm=tolerance_mm,
         from_counts=scan.from_counts,
     )
-    rows_given = scan.rows_chosen or Adjustment.PHANTOM_ROWS in chosen.without
     stack = scan.line_integrals
     with input_errors():
-        given, found = run_calibration(given, chosen, on_progress, stack=None if rows_given else stack)
+        given, found = run_calibration(given, chosen, on_progress, stack=None if scan.rows_chosen else stack)
 
     def arrays() -> CalibrationArrays:
         from sawmill_worker.use_cases.calibration_files import report_arrays  # noqa: PLC0415 - as a command
@@ -351,8 +348,6 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
         `InputError`: the calibration is of another scanner, or the scan's opposite rays cannot be paired.
     """
     _check_same_scanner(scan, calibration)
-    predicted = calibration.predicted_ray_error_mm
-    known_radius = {} if predicted is None else {"log_radius_mm": predicted.radius_mm}
     given = DriftInput(
         sinogram=scan.sinogram,
         angles_rad=scan.angles_rad,
@@ -360,7 +355,6 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
         calibration=calibration.result,
         input_sha256=scan.sha256,
         tolerance_mm=tolerance_mm,
-        **known_radius,
     )
     with input_errors():
         return Drift(run_drift(given))

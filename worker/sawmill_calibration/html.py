@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 from sawmill_worker.templating import templates_of
 
+TEMPLATES = templates_of("sawmill_calibration")
+
 
 def html_of(
     title: str,
@@ -16,5 +18,5 @@ def html_of(
 ) -> str:
     """A title with a verdict, sentences, a table of labels and values, and a picture; all text is escaped."""
     picture = None if png is None else b64encode(png).decode("ascii")
-    page = templates_of("sawmill_calibration").get_template("result.html")
+    page = TEMPLATES.get_template("result.html")
     return page.render(title=title, rows=rows, verdict=verdict, sentences=sentences, picture=picture)

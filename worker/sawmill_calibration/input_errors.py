@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from sawmill_worker.contracts.base import complaint
+from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.jobs import FailureKind
 from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
 
@@ -52,5 +52,4 @@ def options_of(contract: type[Options], given: Mapping[str, object]) -> Options:
     try:
         return TypeAdapter(contract).validate_python(given)
     except ValidationError as error:
-        where = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise InputError("options", f"{where}: {complaint(error)}" if where else complaint(error)) from error
+        raise InputError("options", placed_complaint(error)) from error

@@ -101,7 +101,7 @@ class Scan:
             )
         if not (np.isfinite(stack).all() and np.isfinite(angles).all()):
             raise InputError("not-finite", "line_integrals and angles_rad must be finite numbers")
-        digest = hashlib.sha256(stack.tobytes()).hexdigest()
+        digest = hashlib.sha256(stack.data).hexdigest()
         rows = (0, stack.shape[1])
         return cls(stack, angles, scanner, rows, row_pitch_mm=row_pitch_mm, from_counts=from_counts, sha256=digest)
 

@@ -9,7 +9,6 @@ import os
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, ClassVar
-from uuid import uuid4
 
 import typer
 
@@ -86,7 +85,7 @@ def calibrate(
             source, drawn, options, source_to_cor_mm=source_to_cor_mm, picture=report, on_progress=progress
         )
     if as_json:
-        print_json(CalibrationFile(id=str(uuid4()), **dict(result)).model_dump(mode="json"))
+        print_json(CalibrationFile.of(result).model_dump(mode="json"))
     else:
         print_calibration(result)
 

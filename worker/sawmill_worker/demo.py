@@ -22,6 +22,7 @@ from sawmill_worker import demo_client, examples
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.demo_client import DemoError, Json
 from sawmill_worker.demo_page import Section, write_page
+from sawmill_worker.files.volume_reader import volume_slice
 from sawmill_worker.pictures.image_panels import log_comparison_png
 from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference, to_vector
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
@@ -231,8 +232,7 @@ class _Demo:
             answer = demo_client.post(self._client, "/v1/reconstructions", json=asked)
             demo_client.wait(self._client, answer["job_id"], on_progress)
             demo_client.download(self._client, f"/v1/reconstructions/{answer['id']}/volume.h5", path)
-        with h5py.File(path, "r") as file:
-            return np.asarray(file["entry/reconstruction/data"][0], np.float32)
+        return volume_slice(path, 0).data
 
 
 def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:

@@ -1,7 +1,9 @@
 """Example resources on a fresh data folder, so that the console's "Try it out" works at once."""
 
 import io
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import structlog
@@ -9,7 +11,7 @@ import structlog
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.kinds import asked_kinds
+from sawmill_worker.contracts.kinds import Ask, asked_kinds
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
@@ -17,6 +19,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.files.scan_writer import write_raw_scan
+from sawmill_worker.storage.asked import NOTHING, Asked
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
@@ -93,10 +96,7 @@ def seed_examples(store: Store) -> None:
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store, stack)
-    if EXAMPLE not in {item.id for item in store.calibrations.page().items}:
-        ask = CalibrationAsk(scan_id=EXAMPLE, activate=True)
-        store.calibrations.accept(ask, identifier=EXAMPLE, job_id=EXAMPLE, background=True)
-    reconstructed = {item.id for item in store.reconstructions.page().items}
+    _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
         scan_id=EXAMPLE,
@@ -106,16 +106,15 @@ def seed_examples(store: Store) -> None:
         method=ReconstructionMethod.TIKHONOV,
         size=128,
     )
-    for identifier, asked in {EXAMPLE: log, SPARSE: sparse}.items():
-        if identifier not in reconstructed:
-            store.reconstructions.accept(asked, identifier=identifier, background=True)
-    if EXAMPLE not in {item.id for item in store.drifts.page().items}:
-        store.drifts.accept(DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE), identifier=EXAMPLE, background=True)
-    if EXAMPLE not in {item.id for item in store.plans.page().items}:
-        nominal = THETA
-        plan = PlanAsk(scanner_id=EXAMPLE, theta=nominal, views=20)
-        store.plans.accept(plan, identifier=EXAMPLE, background=True, given={"phantom_id": L_SHAPE.name})
-    _ask_for_other_kinds(store)
+    _ask_once(store.reconstructions, log)
+    _ask_once(store.reconstructions, sparse, SPARSE)
+    _ask_once(store.drifts, DriftAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE))
+    plan = PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20)
+    _ask_once(store.plans, plan, given={"phantom_id": L_SHAPE.name})
+    # Any other kind is asked for as the console's example asks.
+    for declared in asked_kinds():
+        given = dict(declared.to_ask.example)
+        _ask_once(store.asked(declared), declared.ask.model_validate(given.pop("body")), given=given)
     scheduled = {item.id for item in store.schedules.page().items}
     for identifier in {EXAMPLE, SPARE} - scheduled:
         store.schedules.create(
@@ -125,13 +124,17 @@ def seed_examples(store: Store) -> None:
     structlog.get_logger().info("examples-ready", folder=str(folder))
 
 
-def _ask_for_other_kinds(store: Store) -> None:
-    """Every kind that has no example yet is asked for as the console's example asks."""
-    for declared in asked_kinds():
-        if EXAMPLE not in {item.id for item in store.asked(declared).page().items}:
-            given = dict(declared.to_ask.example)
-            ask = declared.ask.model_validate(given.pop("body"))
-            store.asked(declared).accept(ask, identifier=EXAMPLE, background=True, given=given)
+def _ask_once(
+    asked: Asked[Ask, Any],
+    ask: Ask,
+    identifier: str = EXAMPLE,
+    *,
+    job_id: str | None = None,
+    given: Mapping[str, str] = NOTHING,
+) -> None:
+    """Ask for it in the background, unless it was asked for before."""
+    if identifier not in {item.id for item in asked.page().items}:
+        asked.accept(ask, identifier=identifier, job_id=job_id, background=True, given=given)
 
 
 def _scanner_spec(identifier: str) -> ScannerSpec:

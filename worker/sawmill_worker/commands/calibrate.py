@@ -10,7 +10,7 @@ from sawmill_worker.contracts.calibrations import CalibrationOptions, Calibratio
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
-from sawmill_worker.vocabulary import Adjustment, ProgressCallback
+from sawmill_worker.vocabulary import ProgressCallback
 
 
 def calibrate_scan(
@@ -36,8 +36,7 @@ def calibrate_scan(
         input_sha256=used.sha256,
         from_counts=used.counts,
     )
-    rows_given = scan.rows is not None or Adjustment.PHANTOM_ROWS in options.without
-    given, calibration = run_calibration(given, options, used.on_progress, stack=None if rows_given else stack)
+    given, calibration = run_calibration(given, options, used.on_progress, stack=stack if scan.rows is None else None)
     result = calibration_result(calibration, given)
     if picture is not None:
         # Imported here because it brings the reconstruction along, for which an answer need not wait.

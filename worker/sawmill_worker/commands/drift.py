@@ -1,7 +1,5 @@
 """`sawmill drift`: a scan's file and a calibration to what moved."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from sawmill_worker.commands.options import CalibrationSource
@@ -27,6 +25,4 @@ def check_drift(
         input_sha256=used.sha256,
         tolerance_mm=tolerance_mm,
     )
-    if known.predicted_ray_error_mm is not None:
-        given = replace(given, log_radius_mm=known.predicted_ray_error_mm.radius_mm)
     return run_drift(given)

@@ -85,6 +85,12 @@ def complaint(error: ValidationError) -> str:
     return first["msg"].removeprefix("Value error, ")
 
 
+def placed_complaint(error: ValidationError) -> str:
+    """A contract's first complaint, after the place of the value."""
+    place = ".".join(str(part) for part in error.errors()[0]["loc"])
+    return f"{place}: {complaint(error)}" if place else complaint(error)
+
+
 def check_range(value: tuple[float, float]) -> tuple[float, float]:
     """Refuse what is no [low, high]."""
     if not value[0] < value[1]:

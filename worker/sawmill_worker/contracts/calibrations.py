@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
+from uuid import uuid4
 
 from pydantic import Field
 
@@ -220,6 +221,11 @@ class CalibrationFile(CalibrationResult):
 
     id: str
     state: Literal["succeeded"] = "succeeded"
+
+    @classmethod
+    def of(cls, result: CalibrationResult) -> Self:
+        """An answer with an id of its own."""
+        return cls(id=str(uuid4()), **dict(result))
 
     @classmethod
     def read(cls, text: str) -> CalibrationResult:

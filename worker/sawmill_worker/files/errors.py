@@ -1,8 +1,9 @@
 """How a file is refused, and the one place where the error of a library becomes a sentence.
 
-UnreadableScan  a file that cannot be used
-OutOfRange      an index that a file of ours does not have
-NotStored       a part that a file of ours does not hold
+FileError
+  UnreadableScan  a file that cannot be used
+  OutOfRange      an index that a file of ours does not have
+  NotStored       a part that a file of ours does not hold
 """
 
 import errno
@@ -15,7 +16,15 @@ LONGEST_QUOTE = 200
 MACHINE_ERRORS = frozenset({errno.EIO, errno.ESTALE, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT})
 
 
-class UnreadableScan(Exception):  # noqa: N818 - it names the thing that cannot be read
+class FileError(Exception):
+    """What is wrong with a file, in a sentence; `code` is stable, for programs."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot be read
     """A file, or what was given beside it, that cannot be used as a scan.
 
     Attributes
@@ -27,25 +36,13 @@ class UnreadableScan(Exception):  # noqa: N818 - it names the thing that cannot 
         `contradiction`, `unsafe-archive`.
     """
 
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+
+class OutOfRange(FileError):  # noqa: N818 - an outcome's name, as in `storage.errors`
+    """An index that a file of ours does not have."""
 
 
-class OutOfRange(Exception):  # noqa: N818 - an outcome's name, as in `storage.errors`
-    """An index that a file of ours does not have; `code` is stable, for programs."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-
-
-class NotStored(Exception):  # noqa: N818
-    """Something that a file of ours may hold and this one does not; `code` is stable, for programs."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
+class NotStored(FileError):  # noqa: N818
+    """Something that a file of ours may hold and this one does not."""
 
 
 def check_index(name: str, index: int, length: int) -> None:

@@ -21,7 +21,7 @@ from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_
 from sawmill_worker.use_cases.prepare import Stack
 from sawmill_worker.use_cases.reconstruct import volume_unit
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
-from sawmill_worker.vocabulary import Adjustment, DataKind
+from sawmill_worker.vocabulary import DataKind
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
@@ -71,6 +71,17 @@ def shape_of(scan: Scan) -> ScanShape:
     return scan.shape
 
 
+def usable_calibration(store: Store, calibration_id: str, purpose: str) -> CalibrationSucceeded:
+    """A calibration with an answer; the sentence of its refusal ends with what its geometry was to be used for."""
+    calibration = store.calibrations.get(calibration_id)
+    if not isinstance(calibration, CalibrationSucceeded):
+        raise refused(
+            "calibration-without-result",
+            f"calibration {calibration_id!r} is {calibration.state} and has no geometry to {purpose}",
+        )
+    return calibration
+
+
 def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
     """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
     phantom = store.phantoms.get(phantom_id)
@@ -99,7 +110,7 @@ def _load(
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
         from_counts=scan.data is DataKind.COUNTS,
     )
-    named = options.rows is not None or scan.phantom_rows is not None or Adjustment.PHANTOM_ROWS in options.without
+    named = options.rows is not None or scan.phantom_rows is not None
     return given, None if named else stored.line_integrals
 
 

@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.calibrate import shape_of, usable_scan
+from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
 from sawmill_worker.use_cases.failures import refused
@@ -18,12 +17,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     """Answer with what moved since the calibration; there are no files."""
     store = attempt.store
     asked = store.drifts.get(attempt.job.subject_id)
-    calibration = store.calibrations.get(asked.calibration_id)
-    if not isinstance(calibration, CalibrationSucceeded):
-        raise refused(
-            "calibration-without-result",
-            f"calibration {asked.calibration_id!r} is {calibration.state} and has no geometry to compare with",
-        )
+    calibration = usable_calibration(store, asked.calibration_id, "compare with")
     scanner = store.scanners.get(asked.scanner_id)
     scan = usable_scan(store, asked.scan_id)
     shape = shape_of(scan)

@@ -6,12 +6,11 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.reconstructions import ReconstructionAsked
 from sawmill_worker.contracts.scans import ScanShape
 from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.jobs.attempt import Attempt
-from sawmill_worker.jobs.calibrate import shape_of, usable_scan
+from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography import cost
@@ -92,10 +91,5 @@ def _geometry_of(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rot
         return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
     if options.calibration_id is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
-    calibration = store.calibrations.get(options.calibration_id)
-    if not isinstance(calibration, CalibrationSucceeded):
-        raise refused(
-            "calibration-without-result",
-            f"calibration {options.calibration_id!r} is {calibration.state} and has no geometry to use",
-        )
+    calibration = usable_calibration(store, options.calibration_id, "use")
     return calibration.theta, calibration.rotation, calibration.handedness

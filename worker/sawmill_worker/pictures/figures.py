@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.pictures.image_panels import show_image
-from sawmill_worker.pictures.windows import Window, window_of
+from sawmill_worker.pictures.windows import Window, labelled_views, window_of
 
 # A change beyond this number of standard deviations is a move (contracts.drifts.DriftResult.moved).
 SIGNIFICANT = 3.0
@@ -31,9 +31,7 @@ def sinogram_figure(
     shown = ax.imshow(
         sinogram, cmap="gray", vmin=window[0], vmax=window[1], extent=extent, aspect="auto", interpolation="nearest"
     )
-    # By index and not on an axis of angles: views may stand at any angles.
-    labelled = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
-    ax.set_yticks(labelled, [f"{angles_deg[view]:.4g}" for view in labelled])
+    ax.set_yticks(*zip(*labelled_views(angles_deg), strict=True))
     ax.set_xlabel("position on the detector, mm")
     ax.set_ylabel("angle of the view, degrees")
     ax.set_title(title)

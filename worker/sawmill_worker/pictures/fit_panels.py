@@ -7,6 +7,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 from numpy.typing import NDArray
 
+from sawmill_worker.pictures.windows import labelled_views
+
 MEAN, RMS = "#1f77b4", "#444444"
 # A dead cell would push all others to the axis: a profile is cut at this multiple of its 98th percentile.
 TALLEST = 3.0
@@ -38,9 +40,7 @@ def draw_residual(figure: SubFigure, residual: NDArray[Any], angles_deg: NDArray
         extent=(-half_mm, half_mm, views - 0.5, -0.5),
         interpolation="nearest",
     )
-    # The rows are views, which need not be equidistant: each label is its own view's angle.
-    marked = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
-    image_ax.set_yticks(marked, [f"{angles_deg[view]:.4g}" for view in marked])
+    image_ax.set_yticks(*zip(*labelled_views(angles_deg), strict=True))
     image_ax.set_ylabel("angle of the view, degrees")
     image_ax.tick_params(labelbottom=False)
     figure.colorbar(shown, ax=image_ax, location="left", shrink=0.85, pad=0.02, extend="both")

@@ -22,7 +22,7 @@ from sawmill_worker.pictures.pages import (
     page_of,
     panel_of,
 )
-from sawmill_worker.pictures.windows import Window, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
 
 SMALLEST_SIDE_PX = 512
 
@@ -127,8 +127,7 @@ def sinogram_png(
     draw_color_bar(draw, page, layout, shown, unit)
     half = cells * pitch_mm / 2
     draw_bottom_axis(draw, layout, (-half, half), "position on the detector, mm")
-    labelled = np.unique(np.linspace(0, views - 1, min(views, 7)).round().astype(int))
-    marks = [((view + 0.5) / views, f"{angles_deg[view]:.4g}") for view in labelled]
+    marks = [((view + 0.5) / views, label) for view, label in labelled_views(angles_deg)]
     draw_left_axis(draw, layout, marks, "angle of the view, degrees")
     return encoded(page)
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Window = tuple[float, float]
+MOST_LABELS = 7
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
@@ -43,3 +44,10 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
     while math.floor(high / step) - math.ceil(low / step) + 1 > most:
         step = round_length(step * 2.5)
     return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+
+
+def labelled_views(angles_deg: NDArray[np.floating[Any]]) -> list[tuple[int, str]]:
+    """Some views spread over a sinogram, each with its own angle as its label: views need not be equidistant."""
+    views = len(angles_deg)
+    shown = np.unique(np.linspace(0, views - 1, min(views, MOST_LABELS)).round().astype(int))
+    return [(int(view), f"{angles_deg[view]:.4g}") for view in shown]

@@ -16,7 +16,7 @@ from scipy.fft import rfft
 from scipy.interpolate import CubicSpline
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
-from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError
+from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, seen_vector
 from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.paired_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution, Turn, fan_angles
 from sawmill_worker.tomography.view_gain import view_gain
@@ -175,20 +175,16 @@ def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bo
 
 
 def _reach(scanner: Scanner, start: SourceFrame) -> tuple[FloatArray, FloatArray]:
-    centre = _vector(start)
+    centre = seen_vector(start)
     width = scanner.num_detector_pixels * scanner.detector_pitch_mm
     reach = np.array(REACH) * [width, 1.0, start.source_to_detector_mm]
     return centre - reach, centre + reach
 
 
-def _vector(frame: SourceFrame) -> FloatArray:
-    return np.array([frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm])
-
-
 def _basin(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution:
     """The coarse fit, with SDD held: it needs the fine structure of the log."""
-    pairs = Pairs(scanner, turn, _vector(start), COARSE)
-    return pairs.solve(_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
+    pairs = Pairs(scanner, turn, seen_vector(start), COARSE)
+    return pairs.solve(seen_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 
 def _minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatArray) -> Solution:

@@ -8,10 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
 from sawmill_worker.vocabulary import Rotation
 
+# What conjugate rays see of the geometry, in the order of their vectors.
+SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
 # From this ratio to the better residual on, the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1
 # A change beyond this many standard deviations is significant.
@@ -131,6 +134,11 @@ class DriftChange:
         return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
 
 
+def seen_vector(value: "SourceFrame | ConjugateFit") -> FloatArray:
+    """What conjugate rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
+    return np.array([value.cor_column_mm, value.tilt_rad, value.source_to_detector_mm])
+
+
 def drift_change(
     scanner: Scanner,
     calibrated: SourceFrame,
@@ -150,20 +158,19 @@ def drift_change(
     """
     covariance = fit.covariance.copy()
     if calibrated_covariance is not None:
-        order = [3, 4, 2]
         # Where SDD is held, the calibration's error of it moves what is measured of the others.
         difference = np.eye(3)
         difference[:2, 2] = -fit.distance_sensitivity
-        covariance += difference @ calibrated_covariance[np.ix_(order, order)] @ difference.T
+        covariance += difference @ calibrated_covariance[np.ix_(SEEN, SEEN)] @ difference.T
     if fit.distance_held:
         covariance[2, :] = covariance[:, 2] = 0.0
-    before = np.array([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm])
-    change = np.array([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]) - before
+    before = seen_vector(calibrated)
+    change = seen_vector(fit) - before
     counted, spread = _counted(change, covariance)
     u_c, tau, sdd = (float(value) for value in before + counted)
     now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
     frame_covariance = np.zeros((5, 5))
-    frame_covariance[np.ix_([3, 4, 2], [3, 4, 2])] = spread
+    frame_covariance[np.ix_(SEEN, SEEN)] = spread
     try:
         rays = ray_error(scanner, calibrated, now, radius_mm=radius_mm).rms_mm
     except GeometryError:  # the calibrated rays no longer meet the log

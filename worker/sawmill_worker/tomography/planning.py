@@ -9,9 +9,10 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import PARAMETERS, DetectorCells
 from sawmill_worker.tomography.calibration.covariance import frame_deviation, theta_covariance
 from sawmill_worker.tomography.calibration.elimination import reduce
+from sawmill_worker.tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.phantom import Phantom, PhantomError
-from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error, scale_ray_error
+from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error
 
 NAMES = ("psi", "R", "SDD", "u_c", "tau", "position x", "position y")
 # Of the information, its diagonal scaled to one: a direction with less is rounding.
@@ -34,8 +35,8 @@ class Plan:
         Standard deviations of theta; None where the source shift is not resolved.
     predicted_ray_error : PredictedRayError
         From noise alone.
-    scale_uncertainty_mm, scale_ray_error_mm : float
-        What R, and the rays (RMS), inherit from the phantom's size tolerance beside it.
+    scale : ScaleUncertainty
+        From the phantom's size tolerance beside it.
     views_cut_off : int
         Views whose shadow reaches an end of the detector.
     """
@@ -45,8 +46,7 @@ class Plan:
     frame_deviation: FloatArray
     theta_deviation: FloatArray | None
     predicted_ray_error: PredictedRayError
-    scale_uncertainty_mm: float
-    scale_ray_error_mm: float
+    scale: ScaleUncertainty
     views_cut_off: int
 
 
@@ -84,8 +84,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
         frame_deviation=frame_deviation(frame, covariance),
         theta_deviation=None if of_theta is None else np.sqrt(np.diag(of_theta)),
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance, radius_mm=log_radius_mm),
-        scale_uncertainty_mm=phantom.size_tolerance * frame.source_distance_mm,
-        scale_ray_error_mm=scale_ray_error(scanner, frame, phantom.size_tolerance, radius_mm=log_radius_mm),
+        scale=scale_uncertainty(scanner, frame, phantom, log_radius_mm),
         views_cut_off=int(np.count_nonzero(np.any(sinogram[:, [0, -1]] != 0.0, axis=1))),
     )
 

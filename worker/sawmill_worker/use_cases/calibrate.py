@@ -25,7 +25,7 @@ from sawmill_worker.use_cases.conversion import (
     from_predicted,
     to_phantom,
 )
-from sawmill_worker.vocabulary import CalibrationMethod, Progress, ProgressCallback, ThetaBounds
+from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
@@ -68,6 +68,8 @@ def run_calibration(
     -------
     The input, narrowed to the phantom's rows where they were found, and its calibration.
     """
+    if Adjustment.PHANTOM_ROWS in options.without:
+        stack = None
     found = None if stack is None else _in_phantom_rows(given, stack, options, on_progress)
     if found is not None:
         given, calibration = found

@@ -16,21 +16,30 @@ from sawmill_worker.tomography.drift import (
     DriftChange,
     drift_change,
     likely_cause,
+    seen_vector,
 )
 from sawmill_worker.tomography.geometry import FloatArray
-from sawmill_worker.vocabulary import Rotation
+
+# Of the disc in which rays are counted where the calibration names none.
+LOG_RADIUS_MM = 150.0
 
 
 @dataclass(frozen=True, eq=False)
 class DriftInput:
-    """A sinogram (views, detector) with each view's angle, and what it is compared with."""
+    """A sinogram (views, detector) with each view's angle, and what it is compared with.
+
+    Attributes
+    ----------
+    log_radius_mm : float or None
+        Of the disc in which rays are counted; None takes the calibration's own.
+    """
 
     sinogram: FloatArray
     angles_rad: FloatArray
     rows: tuple[int, int]
     calibration: CalibrationResult
     input_sha256: str
-    log_radius_mm: float = 150.0
+    log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
 
 
@@ -38,29 +47,30 @@ def run_drift(given: DriftInput) -> DriftResult:
     """Pair opposite rays and compare; errors of `sawmill_worker.tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
-    scanner, calibrated = known.scanner, known.source_frame
+    scanner, calibrated, predicted = known.scanner, known.source_frame, known.predicted_ray_error_mm
+    radius_mm = given.log_radius_mm or (LOG_RADIUS_MM if predicted is None else predicted.radius_mm)
     fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)
-    changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=given.log_radius_mm)
-    rotation = Rotation(fit.rotation)
-    within = _within(changed, given.tolerance_mm, turned_over=rotation is not known.rotation)
+    changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    turned_over = fit.rotation is not known.rotation
+    within = _within(changed, given.tolerance_mm, turned_over=turned_over)
     return DriftResult(
-        measured=_detector([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm]),
+        measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
         covariance=fit.covariance.tolist(),
-        calibrated=_detector([calibrated.cor_column_mm, calibrated.tilt_rad, calibrated.source_to_detector_mm]),
+        calibrated=_detector(seen_vector(calibrated)),
         change=_detector(changed.change),
         change_standard_deviation=_deviation(fit, changed.deviation),
         significance=_deviation(fit, changed.significance),
         moved=changed.moved,
         ray_change_mm=changed.ray_change_mm,
         ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
-        radius_mm=given.log_radius_mm,
+        radius_mm=radius_mm,
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
-        reason=_reason(given, fit, changed, within=within),
+        reason=_reason(given, changed, within=within, turned_over=turned_over),
         not_seen=[*NOT_SEEN, *([DISTANCE_NOT_SEEN] if fit.distance_held else [])],
-        rotation=rotation,
+        rotation=fit.rotation,
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
@@ -82,8 +92,8 @@ def _within(changed: DriftChange, tolerance_mm: float, *, turned_over: bool) -> 
     return changed.ray_change_mm <= tolerance_mm
 
 
-def _reason(given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, within: bool | None) -> str:
-    if Rotation(fit.rotation) is not given.calibration.rotation:
+def _reason(given: DriftInput, changed: DriftChange, *, within: bool | None, turned_over: bool) -> str:
+    if turned_over:
         return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
     if within is None:
         return (
@@ -93,7 +103,7 @@ def _reason(given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, withi
     return likely_cause(given.calibration.source_frame, changed)
 
 
-def _detector(values: FloatArray | list[float]) -> DetectorGeometry:
+def _detector(values: FloatArray) -> DetectorGeometry:
     column, tilt, distance = (float(value) for value in values)
     return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
 

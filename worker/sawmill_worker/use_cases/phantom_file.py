@@ -4,7 +4,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import complaint
+from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
 from sawmill_worker.use_cases.failures import refused
 
@@ -20,6 +20,4 @@ def read_drawing(path: Path) -> PhantomDrawing:
     try:
         return PhantomAsk.model_validate_json(path.read_bytes())
     except ValidationError as error:
-        where = ".".join(str(part) for part in error.errors()[0]["loc"])
-        place = f"{where}: " if where else ""
-        raise refused("phantom", f"{path.name} is not a phantom's drawing: {place}{complaint(error)}") from error
+        raise refused("phantom", f"{path.name} is not a phantom's drawing: {placed_complaint(error)}") from error

@@ -6,7 +6,7 @@ from pathlib import Path
 import h5py
 from pydantic import ValidationError
 
-from sawmill_worker.contracts.base import complaint
+from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.calibration_answer import LONGEST_ANSWER, read_calibration_json
@@ -26,8 +26,7 @@ def read_calibration(path: Path) -> CalibrationResult:
             return CalibrationResult.model_validate_json(read_calibration_json(path))
         return CalibrationFile.read(_text(path))
     except ValidationError as error:
-        where = ".".join(str(part) for part in error.errors()[0]["loc"])
-        raise _refused(path, f"{where}: {complaint(error)}" if where else complaint(error)) from error
+        raise _refused(path, placed_complaint(error)) from error
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise _refused(path, "it is neither JSON nor HDF5") from error
     except (UnreadableScan, ValueError) as error:

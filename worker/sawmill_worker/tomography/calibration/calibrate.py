@@ -10,7 +10,6 @@ from sawmill_worker.tomography.calibration.calibration import Calibration, Timin
 from sawmill_worker.tomography.calibration.error_bars import error_bars
 from sawmill_worker.tomography.calibration.faults.adjustments import adjust
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
-from sawmill_worker.tomography.calibration.forward_model import modelled
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
@@ -18,6 +17,7 @@ from sawmill_worker.tomography.calibration.scale import scale_uncertainty
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.source_distance import with_theta
 from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.robust import noise_of_differences
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
@@ -40,7 +40,7 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits)
     best = _found(task, ranked)
-    found, source_distance = with_theta(task, _adjusted(task, best))
+    found, source_distance = with_theta(task, adjust(best, task.without))
     refined = time.perf_counter()
     frame, radius_mm = found.fit.frame, task.log_radius_mm
     residual = analyse_residual(found, task.scanner, radius_mm)
@@ -55,7 +55,7 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     ended = time.perf_counter()
     return Calibration(
         task=task,
-        hypothesis=best.hypothesis,
+        hypothesis=ranked[0].hypothesis,
         theta=theta,
         theta_twin=twin,
         fit=found.fit,
@@ -72,28 +72,21 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     )
 
 
-def _found(task: CalibrationTask, ranked: list[RankedFit]) -> RankedFit:
-    """The best fit, if it explains the scan as this phantom."""
-    best = ranked[0] if ranked else None
-    unexplained = 1.0 if best is None else _unexplained(task, best)
-    refuse_unfound(task.scanner, task.phantom, None if best is None else best.fit, unexplained)
-    return ranked[0]
+def _found(task: CalibrationTask, ranked: list[RankedFit]) -> AdjustedFit:
+    """The best fit, of which nothing is adjusted yet, if it explains the scan as this phantom."""
+    if not ranked:
+        refuse_unfound(task.scanner, task.phantom, None, 1.0)
+    (handedness, rotation), fit = ranked[0]
+    best = AdjustedFit(task.phantoms[handedness], task.full_data(rotation), fit, task.from_counts)
+    refuse_unfound(task.scanner, task.phantom, fit, _unexplained(best))
+    return best
 
 
-def _adjusted(task: CalibrationTask, best: RankedFit) -> AdjustedFit:
-    """The best fit, adjusted for the faults that the scan has."""
-    phantom, data = task.phantoms[best.hypothesis.handedness], task.full_data(best.hypothesis.rotation)
-    return adjust(AdjustedFit(phantom, data, best.fit, task.from_counts), task.without)
-
-
-def _unexplained(task: CalibrationTask, best: RankedFit) -> float:
+def _unexplained(best: AdjustedFit) -> float:
     """The share of the sinogram that the best fit leaves, white noise not counted."""
-    (handedness, rotation), fit = best
-    data = task.full_data(rotation)
-    residual = data.sinogram - modelled(task.phantoms[handedness], data, fit)
+    fit, residual = best.fit, best.data.sinogram - best.model
     # Neighbouring cells share what the model lacks; what they do not share is noise.
-    steps = np.diff(residual, axis=1)
-    noise = 1.4826 * float(np.median(np.abs(steps))) / math.sqrt(2.0)
+    noise = noise_of_differences(np.diff(residual, axis=1), 1)
     total = fit.residual_rms**2 / fit.relative_residual**2 if fit.relative_residual > 0.0 else math.inf
     signal = total - noise**2
     if signal < LEAST_SIGNAL * total:

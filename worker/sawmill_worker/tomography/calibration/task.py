@@ -69,7 +69,7 @@ class CalibrationTask:
         object.__setattr__(self, "sinogram", sinogram)
         object.__setattr__(self, "angles_rad", angles)
 
-    @property
+    @cached_property
     def phantoms(self) -> dict[Handedness, Phantom]:
         """The phantom as each allowed handedness sees it."""
         seen = {Handedness.AS_DRAWN: self.phantom, Handedness.FROM_BEHIND: self.phantom.mirrored()}

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit, Finding
-from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.calibration.forward_model import modelled
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.robust import robust_deviation
 from sawmill_worker.vocabulary import Adjustment
 
 # In robust standard deviations: beyond it a sample loses weight.
@@ -18,19 +17,18 @@ SHADOW = 0.02
 # Outliers are reweighted when they hold this share of the residual's power.
 OUTLIER_POWER = 0.25
 # They are a fault of the scan, and no model error, when most of their power (FAULT_SHARE) lies in cells, or in views,
-# of which more than the share WHOLE is outlying (tests/tomography/calibration/test_adjustments.py).
+# of which more than the share WHOLE is outlying (tests/tomography/calibration/test_adjust.py).
 WHOLE, FAULT_SHARE = 0.2, 0.7
 # The first fit was still pulled by the outliers.
 ROUNDS = 2
 
 
 def _adjust(now: AdjustedFit) -> AdjustedFit:
-    data, fit, share = now.data, now.fit, 0.0
-    used = np.ones_like(data.sinogram) if data.weights is None else data.weights
+    current, share = now, 0.0
+    used = np.ones_like(now.data.sinogram) if now.data.weights is None else now.data.weights
     for _ in range(ROUNDS):
-        model = modelled(now.phantom, data, fit)
-        residual = data.sinogram - model
-        deviation = _deviation(now, fit, model, residual, used)
+        residual = current.data.sinogram - current.model
+        deviation = _deviation(current, residual, used)
         if deviation == 0.0:
             return now
         size = np.abs(residual) / deviation
@@ -38,24 +36,25 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
         power = used * np.where(outlying, residual, 0.0) ** 2
         if power.sum() < OUTLIER_POWER * (used * residual**2).sum() or not _is_a_fault(power, outlying):
             break
-        weighted = replace(data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
-        again = now.refitted(weighted, fit)
+        weighted = replace(current.data, weights=used * np.where(outlying, (OUTLIER / size) ** 2, 1.0))
+        again = now.refitted(weighted, current.fit)
         if again is None:
             break
-        data, fit, share = weighted, again, float(outlying[used > 0.0].mean())
+        current, share = replace(now, data=weighted, fit=again), float(outlying[used > 0.0].mean())
     if share == 0.0:
         return now
-    return now.after(data, fit, f"{share:.2%} of the samples are outliers and lost weight")
+    return now.after(current.data, current.fit, f"{share:.2%} of the samples are outliers and lost weight")
 
 
-def _deviation(now: AdjustedFit, fit: Fit, model: FloatArray, residual: FloatArray, used: FloatArray) -> float:
+def _deviation(now: AdjustedFit, residual: FloatArray, used: FloatArray) -> float:
     """The residual's robust standard deviation in the shadow, at least what the phantom's size tolerance leaves.
 
     Air does not count: it may be free of noise, and is the most of a sinogram.
     """
-    shadowed = residual[(model > fit.offset + SHADOW * float(np.ptp(model))) & (used > 0.0)]
-    deviation = 1.4826 * float(np.median(np.abs(shadowed - np.median(shadowed)))) if shadowed.size else 0.0
-    return max(deviation, now.phantom.size_tolerance * float(np.ptp(model)))
+    depth = float(np.ptp(now.model))
+    shadowed = residual[(now.model > now.fit.offset + SHADOW * depth) & (used > 0.0)]
+    deviation = robust_deviation(shadowed - np.median(shadowed)) if shadowed.size else 0.0
+    return max(deviation, now.phantom.size_tolerance * depth)
 
 
 def _is_a_fault(power: FloatArray, outlying: NDArray[np.bool_]) -> bool:

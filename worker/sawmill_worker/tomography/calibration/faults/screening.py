@@ -4,6 +4,7 @@ Their samples get no weight; for the search, cells are bridged from their neighb
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,18 +30,12 @@ class Screening:
     cells: NDArray[np.bool_]
     views: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def weights(self) -> FloatArray | None:
         """(views, cells) float64, 0 where nothing may be used; None where everything may."""
         if self.cells.all() and self.views.all():
             return None
         return np.outer(self.views, self.cells).astype(np.float64)
-
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """(views, cells) what may be used."""
-        used: NDArray[np.bool_] = np.outer(self.views, self.cells)
-        return used
 
     @property
     def adjustments(self) -> tuple[str, ...]:
