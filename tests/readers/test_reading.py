@@ -1,6 +1,7 @@
 """Every format that can be read gives back what was put into it."""
 
 import shutil
+import struct
 from dataclasses import replace
 from io import BytesIO
 from zipfile import ZIP_DEFLATED, ZipFile
@@ -238,6 +239,71 @@ def test_mat_v5(tmp_path, stack, angles_deg, compressed):
     np.testing.assert_allclose(np.rad2deg(scan.angles_rad), angles_deg)
 
 
+MEASURED = {"angles": np.arange(75.0, 78.0, 0.5), "distanceUnit": "mm", "distanceSourceOrigin": 410.66, "kind": "Cone"}
+
+
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_field_of_a_mat_v5_struct_is_named_by_its_path(tmp_path, stack, compressed):
+    contents = {"before": np.eye(3), "scan": {"note": "text", "parameters": MEASURED, "sinogram": stack[:, 0]}}
+    scipy.io.savemat(tmp_path / "scan.mat", contents, do_compression=compressed)
+    scan = read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram", angles_deg=STEPS)
+    assert scan.format == "mat-v5"
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+    held = "scan/parameters/distanceUnit ('mm'), scan/parameters/distanceSourceOrigin (410.66)"
+    assert scan.unused == held
+    angles = "scan/parameters/angles (6 values from 75 to 77.5)"
+    assert scan.remarks == (
+        f"No name states meaning and unit of {held}: not used.",
+        f"The angles given were used: no name states meaning and unit of {angles}.",
+    )
+
+
+def test_angles_of_unknown_unit_are_named_and_not_used(tmp_path, stack):
+    scipy.io.savemat(tmp_path / "scan.mat", {"scan": {"sinogram": stack[:, 0], "parameters": MEASURED}})
+    with pytest.raises(UnreadableScan, match=r"scan/parameters/angles \(6 values from 75 to 77.5\); give them as"):
+        read_scan(tmp_path / "scan.mat", counts=False, dataset="scan/sinogram")
+
+
+def test_mat_v5_of_a_machine_with_the_other_byte_order(tmp_path, stack):
+    """As a big-endian machine writes it: every word, and the data, the other way round."""
+    values = stack[:, 0]
+    parts = [
+        struct.pack(">4I", 6, 8, 7, 0),  # array flags: single
+        struct.pack(">2I2i", 5, 8, *values.shape),
+        struct.pack(">2I8s", 1, 3, b"arr"),
+        struct.pack(">2I", 7, values.nbytes) + values.T.astype(">f4").tobytes(),
+    ]
+    body = b"".join(parts)
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x01\x00MI"
+    (tmp_path / "scan.mat").write_bytes(header + struct.pack(">2I", 14, len(body)) + body)
+    scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
+    np.testing.assert_array_equal(scan.projections, stack[:, :1])
+
+
+@pytest.mark.parametrize("dtype", ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8"])
+def test_mat_v5_of_any_real_type(tmp_path, rng, dtype):
+    values = rng.integers(0, 100, (6, 3, 8)).astype(dtype)
+    scipy.io.savemat(tmp_path / "scan.mat", {"arr": values})
+    scan = read_scan(tmp_path / "scan.mat", counts=False, angles_deg=STEPS)
+    np.testing.assert_array_equal(scan.projections, values)
+
+
+def test_a_field_of_a_mat_v73_struct_is_named_by_its_path(tmp_path, stack):
+    path = tmp_path / "scan.mat"
+    with h5py.File(path, "w") as file:
+        scan = file.create_group("scan")
+        scan.attrs["MATLAB_class"] = np.bytes_(b"struct")
+        fields = {"sinogram": stack[:, 0].T, "pixelSize": np.array([[0.2]]), "pixelUnit": np.array([[109], [109]])}
+        for name, values in fields.items():
+            is_text = name == "pixelUnit"
+            scan[name] = values.astype(np.uint16) if is_text else values
+            scan[name].attrs["MATLAB_class"] = np.bytes_(b"char" if is_text else b"double")
+    read = read_scan(path, counts=False, dataset="scan/sinogram", angles_deg=STEPS)
+    assert read.format == "mat-v7.3"
+    np.testing.assert_array_equal(read.projections, stack[:, :1])
+    assert read.unused == "scan/pixelSize (0.2), scan/pixelUnit ('mm')"
+
+
 def test_mat_v73_is_transposed_with_a_remark(tmp_path, stack):
     path = tmp_path / "scan.mat"
     with h5py.File(path, "w", userblock_size=512) as file:
@@ -273,6 +339,7 @@ def test_closing_view_and_second_turn_are_allowed(tmp_path, stack):
         ("l-phantom/sinogram.mat", (360, 1, 768), "mat-v5"),
         ("log-phantom/sinogram.npy", (360, 1, 768), "npy"),
         ("log-phantom/truth.mat", (256, 1, 256), "mat-v7.3"),
+        ("measured-disc/scan.mat", (181, 1, 560), "mat-v5"),
     ],
 )
 def test_published_files(published_data, file, shape, kind):

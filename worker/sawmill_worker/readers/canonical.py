@@ -35,6 +35,8 @@ class CanonicalScan:
         What was done to the data on reading, one sentence each.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell.
+    unused : str or None
+        Values that could serve as pitch or distance, where the file does not state what they are.
 
     Raises
     ------
@@ -52,6 +54,7 @@ class CanonicalScan:
     format: str
     remarks: tuple[str, ...]
     rows_missing: bool = False
+    unused: str | None = None
 
     def __post_init__(self) -> None:
         check_scan(self)

@@ -51,6 +51,8 @@ class FileContents:
         Why the angles in the file cannot be used, where it has some.
     detector_pitch_mm, row_pitch_mm : float or None
         Distance between cells and between rows.
+    unused : str or None
+        Values that could serve as pitch or distance, where the file does not state what they are.
     remarks : tuple of str
         What was done to the data, one sentence each.
     """
@@ -63,4 +65,5 @@ class FileContents:
     angles_unusable: str | None = None
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None
+    unused: str | None = None
     remarks: tuple[str, ...] = ()

@@ -19,7 +19,7 @@ from sawmill_worker.readers.hdf5_guard import attribute_text, check_dataset, dat
 from sawmill_worker.readers.hdf5_nxtomo import find_entries, read_nxtomo
 from sawmill_worker.readers.hdf5_projections import all_views, transposed
 from sawmill_worker.readers.mat import MATLAB_NUMBERS
-from sawmill_worker.readers.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_worker.readers.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 
 
 def read_hdf5(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
@@ -65,6 +65,7 @@ def _read_plain(file: h5py.File, dataset: str | None, bounds: Bounds) -> FileCon
         infos={name: _info(node) for name, node in found.items()},
         load=partial(_load, found, bounds.whole),
         projections=partial(_projections, found, bounds),
+        text=partial(_text, found, bounds.whole),
     )
     remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
     return read_named_arrays(arrays, dataset, remarks)
@@ -94,3 +95,11 @@ def _load(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> NDArray[
     node = _checked(found, bounds, name)
     values = node.astype("f8")[()] if name in {"angles_deg", "angles_rad"} else read_float32(node)
     return values.T if "MATLAB_class" in node.attrs else values
+
+
+def _text(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> str | None:
+    """A short text as MATLAB stores it: the codes of its characters."""
+    is_text = attribute_text(found[name], "MATLAB_class") == "char" and found[name].dtype.kind == "u"
+    if not is_text or (found[name].size or LONGEST_TEXT + 1) > LONGEST_TEXT:
+        return None
+    return "".join(map(chr, _checked(found, bounds, name)[()].reshape(-1)))

@@ -1,7 +1,10 @@
 """Files that are bags of named arrays (NPZ, MAT, HDF5 without a known layout): which one is what."""
 
+import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,10 @@ from sawmill_worker.readers.contents import FileContents, Projections
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
 MOST_NAMES_QUOTED = 12
+LONGEST_TEXT = 20
+# What bears such a name could serve, but only one who knows its meaning and unit can say so.
+ANGLES = re.compile("angle|theta", re.IGNORECASE)
+LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -38,12 +45,15 @@ class NamedArrays:
         Reads one array after having checked its type and its size.
     projections : function of a name
         The same for the projections, which need not be read as a whole.
+    text : function of a name
+        A short text, None where it is none.
     """
 
     format: str
     infos: Mapping[str, ArrayInfo]
     load: Callable[[str], NDArray[Any]]
     projections: Callable[[str], Projections]
+    text: Callable[[str], str | None] = lambda _: None
 
 
 def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[str, ...] = ()) -> FileContents:
@@ -55,14 +65,21 @@ def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[s
         `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
     """
     name = _named(arrays.infos, dataset) if dataset is not None else _only_candidate(arrays.infos)
-    check_scan_dimensions(repr(quoted(name)), arrays.infos[name].shape)
+    shape = arrays.infos[name].shape
+    check_scan_dimensions(repr(quoted(name)), shape)
+    angles_deg = _angles(arrays)
+    lists = [] if angles_deg is not None else _could_serve(arrays, name, ANGLES, shape[0])
+    values = _could_serve(arrays, name, LENGTHS, 1)
+    unused = ", ".join(values) if values else None
     return FileContents(
         format=arrays.format,
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
-        angles_deg=_angles(arrays),
-        remarks=remarks,
+        angles_deg=angles_deg,
+        angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
+        unused=unused,
+        remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
     )
 
 
@@ -120,3 +137,25 @@ def _angles(arrays: NamedArrays) -> NDArray[np.float64] | None:
         )
     flat = values.reshape(-1)
     return np.rad2deg(flat) if given[0] == "angles_rad" else flat
+
+
+def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:
+    """What bears such a name in such a number of values, or is a text, with its values: not ours to interpret."""
+    names = (name for name in arrays.infos if name not in {projections, *OTHER_NAMES})
+    named = (name for name in names if meant.search(name.rpartition("/")[2]))
+    described = (_described(arrays, name) for name in named if _values_of(arrays.infos[name]) in {size, None})
+    return list(islice(filter(None, described), MOST_NAMES_QUOTED))
+
+
+def _values_of(info: ArrayInfo) -> int | None:
+    return math.prod(info.shape) if info.numeric else None
+
+
+def _described(arrays: NamedArrays, name: str) -> str | None:
+    if not arrays.infos[name].numeric:
+        text = arrays.text(name)
+        return None if text is None else f"{quoted(name)} ({quoted(text)!r})"
+    values = np.asarray(arrays.load(name), np.float64).reshape(-1)
+    if values.size == 1:
+        return f"{quoted(name)} ({values[0]:.7g})"
+    return f"{quoted(name)} ({values.size} values from {values[0]:g} to {values[-1]:g})"

@@ -113,6 +113,7 @@ def reading_scan(
             format=contents.format,
             remarks=(*contents.remarks, *remarks),
             rows_missing=rows_missing,
+            unused=contents.unused,
         )
 
 

@@ -131,8 +131,10 @@ def _prepared_rows(
         )
         with reading as read:
             if read.detector_pitch_mm is None:
+                hint = "" if read.unused is None else f"; it holds {read.unused}"
                 raise refused(
-                    "detector-pitch-missing", "the file carries no detector pitch; give it as --detector-pitch-mm"
+                    "detector-pitch-missing",
+                    f"the file carries no detector pitch; give it as --detector-pitch-mm{hint}",
                 )
             prepared = prepare_scan(
                 read,
