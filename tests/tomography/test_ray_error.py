@@ -1,8 +1,9 @@
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize
 
 from sawmill_worker.tomography.geometry import (
     FanBeamGeometry,
@@ -14,7 +15,13 @@ from sawmill_worker.tomography.geometry import (
     rotate,
     to_vector,
 )
-from sawmill_worker.tomography.ray_error import chord_points, predicted_ray_error, ray_error
+from sawmill_worker.tomography.ray_error import (
+    chord_points,
+    predicted_ray_error,
+    ray_error,
+    scale_gradient,
+    scale_ray_error,
+)
 
 R_S = 859.46
 DEVIATIONS = np.array([0.0, 0.4, 0.9, 0.05, 0.002])
@@ -42,14 +49,43 @@ def test_a_detector_shifted_by_du_misses_a_small_disc_by_du_over_the_magnificati
     """Every ray turns about the source by du / SDD; the rotation takes out all but R du / SDD of that."""
     scanner = Scanner(1000.0, 4000, 0.2)
     true = SourceFrame(0.0, 1000.0, 2000.0, 0.0, 0.0)
-    error = ray_error(scanner, true, SourceFrame(0.0, 1000.0, 2000.0, 0.5, 0.0), radius_mm=4.0)
-    # The next order is the disc's radius over R, squared: 2e-5.
-    assert error.rms_mm == pytest.approx(0.25, rel=1e-4)
-    assert error.max_mm == pytest.approx(0.25, rel=1e-2)
+    error = ray_error(scanner, true, SourceFrame(0.0, 1000.0, 2000.0, 0.05, 0.0), radius_mm=4.0)
+    # The next order: a stretch about a centre off by 0.025 mm of 4, squared and over the mean square of x, 1.2e-4.
+    assert error.rms_mm == pytest.approx(0.025, rel=2e-4)
+    # That stretch is 0.6 % of the 4 mm at the rim: 3 times 0.025 / 4 of the shift.
+    assert error.max_mm == pytest.approx(0.025, rel=2.5e-2)
 
 
-def distances_by_hand(scanner, true, other, radius, omega):
-    """From theta's own vectors: nine points of each chord of the true rays, to the other's rays turned by omega."""
+def test_a_common_scale_is_taken_out_and_reported(scanner, random_thetas):
+    """A phantom 1 % larger gives R 1 % larger, with the same SDD, u_c and tau: the same rays, the image enlarged."""
+    for theta in random_thetas(5, 604):
+        frame = theta.source_frame(R_S)
+        error = ray_error(scanner, frame, replace(frame, source_distance_mm=1.01 * frame.source_distance_mm))
+        assert error.max_mm < 1e-9
+        assert error.scale_change == pytest.approx(0.01, rel=1e-9)
+
+
+def test_the_scale_change_is_linear_in_a_small_change_of_the_frame(scanner, theta):
+    frame = theta.source_frame(R_S)
+    gradient = scale_gradient(scanner, frame)
+    assert gradient[0] == 0.0
+    assert gradient[1] == pytest.approx(1.0 / frame.source_distance_mm)
+    for step in DEVIATIONS * np.eye(5)[1:]:
+        other = SourceFrame.from_vector(to_vector(frame) + step)
+        # Second order in steps of half a thousandth of the lengths: 1.1 % for the tilt. u_c hardly scales: 2e-5 %.
+        change = ray_error(scanner, frame, other).scale_change
+        assert change == pytest.approx(gradient @ step, rel=0.02, abs=2e-7)
+
+
+def test_a_wrong_scale_moves_the_rays_by_its_share_of_their_distance_from_the_centre(scanner, theta):
+    """Of parallel rays that cover a disc of radius r by chords, mean square distance (r^2) / 3: 86.6 mm of 150."""
+    frame = theta.source_frame(R_S)
+    # The fan weighs rays by the angle between them, not by their distance: 1 %.
+    assert scale_ray_error(scanner, frame, 0.001) == pytest.approx(0.0866, rel=0.01)
+
+
+def distances_by_hand(scanner, true, other, radius, omega, shrink):
+    """Nine points of each chord of the true rays, to the other's rays turned by omega, R times shrink."""
     found = []
     source, centre, axis = (v[0] for v in true)
     ends = centre + cell_centres_mm(scanner)[:, None] * axis
@@ -62,23 +98,24 @@ def distances_by_hand(scanner, true, other, radius, omega):
         if half_square > 0.0:
             e = (other_end - other_source) / np.linalg.norm(other_end - other_source)
             points = middle + math.sqrt(half_square) * np.linspace(-1.0, 1.0, 9)[:, None] * d
-            off = points - other_source
+            off = points - shrink * other_source
             found.append(e[0] * off[:, 1] - e[1] * off[:, 0])
     return np.array(found)
 
 
-def test_it_is_the_least_rms_over_one_rotation_of_point_to_ray_distances(theta):
+def test_it_is_the_least_rms_over_one_rotation_and_one_scale_of_point_to_ray_distances(theta):
     scanner = Scanner(R_S, 96, 12.0)
     other = Theta(2.6, 700.0, 300.0, 60.0, 0.25)
     vectors = [FanBeamGeometry(scanner, t, np.zeros(1)).vectors() for t in (theta, other)]
 
-    def rms(omega):
-        return math.sqrt(float(np.mean(distances_by_hand(scanner, *vectors, 150.0, omega) ** 2)))
+    def distances(free):
+        return distances_by_hand(scanner, *vectors, 150.0, *free)
 
-    best = minimize_scalar(rms, bounds=(-0.5, 0.5), method="bounded", options={"xatol": 1e-10})
+    best = minimize(lambda free: np.mean(distances(free) ** 2), [0.0, 1.0], method="Nelder-Mead", tol=1e-12)
     error = ray_error(scanner, theta.source_frame(R_S), other.source_frame(R_S))
-    assert error.rms_mm == pytest.approx(best.fun, rel=1e-6)
-    assert error.max_mm == pytest.approx(np.abs(distances_by_hand(scanner, *vectors, 150.0, best.x)).max(), rel=1e-4)
+    assert error.rms_mm == pytest.approx(math.sqrt(best.fun), rel=1e-6)
+    assert error.max_mm == pytest.approx(np.abs(distances(best.x)).max(), rel=1e-4)
+    assert 1.0 + error.scale_change == pytest.approx(1.0 / best.x[1], rel=1e-5)
 
 
 def test_chord_points_are_nine_equidistant_points_inside_the_disc(scanner, theta):
@@ -123,3 +160,13 @@ def test_an_uncertain_first_angle_alone_predicts_no_ray_error(scanner, theta):
     covariance = np.zeros((5, 5))
     covariance[0, 0] = 0.01
     assert predicted_ray_error(scanner, theta.source_frame(R_S), covariance).rms_mm == 0.0
+
+
+def test_an_uncertain_source_distance_predicts_no_ray_error_but_a_scale(scanner, theta):
+    frame = theta.source_frame(R_S)
+    covariance = np.zeros((5, 5))
+    covariance[1, 1] = 4.0
+    # Of 2 mm, rounding.
+    assert predicted_ray_error(scanner, frame, covariance).rms_mm < 1e-12
+    gradient = scale_gradient(scanner, frame)
+    assert gradient @ covariance @ gradient == pytest.approx((2.0 / frame.source_distance_mm) ** 2)

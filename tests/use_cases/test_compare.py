@@ -58,7 +58,8 @@ def test_out_of_tolerance_is_the_first_reason_of_the_answer(
     )
     given, found = run_calibration(given, CalibrationOptions(), lambda _: None)
     active = calibration(replace(theta, detector_shift_mm=theta.detector_shift_mm - 20.0))
-    change = compared(active, found.geometry, watched(ray_change_mm=ray_change_mm))
+    # Such a shift turns the ray through the COR, and with it the lengths along it: the scale changes by 1.2 %.
+    change = compared(active, found.geometry, watched(ray_change_mm=ray_change_mm, scale_percent=2.0))
     answer = calibration_result(found, given, change)
     moved = [] if change.within_tolerance else [change.reason]
     assert change.within_tolerance == (ray_change_mm > 1.0)
@@ -77,6 +78,39 @@ def test_the_scanners_tolerance_decides(calibration, watched, theta):
     ray_change = compare(calibration(), moved, watched()).ray_change_mm
     assert compare(calibration(), moved, watched(ray_change_mm=1.01 * ray_change)).within_tolerance
     assert not compare(calibration(), moved, watched(ray_change_mm=0.99 * ray_change)).within_tolerance
+
+
+def resized(calibration, percent: float, deviation_mm: float):
+    """A calibration and the same with a phantom larger by this, R known to so many mm in either."""
+    known = calibration(covariance=np.diag([1e-6, deviation_mm**2, 1e-2, 1e-4, 1e-8]).tolist())
+    frame = known.source_frame
+    larger = replace(frame, source_distance_mm=frame.source_distance_mm * (1.0 + percent / 100.0))
+    return known, known.model_copy(update={"source_frame": larger})
+
+
+def test_a_change_of_scale_is_no_ray_error_but_is_reported(calibration, watched):
+    """Wood that swells by 0.3 % enlarges the image by 0.3 % and doubles or blurs nothing."""
+    known, larger = resized(calibration, 0.3, 0.3)
+    change = compare(known, larger, watched())
+    assert change.ray_change_mm < 1e-9
+    assert change.scale_change_percent == pytest.approx(0.3)
+    # 0.3 mm of about 900 in either, nearly all of it: 1.96 sqrt(2) 0.3 / 900.
+    assert change.scale_change_uncertainty_percent == pytest.approx(0.092, rel=0.1)
+    assert change.within_tolerance
+    assert "the scale changed by +0.300 +- 0.0" in change.reason
+    assert "dried or swelled" in change.reason
+
+
+def test_a_change_of_scale_within_its_error_bars_is_not_mentioned(calibration, watched):
+    assert "scale" not in compare(*resized(calibration, 0.3, 2.0), watched()).reason
+
+
+def test_a_change_of_scale_beyond_its_tolerance_is_a_movement_with_its_cause(calibration, watched):
+    change = compare(*resized(calibration, 0.6, 0.3), watched())
+    assert not change.within_tolerance
+    assert "where 0.5 % is allowed: the source distance changed" in change.reason
+    assert "phantom's size is not the stated one" in change.reason
+    assert compare(*resized(calibration, 0.6, 0.3), watched(scale_percent=0.7)).within_tolerance
 
 
 def test_a_log_that_turns_the_other_way_is_reported_first(calibration, watched):

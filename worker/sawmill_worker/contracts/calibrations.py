@@ -152,7 +152,16 @@ class Comparison(Contract):
     """Against the scanner's active calibration."""
 
     calibration_id: Identifier
-    ray_change_mm: float = Field(description="RMS distance between the two calibrations' rays inside the log's disc.")
+    ray_change_mm: float = Field(
+        description="RMS distance between the two calibrations' rays inside the log's disc, one common rotation and "
+        "one common scale taken out."
+    )
+    scale_change_percent: float | None = Field(
+        None, description="Change of that common scale. Null: an answer of an earlier version, which did not report it."
+    )
+    scale_change_uncertainty_percent: float | None = Field(
+        None, description="Of the change of scale, 95 %, from both covariances; null without error bars."
+    )
     angle_change_deg: float = Field(description="Change of the first angle.")
     cor_column_change_mm: float
     source_distance_change_mm: float

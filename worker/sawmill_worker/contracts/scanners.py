@@ -17,6 +17,11 @@ class Tolerances(Contract):
         description="A calibration passes where its predicted ray error is below this with 95 % (`upper_95`), and is "
         "to be watched where only the RMS is.",
     )
+    scale_percent: Annotated[float, Field(gt=0, le=100)] = Field(
+        0.5,
+        description="What the image's millimetres may be off by: a calibration whose `scale_uncertainty_percent` "
+        "(95 %) is beyond it is to be watched, and a change of scale between two calibrations beyond it is a movement.",
+    )
     ray_change_mm: PositiveMm = Field(
         0.5, description="RMS ray distance between two calibrations up to which nothing moved."
     )

@@ -1,6 +1,7 @@
-"""How far the rays of one geometry are from another's: the headline number (docs/conventions.md#ray-error)."""
+"""How far the rays of one geometry are from another's, up to a common scale (docs/conventions.md#ray-error)."""
 
-from dataclasses import dataclass, replace
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from sawmill_worker.tomography.geometry import (
     Scanner,
     SourceFrame,
     cell_centres_mm,
-    to_vector,
 )
 
 POINTS_PER_CHORD = 9
@@ -20,10 +20,17 @@ DRAWS = 8192
 
 @dataclass(frozen=True)
 class RayError:
-    """Distances in mm inside the disc, after the one common rotation that makes their RMS least."""
+    """Distances in mm inside the disc, after the common rotation and the common scale that make their RMS least.
+
+    Attributes
+    ----------
+    scale_change : float
+        By which share the other geometry's image is larger: R larger by it, with SDD, u_c and tau unchanged.
+    """
 
     rms_mm: float
     max_mm: float
+    scale_change: float
 
 
 def _rays(scanner: Scanner, frame: SourceFrame) -> tuple[FloatArray, FloatArray]:
@@ -59,42 +66,94 @@ def chord_points(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> tupl
 
 
 def _distances(
-    scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], omega: float
+    scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp], turn: float, shrink: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Signed distances of the points to the frame's rays turned by omega, and their derivative by omega."""
+    """Distances (rays, 9) of the points to the frame's rays, turned and its R times shrink, and both derivatives.
+
+    The derivatives by turn and by shrink are (2, rays, 9). Distances are linear in shrink.
+    """
     source, direction = _rays(scanner, frame)
     normal = np.stack([-direction[:, 1], direction[:, 0]], -1)[cells]
-    c, s = np.cos(omega), np.sin(omega)
+    c, s = math.cos(turn), math.sin(turn)
     back = points @ np.array([[c, -s], [s, c]])
-    d = np.einsum("rc,rpc->rp", normal, back - source)
-    slope = np.einsum("rc,rpc->rp", normal, np.stack([back[..., 1], -back[..., 0]], -1))
-    return d, slope
+    offset = normal @ source
+    d = np.einsum("rc,rpc->rp", normal, back) - shrink * offset[:, None]
+    by_turn = np.einsum("rc,rpc->rp", normal, np.stack([back[..., 1], -back[..., 0]], -1))
+    return d, np.stack([by_turn, np.broadcast_to(-offset[:, None], d.shape)])
 
 
 def ray_error(scanner: Scanner, true: SourceFrame, other: SourceFrame, *, radius_mm: float = 150.0) -> RayError:
     """RMS and maximum distance between the rays of two geometries inside a disc around the COR.
 
-    Free of theta's gauge (the twin has 0); psi is not seen, because one common rotation is taken out.
+    Free of theta's gauge (the twin has 0). One common rotation and one common scale are taken out: psi is not seen, and
+    R is seen only in `scale_change`.
     """
     points, cells = chord_points(scanner, true, radius_mm)
-    omega = 0.0
+    turn, shrink = 0.0, 1.0
     for _ in range(20):
-        d, slope = _distances(scanner, other, points, cells, omega)
-        step = -float((d * slope).sum() / (slope * slope).sum())
-        omega += step
-        if abs(step) < 1e-15:
+        d, slope = _distances(scanner, other, points, cells, turn, shrink)
+        step = np.linalg.lstsq(slope.reshape(2, -1).T, -d.ravel())[0]
+        turn, shrink = turn + float(step[0]), shrink + float(step[1])
+        if np.abs(step).max() < 1e-15:
             break
-    d, _ = _distances(scanner, other, points, cells, omega)
-    return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()))
+    d, _ = _distances(scanner, other, points, cells, turn, shrink)
+    return RayError(float(np.sqrt(np.mean(d * d))), float(np.abs(d).max()), 1.0 / shrink - 1.0)
 
 
-def scale_ray_error(scanner: Scanner, frame: SourceFrame, size_tolerance: float, *, radius_mm: float = 150.0) -> float:
-    """RMS ray error, mm, of a geometry from a phantom that is larger than stated by its size tolerance.
+def scale_gradient(scanner: Scanner, frame: SourceFrame, *, radius_mm: float = 150.0) -> FloatArray:
+    """Derivatives of `ray_error`'s scale change by (psi, R, SDD, u_c, tau), (5,), per rad and per mm.
 
-    Such a phantom makes R larger by as much and nothing else (docs/geometry.md#the-scale).
+    A bias of these five is one of gradient @ bias of the scale.
     """
-    larger = replace(frame, source_distance_mm=frame.source_distance_mm * (1.0 + size_tolerance))
-    return ray_error(scanner, frame, larger, radius_mm=radius_mm).rms_mm
+    return _linear(scanner, frame, radius_mm).scale
+
+
+def scale_deviation(scanner: Scanner, frame: SourceFrame, covariance: FloatArray, *, radius_mm: float = 150.0) -> float:
+    """Standard deviation of the scale, a share, that a covariance of (psi, R, SDD, u_c, tau) predicts."""
+    gradient = scale_gradient(scanner, frame, radius_mm=radius_mm)
+    return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
+
+
+def scale_ray_error(scanner: Scanner, frame: SourceFrame, scale: float, *, radius_mm: float = 150.0) -> float:
+    """RMS distance, mm, of the rays from those of a geometry with R larger by this share, one rotation taken out.
+
+    A phantom that is larger than stated makes R larger by as much and nothing else (docs/geometry.md#the-scale).
+    """
+    points, cells = chord_points(scanner, frame, radius_mm)
+    _, (by_turn, by_shrink) = _distances(scanner, frame, points, cells, 0.0, 1.0)
+    by_shrink = by_shrink - by_turn * float(np.sum(by_turn * by_shrink) / np.sum(by_turn * by_turn))
+    return abs(scale) * float(np.sqrt(np.mean(by_shrink * by_shrink)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Derivatives by (psi, R, SDD, u_c, tau) of the distances, rotation and scale taken out, and of the scale."""
+
+    distances: FloatArray
+    scale: FloatArray
+
+
+def _linear(scanner: Scanner, frame: SourceFrame, radius_mm: float) -> _Linear:
+    points, cells = chord_points(scanner, frame, radius_mm)
+    derivative = _derivatives(scanner, frame, points, cells)
+    _, slope = _distances(scanner, frame, points, cells, 0.0, 1.0)
+    free = slope.reshape(2, -1).T
+    taken = np.linalg.lstsq(free, derivative)[0]
+    return _Linear(derivative - free @ taken, taken[1])
+
+
+def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells: NDArray[np.intp]) -> FloatArray:
+    """Of the points' distances by (psi, R, SDD, u_c, tau), (points, 5); psi is none of the rays'."""
+    source, direction = _rays(scanner, frame)
+    e, w = direction[cells], cell_centres_mm(scanner)[cells] - frame.cor_column_mm
+    c, s = math.cos(frame.tilt_rad), math.sin(frame.tilt_rad)
+    x, y = w * c, frame.source_to_detector_mm + w * s
+    # A ray turns about the source by (x dy - y dx) / (x^2 + y^2) when its cell moves by (dx, dy).
+    turns = np.stack([x, y * c - x * s, w * (x * c + y * s)]) / (x * x + y * y)
+    along = np.einsum("rpc,rc->rp", points - source, e)
+    by_r = np.broadcast_to(e[:, :1], along.shape)
+    columns = np.stack([np.zeros_like(along), by_r, *(-along * turns[..., None])], -1)
+    return columns.reshape(-1, 5)
 
 
 @dataclass(frozen=True)
@@ -125,26 +184,13 @@ def predicted_ray_error(
     """The ray error that a covariance of (psi, R, SDD, u_c, tau) predicts, to first order.
 
     The mean square of the ray error is a quadratic form in the parameters' errors, with the mean outer product of each
-    point's derivatives; the common rotation is projected out of them as `ray_error` takes it out of the distances.
+    point's derivatives; the common rotation and scale are projected out of them as `ray_error` takes them out of the
+    distances. `scale_deviation` has the scale's own.
     """
-    points, cells = chord_points(scanner, frame, radius_mm)
-    vector = to_vector(frame)
-    steps = np.array([1e-6, 1e-3, 1e-3, 1e-3, 1e-6])
-    columns = []
-    for index in range(1, 5):
-        up, down = vector.copy(), vector.copy()
-        up[index] += steps[index]
-        down[index] -= steps[index]
-        high, _ = _distances(scanner, SourceFrame.from_vector(up), points, cells, 0.0)
-        low, _ = _distances(scanner, SourceFrame.from_vector(down), points, cells, 0.0)
-        columns.append((high - low).ravel() / (2.0 * steps[index]))
-    derivative = np.stack(columns, -1)
-    _, slope = _distances(scanner, frame, points, cells, 0.0)
-    turn = slope.ravel()
-    derivative -= np.outer(turn, turn @ derivative / (turn @ turn))
-    variance = np.einsum("pi,ij,pj->p", derivative, covariance[1:, 1:], derivative)
+    derivative = _linear(scanner, frame, radius_mm).distances
+    variance = np.einsum("pi,ij,pj->p", derivative, covariance, derivative)
     form = derivative.T @ derivative / len(derivative)
-    values, vectors = np.linalg.eigh(covariance[1:, 1:])
+    values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     weights = np.maximum(np.linalg.eigvalsh(root.T @ form @ root), 0.0)
     # A sum of weighted chi-squares has no closed quantile: seeded draws give it to 1 %.

@@ -8,7 +8,7 @@ import numpy as np
 
 from sawmill_worker.tomography.fit_parameters import RAYS, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame, to_vector
-from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.ray_error import ray_error, scale_ray_error
 
 # What a cause does not explain must be within this number of standard deviations (Mahalanobis).
 SIGNIFICANT = 3.5
@@ -120,13 +120,15 @@ def likely_cause(
 
 
 def _negligible(scanner: Scanner, frame: SourceFrame, allowed_mm: float, radius_mm: float) -> FloatArray:
-    """Changes of (R, SDD, u_c, tau), each alone, that move the rays by a negligible share of what is allowed."""
+    """Changes of (R, SDD, u_c, tau), each alone, that move the rays, by shape and scale, by a negligible share."""
     steps = {"source_distance_mm": 1.0, "source_to_detector_mm": 1.0, "cor_column_mm": 0.1, "tilt_rad": 1e-3}
     sizes = []
     for name, step in steps.items():
         moved = replace(frame, **{name: getattr(frame, name) + step})
         try:
-            sizes.append(NEGLIGIBLE * allowed_mm * step / ray_error(scanner, frame, moved, radius_mm=radius_mm).rms_mm)
+            shape = ray_error(scanner, frame, moved, radius_mm=radius_mm)
+            scale_mm = scale_ray_error(scanner, frame, shape.scale_change, radius_mm=radius_mm)
+            sizes.append(NEGLIGIBLE * allowed_mm * step / math.hypot(shape.rms_mm, scale_mm))
         except GeometryError:  # these rays do not meet the log: no change has a known size
             sizes.append(step)
     return np.array(sizes)
