@@ -336,7 +336,7 @@ def test_the_angles_of_the_answer_are_in_the_turn(scan, theta, scanner, full_tur
 
 
 def test_too_much_noise_is_reported_and_does_not_pass(scan, full_turn):
-    found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.15))
+    found = calibrate(scan(L_SHAPE, full_turn(20), seed=1128, noise=0.2))
     assert found.error_bars.predicted_ray_error.rms_mm > 0.1
     assert found.judgement.verdict in {"watch", "fail"}
     assert "use more views, more rows or a longer exposure" in found.judgement.reasons[0]
