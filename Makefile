@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
+.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -82,6 +82,10 @@ bench-coverage: install-dev
 
 bench-misspecified: install-dev
 	@$(BIN)/python benchmarks/misspecified.py
+
+# Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE.
+bench-mill: install-dev
+	@$(BIN)/python benchmarks/mill.py $(OPTIONS)
 
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py
