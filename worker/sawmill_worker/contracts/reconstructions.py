@@ -15,6 +15,7 @@ from sawmill_worker.vocabulary import (
     CoordinateMm,
     FilterName,
     Handedness,
+    MetalHandling,
     ReconstructionMethod,
     Rotation,
     Theta,
@@ -81,6 +82,12 @@ class ReconstructionOptions(Contract):
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
         description="(x, y) of the field's centre; that of a region of interest is not the rotation centre.",
+    )
+    metal: MetalHandling = Field(
+        MetalHandling.AUTO,
+        description="Rays through nails and other metal, where a first image shows any. `auto`: `cauchy_map` and "
+        "`total_variation` leave them out, other methods take values interpolated along the detector; the metal is "
+        "put back into the slices. `interpolate`: every method does. `none`: all rays as they are.",
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(
         None, description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule."
@@ -161,6 +168,16 @@ class ReconstructionAsk(ReconstructionAsked):
     theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
 
 
+class MetalReport(Contract):
+    """Metal that was found in a log, and what was done about it."""
+
+    slices: int = Field(description="Slices that show metal.")
+    samples: int = Field(description="Line integrals of these slices whose rays cross metal or pass beside it.")
+    share_of_samples: float = Field(description="Of all line integrals of these slices.")
+    treatment: Literal["interpolated", "left-out"]
+    source: str = Field(description="The name of the method that deals with them, and where it was published.")
+
+
 class MethodReport(Contract):
     """The method's parameters, and how well its slices explain the data. Of several slices, the median."""
 
@@ -178,6 +195,7 @@ class MethodReport(Contract):
     sigma: float | None = Field(None, description="Used by `cauchy_map`, in the unit of a line integral.")
     beta: float | None = Field(None, description="Used by `cauchy_map`, in the volume's unit.")
     weight: float | None = Field(None, description="Used by `total_variation`, in 1 / attenuation.")
+    metal: MetalReport | None = Field(None, description="Null: none was found, or it was not looked for.")
     unconverged_slices: int = Field(0, description="Slices that had not converged when the iterations ran out.")
     remarks: list[str] = Field([], description="What to know of the data and the fit.")
 

@@ -18,3 +18,25 @@ def bridge(sinogram: NDArray[np.floating], faulty: NDArray[np.bool_]) -> None:
     low, high = good[right - 1], good[np.minimum(right, good.size - 1)]
     share = np.clip((bad - low) / np.maximum(high - low, 1), 0.0, 1.0).astype(sinogram.dtype)
     sinogram[:, bad] = (1.0 - share) * sinogram[:, low] + share * sinogram[:, high]
+
+
+def bridged_samples(sinogram: NDArray[np.floating], left_out: NDArray[np.bool_]) -> NDArray[np.floating]:
+    """A copy in which samples are interpolated linearly along the detector; at an end, the nearest good one.
+
+    Parameters
+    ----------
+    sinogram : (..., cells)
+    left_out : (..., cells) bool
+        A row that is left out wholly stays as it is.
+    """
+    cells = sinogram.shape[-1]
+    at = np.broadcast_to(np.arange(cells), sinogram.shape)
+    low = np.maximum.accumulate(np.where(left_out, -1, at), axis=-1)
+    high = np.minimum.accumulate(np.where(left_out, cells, at)[..., ::-1], axis=-1)[..., ::-1]
+    whole = (low < 0) & (high >= cells)
+    low, high = np.where(low < 0, high, low), np.where(high >= cells, low, high)
+    low, high = (np.where(whole, at, end) for end in (low, high))
+    share = ((at - low) / np.maximum(high - low, 1)).astype(sinogram.dtype)
+    left, right = (np.take_along_axis(sinogram, end, axis=-1) for end in (low, high))
+    filled: NDArray[np.floating] = np.where(left_out, (1 - share) * left + share * right, sinogram)
+    return filled

@@ -24,8 +24,8 @@ from sawmill_worker.tomography.iterative.priors import CauchyPrior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, counting_iterations, part_of
 from sawmill_worker.tomography.iterative.synthetic_tuning import ITERATIONS as TUNING_ITERATIONS
 from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
-from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod, LeftOut
+from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays, rms_noise
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.total_variation import choose_weight, total_variation
 
@@ -302,8 +302,10 @@ def _settings(
         sigmas = sigma.factor * problem.noises
     else:
         sigmas = noise_of_each_ray(sigma, problem.lines)
+        left_out = ~np.isfinite(problem.noises)
+        sigmas = np.where(left_out, np.inf, sigmas) if left_out.any() else sigmas
     betas = _betas(beta, problem)
-    parameters = {"sigma": np.array([np.sqrt(np.mean(sigmas**2))]), "beta": betas}
+    parameters = {"sigma": np.array([rms_noise(sigmas)]), "beta": betas}
     return Settings(sigmas, _prior(betas, corner), parameters)
 
 
@@ -323,6 +325,7 @@ class CauchyMap(FittedMethod):
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     choosing_cost_slices: ClassVar[float] = 16.0
+    leaves_out: ClassVar[bool] = True
 
     sigma: float | NoiseMultiple | None = None
     beta: float | None = None
@@ -335,26 +338,42 @@ class CauchyMap(FittedMethod):
         """Whether sigma is to be chosen, and beta with it."""
         return self.sigma is None and self.preset is None
 
-    def chosen(self, projector: Projector, line: Image, *, counts: bool, on_progress: OnProgress) -> Self:
+    def chosen(
+        self,
+        projector: Projector,
+        line: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+    ) -> Self:
         """With the sigma, a multiple of the noise, and the beta of one slice."""
         choice = choose_sigma_and_beta(
             projector,
             line,
             beta=self.beta,
-            noise=noise_of_rays(line[None], counts=counts),
+            noise=noise_of_rays(line[None], counts=counts, left_out=left_out),
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
         return replace(self, sigma=choice.sigma, beta=choice.beta)
 
-    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+    ) -> Estimate:
         """A block."""
         return cauchy_map(
             projector,
             lines,
             sigma=self.sigma,
             beta=self.beta,
-            noise=noise_of_rays(lines, counts=counts),
+            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             preset=self.preset,
             non_negative=self.non_negative,
             uncertainty=self.uncertainty,

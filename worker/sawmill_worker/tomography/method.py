@@ -7,9 +7,14 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.iterative.progress import OnProgress
 from sawmill_worker.tomography.projector import Image, Projector
+
+LeftOut = NDArray[np.bool_] | None
 
 # Images that a descent keeps for each slice, and the candidates that a choice reconstructs side by side.
 IMAGES_OF_A_DESCENT, CANDIDATES_AT_ONCE = 24, 10
@@ -45,22 +50,41 @@ class FittedMethod(ABC):
         Images of float32 that are in memory at once for a single slice.
     choosing_cost_slices : float
         The cost of `chosen` relative to a slice of a block.
+    leaves_out : bool
+        Whether rays can be left out. All rays of another method weigh the same.
     """
 
     least_images: ClassVar[int]
     choosing_cost_slices: ClassVar[float] = 0.0
+    leaves_out: ClassVar[bool] = False
 
     @property
     def is_open(self) -> bool:
         """Whether parameters are to be chosen from one slice of the log, the same for all."""
         return False
 
-    def chosen(self, _projector: Projector, _line: Image, *, counts: bool, on_progress: OnProgress) -> Self:  # noqa: ARG002 - of methods with open parameters
+    def chosen(
+        self,
+        _projector: Projector,
+        _line: Image,
+        *,
+        counts: bool,  # noqa: ARG002 - of methods with open parameters
+        on_progress: OnProgress,  # noqa: ARG002
+        left_out: LeftOut = None,  # noqa: ARG002
+    ) -> Self:
         """The method with the parameters chosen from a slice (views, detector)."""
         return self
 
     @abstractmethod
-    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+    ) -> Estimate:
         """Reconstruct a block.
 
         Parameters
@@ -71,6 +95,8 @@ class FittedMethod(ABC):
             Whether they were made from counts, so that dark rays are noisier than bright ones.
         on_progress : callable
             Called with the share of the block that is done.
+        left_out : (slices, views, detector) bool, optional
+            Rays without weight, whose lines are interpolated; for a method that `leaves_out` rays.
         """
 
 

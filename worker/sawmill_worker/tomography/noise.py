@@ -50,7 +50,7 @@ def photon_noise(sinogram: ArrayLike, air_counts: ArrayLike) -> FloatArray:
     return np.exp(0.5 * np.clip(smooth, 0.0, None)) / np.sqrt(counts)
 
 
-def noise_of_rays(lines: Image, *, counts: bool) -> FloatArray:
+def noise_of_rays(lines: Image, *, counts: bool, left_out: NDArray[np.bool_] | None = None) -> FloatArray:
     """The noise that air and, of counts, photons show: (slices, 1, 1), or of each ray (slices, views, detector).
 
     Parameters
@@ -59,9 +59,17 @@ def noise_of_rays(lines: Image, *, counts: bool) -> FloatArray:
         Line integrals whose air stands at 0.
     counts : bool
         Whether they were made from counts; the scatter of the air then gives the photons in air, whatever the unit.
+    left_out : (slices, views, detector) bool, optional
+        Rays of infinite noise: they have no weight.
     """
     air = noise_of_each_ray(None, lines)
-    return photon_noise(lines, 1.0 / air**2) if counts else air
+    noise = photon_noise(lines, 1.0 / air**2) if counts else air
+    return noise if left_out is None else np.where(left_out, math.inf, noise)
+
+
+def rms_noise(noise: FloatArray) -> float:
+    """Root mean square of the noise of the rays that are not left out."""
+    return float(np.sqrt(np.mean(noise[np.isfinite(noise)] ** 2)))
 
 
 def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
@@ -70,12 +78,12 @@ def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
     Raises
     ------
     GeometryError
-        If a given noise does not fit the block or is not positive.
+        If a given noise does not fit the block or is not positive. It is infinite where a ray is left out.
     """
     if noise is None:
         return np.array([estimated_noise(line) for line in lines]).reshape(-1, 1, 1)
     given = np.asarray(noise, np.float64)
-    if not (np.isfinite(given).all() and (given > 0.0).all()):
+    if not ((given > 0.0).all() and np.isfinite(given).any()):
         raise GeometryError("the noise must be a positive standard deviation, one number or one for each ray")
     try:
         np.broadcast_shapes(given.shape, lines.shape)
@@ -87,13 +95,14 @@ def noise_of_each_ray(noise: ArrayLike | None, lines: Image) -> FloatArray:
 
 
 def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatArray) -> FloatArray:
-    """Root mean square of (A x - y) / noise over the rays that cross the field, (slices,).
+    """Root mean square of (A x - y) / noise over the rays that cross the field and are not left out, (slices,).
 
     1 means explained to the noise; pixels of finite size add a little. To methods that fit the data a wrong geometry
     shows as a misfit far above 1.
     """
     relative = (projector.forward(images) - lines) / noise
-    misfit: FloatArray = np.sqrt(np.mean(relative[:, projector.crossing] ** 2, axis=-1))
+    counted = np.broadcast_to(np.isfinite(noise), lines.shape)[:, projector.crossing].mean(axis=-1)
+    misfit: FloatArray = np.sqrt(np.mean(relative[:, projector.crossing] ** 2, axis=-1) / counted)
     return misfit
 
 
@@ -108,7 +117,7 @@ def remarks_on(misfit: FloatArray, lines: Image, noise: FloatArray) -> tuple[str
         )
     air = find_air(lines[len(lines) // 2])
     if air is not None:
-        level, scatter = air.background, float(np.sqrt(np.mean(noise**2)))
+        level, scatter = air.background, rms_noise(noise)
         if abs(level) > 0.5 * scatter and abs(level) > 5.0 * scatter / math.sqrt(air.level.size * int(air.cells.sum())):
             remarks.append(f"the air stands at {level:.3g}, not at 0: take the background out first")
     return tuple(remarks)

@@ -14,7 +14,7 @@ from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, part_of
-from sawmill_worker.tomography.method import FittedMethod
+from sawmill_worker.tomography.method import FittedMethod, LeftOut
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
@@ -296,6 +296,14 @@ class Tikhonov(FittedMethod):
     alpha: float | None = None
     alpha_rule: AlphaRule = AlphaRule.DISCREPANCY
 
-    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:  # noqa: ARG002 - rays weigh the same
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        counts: bool,  # noqa: ARG002 - rays weigh the same
+        on_progress: OnProgress,
+        left_out: LeftOut = None,  # noqa: ARG002
+    ) -> Estimate:
         """A block; each slice chooses its own weight."""
         return tikhonov(projector, lines, weight=self.alpha, rule=self.alpha_rule, on_progress=on_progress)

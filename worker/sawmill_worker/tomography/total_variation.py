@@ -25,7 +25,7 @@ from sawmill_worker.tomography.iterative.first_image import typical_attenuation
 from sawmill_worker.tomography.iterative.penalised import Objective
 from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod, LeftOut
 from sawmill_worker.tomography.noise import noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
 
@@ -169,6 +169,7 @@ class TotalVariation(FittedMethod):
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     choosing_cost_slices: ClassVar[float] = 5.0
+    leaves_out: ClassVar[bool] = True
 
     weight: float | None = None
     non_negative: bool = True
@@ -178,24 +179,40 @@ class TotalVariation(FittedMethod):
         """Whether the weight is to be chosen."""
         return self.weight is None
 
-    def chosen(self, projector: Projector, line: Image, *, counts: bool, on_progress: OnProgress) -> Self:
+    def chosen(
+        self,
+        projector: Projector,
+        line: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+    ) -> Self:
         """With the weight of one slice."""
         choice = choose_weight(
             projector,
             line,
-            noise=noise_of_rays(line[None], counts=counts),
+            noise=noise_of_rays(line[None], counts=counts, left_out=left_out),
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
         return replace(self, weight=choice.weight)
 
-    def reconstruct(self, projector: Projector, lines: Image, *, counts: bool, on_progress: OnProgress) -> Estimate:
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+    ) -> Estimate:
         """A block."""
         return total_variation(
             projector,
             lines,
             weight=self.weight,
-            noise=noise_of_rays(lines, counts=counts),
+            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             non_negative=self.non_negative,
             on_progress=on_progress,
         )

@@ -20,8 +20,9 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
 from sawmill_worker.use_cases.method_findings import MethodFindings
-from sawmill_worker.vocabulary import ReconstructionMethod
+from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
 
 Images = NDArray[np.float32]
 Curve = Mapping[str, NDArray[np.float64]]
@@ -151,16 +152,19 @@ class _DirectSolver:
         memory_bytes = min(cost.MEMORY_BYTES, task.memory_bytes)
         self.step, self.concurrent = cost.blocks(views, cells, size, task.slices, memory_bytes, most_concurrent())
         self._method, self._projector = method, task.projector
+        self._metal = _metal_reduction(task, leave_out=False)
         self._findings, self._checking = findings, Lock()
         self._holds_all = task.full_grid()[0].size == size
         self._checked = set(np.linspace(0, task.slices - 1, CHECKED_SLICES).round().astype(int).tolist())
 
     def __call__(self, first: int, rows: Images) -> Slices:
-        images = self._method.reconstruct(self._projector, rows.transpose(1, 0, 2)).image
+        block = self._metal(rows.transpose(1, 0, 2))
+        images = self._method.reconstruct(self._projector, block.lines).image
         for index in range(rows.shape[1]):
             if first + index in self._checked:
                 with self._checking:
-                    self._check(rows[:, index], images[index])
+                    self._check(block.lines[index], images[index])
+        block.put_back(images, self._projector.grid)
         return Slices(images)
 
     def _check(self, line: Images, image: Images) -> None:
@@ -180,7 +184,7 @@ class _DirectSolver:
             self._findings.remark(remark)
 
     def report(self) -> MethodReport:
-        return self._findings.report()
+        return self._findings.report(self._metal.report())
 
 
 class _FittedSolver:
@@ -209,6 +213,7 @@ class _FittedSolver:
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
         self.step = int(min(max(together, 1), FITTED_TOGETHER))
+        self._metal = _metal_reduction(task, leave_out=method.leaves_out)
         if method.is_open:
             self._sample = _levelled(task.sample[None], findings)
             if not self._sample.any():
@@ -226,7 +231,9 @@ class _FittedSolver:
         deviation = np.zeros_like(images) if self._task.options.uncertainty else None
         if shown.any():
             numbers = first + np.flatnonzero(shown)
-            found = self._solve(numbers, lines[shown], lambda share: self._task.on_progress(len(lines) * share))
+            block = self._metal(lines[shown])
+            found = self._solve(numbers, block, lambda share: self._task.on_progress(len(lines) * share))
+            block.put_back(found.images, self._projector.grid)
             field = (slice(None), *self._field)
             images[shown] = found.images[field]
             if deviation is not None and found.deviation is not None:
@@ -234,16 +241,27 @@ class _FittedSolver:
         self._findings.add_empty(int((~shown).sum()))
         return Slices(images, deviation)
 
-    def _solve(self, numbers: NDArray[np.int64], lines: Images, on_progress: OnProgress) -> Slices:
+    def _solve(self, numbers: NDArray[np.int64], block: WithoutMetal, on_progress: OnProgress) -> Slices:
         """Slices of the full grid, from line integrals (slices, views, detector)."""
-        method, counts = self._method, self._task.counts
+        method, counts, lines = self._method, self._task.counts, block.lines
         choosing = method.is_open and self._task.slices > len(lines)
         phases = Phases(on_progress, choose=method.choosing_cost_slices * choosing, reconstruct=len(lines))
         if choosing:
+            sample = self._metal.taken_out(self._sample)
             method = self._method = method.chosen(
-                self._projector, self._sample[0], counts=counts, on_progress=phases.of("choose")
+                self._projector,
+                sample.lines[0],
+                counts=counts,
+                on_progress=phases.of("choose"),
+                left_out=self._metal.left_out(sample),
             )
-        found = method.reconstruct(self._projector, lines, counts=counts, on_progress=phases.of("reconstruct"))
+        found = method.reconstruct(
+            self._projector,
+            lines,
+            counts=counts,
+            on_progress=phases.of("reconstruct"),
+            left_out=self._metal.left_out(block),
+        )
         self._findings.add(found)
         if found.curves:
             self._keep_nearest_curve(numbers, found.curves, found.parameters)
@@ -259,7 +277,17 @@ class _FittedSolver:
             self.curve = {**curves[index], **{name: np.array(values[index]) for name, values in parameters.items()}}
 
     def report(self) -> MethodReport:
-        return self._findings.report()
+        return self._findings.report(self._metal.report())
+
+
+def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
+    asked = task.options.metal
+    return MetalReduction(
+        task.projector.geometry,
+        task.radius_mm,
+        leave_out=leave_out and asked is MetalHandling.AUTO,
+        wanted=asked is not MetalHandling.NONE,
+    )
 
 
 def _levelled(lines: Images, findings: MethodFindings) -> Images:

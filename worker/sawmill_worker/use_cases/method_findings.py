@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MethodReport
+from sawmill_worker.contracts.reconstructions import MetalReport, MethodReport
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.vocabulary import ReconstructionMethod
 
@@ -45,14 +45,15 @@ class MethodFindings:
         """Add slices whose image and data are both 0: their misfit is 0."""
         self._misfit.extend([0.0] * slices)
 
-    def report(self) -> MethodReport:
-        """Medians over the slices, and the worst misfit."""
+    def report(self, metal: MetalReport | None = None) -> MethodReport:
+        """Medians over the slices, the worst misfit, and the metal that was found."""
         return MethodReport(
             name=self._method,
             reason=self._reason,
             noise=float(np.median(self._noise)) if self._noise else 0.0,
             data_misfit=float(np.median(self._misfit)) if self._misfit else None,
             worst_data_misfit=max(self._misfit) if self._misfit else None,
+            metal=metal,
             unconverged_slices=self._unconverged,
             remarks=list(self._remarks),
             **{name: float(np.median(values)) for name, values in self._parameters.items()},

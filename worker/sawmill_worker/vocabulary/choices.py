@@ -123,6 +123,18 @@ class ReconstructionMethod(StrEnum):
     AUTO = "auto"
 
 
+class MetalHandling(StrEnum):
+    """What becomes of rays through metal in a log.
+
+    `auto` leaves them out where a method can do without rays, and interpolates them for the others. `interpolate` does
+    so for every method. `none` takes them as they are.
+    """
+
+    AUTO = "auto"
+    INTERPOLATE = "interpolate"
+    NONE = "none"
+
+
 class FilterName(StrEnum):
     """Window on the ramp."""
 

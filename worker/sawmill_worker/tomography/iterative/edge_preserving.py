@@ -20,7 +20,7 @@ from sawmill_worker.tomography.iterative.posterior import posterior_deviation
 from sawmill_worker.tomography.iterative.priors import Prior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, cost_of_images
 from sawmill_worker.tomography.iterative.support_region import SupportRegion, descend_from_support
-from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
+from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
 
@@ -38,7 +38,7 @@ class Problem:
     lines : (slices, views, detector) float32
         Line integrals whose air stands at 0.
     noises : float64, broadcasts with lines
-        Standard deviation of each line integral.
+        Standard deviation of each line integral; infinite of one that is left out.
     is_block : bool
         Whether a block was given, perhaps of one slice.
     """
@@ -200,7 +200,7 @@ def reconstruct_with_prior(
         iterations=found.iterations,
         converged=found.converged,
         parameters=settings.parameters,
-        noise=float(np.sqrt(np.mean(noises**2))),
+        noise=rms_noise(noises),
         misfit=misfit,
         objective=found.values,
         standard_deviation=None if deviation is None else deviation.reshape(shape),

@@ -62,7 +62,7 @@ class SyntheticTuning:
         cls, projector: Projector, line: Image, noise: Floats, reference: Image, *, non_negative: bool
     ) -> "SyntheticTuning":
         """Simulate the counterpart of a scan (views, detector) whose noise, float64, broadcasts with it."""
-        drawn = noise * np.random.default_rng(SEED).standard_normal(line.shape)
+        drawn = np.where(np.isfinite(noise), noise, 0.0) * np.random.default_rng(SEED).standard_normal(line.shape)
         synthetic = projector.forward(reference) + drawn.astype(np.float32)
         return cls(projector, reference, np.stack([line, synthetic]), non_negative)
 

@@ -1,0 +1,104 @@
+"""Metal in a block of slices: taken out before a method works on it, and put back into its images."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.contracts.reconstructions import MetalReport
+from sawmill_worker.tomography.geometry import FanBeamGeometry
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
+
+Images = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class WithoutMetal:
+    """A block whose rays through metal are interpolated.
+
+    Attributes
+    ----------
+    lines : (slices, views, detector) float32
+    metal : mapping of int to Metal
+        By the slice's place in the block.
+    """
+
+    lines: Images
+    metal: Mapping[int, Metal] = field(default_factory=dict)
+
+    @property
+    def trace(self) -> NDArray[np.bool_] | None:
+        """Rays through metal, (slices, views, detector); None without metal."""
+        if not self.metal:
+            return None
+        traces = np.zeros(self.lines.shape, bool)
+        for index, found in self.metal.items():
+            traces[index] = found.trace
+        return traces
+
+    def put_back(self, images: Images, grid: ImageGrid) -> None:
+        """Add the metal to images (slices, size, size), in place."""
+        for index, found in self.metal.items():
+            images[index] += found.on(grid)
+
+
+class MetalReduction:
+    """Looks for metal in the blocks of a log, and counts it.
+
+    Parameters
+    ----------
+    radius_mm : float
+        Of the disc around the rotation centre that holds the log.
+    leave_out : bool
+        Whether the method works without the rays, rather than with interpolated ones.
+    wanted : bool
+        Without it every block is returned as it is.
+    """
+
+    def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, wanted: bool) -> None:
+        self._search = MetalSearch.of(geometry, radius_mm) if wanted else None
+        self._leave_out, self._working = leave_out, Lock()
+        self._slices, self._samples, self._all = 0, 0, 0
+
+    def __call__(self, lines: Images) -> WithoutMetal:
+        """A block (slices, views, detector) of any strides without its metal, which is counted."""
+        block = self.taken_out(lines)
+        with self._working:
+            for metal in block.metal.values():
+                self._slices, self._all = self._slices + 1, self._all + metal.trace.size
+                self._samples += int(metal.trace.sum())
+        return block
+
+    def taken_out(self, lines: Images) -> WithoutMetal:
+        """As a call, without counting."""
+        if self._search is None:
+            return WithoutMetal(lines)
+        with self._working:
+            suspects = np.flatnonzero(self._search.suspects(lines)).tolist()
+            looked = {index: self._search.find(np.ascontiguousarray(lines[index])) for index in suspects}
+        found = {index: metal for index, metal in looked.items() if metal is not None}
+        if not found:
+            return WithoutMetal(lines)
+        filled = lines.copy()
+        for index, metal in found.items():
+            filled[index] = metal.filled
+        return WithoutMetal(filled, found)
+
+    def left_out(self, block: WithoutMetal) -> NDArray[np.bool_] | None:
+        """The rays (slices, views, detector) that the method is to work without; None where there are none."""
+        return block.trace if self._leave_out else None
+
+    def report(self) -> MetalReport | None:
+        """The metal of the blocks so far."""
+        if not self._slices:
+            return None
+        return MetalReport(
+            slices=self._slices,
+            samples=self._samples,
+            share_of_samples=self._samples / self._all,
+            treatment="left-out" if self._leave_out else "interpolated",
+            source=WITHOUT_RAYS if self._leave_out else INTERPOLATION,
+        )
