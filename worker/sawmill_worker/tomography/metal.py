@@ -25,7 +25,7 @@ WITHOUT_RAYS = "no weight for rays through metal (metal found as by Kalender, He
 # Metal attenuates this number of times more than the wood, in an image as sharp as the detector. Knots, edges, noise
 # and the streaks of wood from 12 views stay below 4.
 TIMES_WOOD = 6.0
-# A piece of metal is what reaches this share of the largest value within so many millimetres.
+# A piece of metal is what reaches this share of the largest value within this number of millimetres.
 SHARE_OF_PEAK, PEAK_REACH_MM = 0.35, 8.0
 # The streaks of metal are weaker than this share of its largest value; pieces that are as weak are found once the
 # stronger ones are out.
