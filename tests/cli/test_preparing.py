@@ -19,7 +19,7 @@ ROWS, LOST = 40, 5
 
 @pytest.fixture(scope="session")
 def lossy(run, scans):
-    """Line integrals of a log, 0.2 too high, each view without some rows at the top and the bottom; the rows kept."""
+    """Line integrals of a log, 0.2 too high, each view without some rows at the top and the bottom; the losses."""
     whole, path = scans / "log.h5", scans / "lossy.npz"
     body = ("log", "--theta", THETA, "--data", "line-integrals", "--rows", ROWS, "--row-pitch-mm", 3, "--noise", 0.002)
     run("simulate", *body, *SCANNER, "--detector-pixels", 128, "--views", 36, "--background", 0.2, "-o", whole)
@@ -32,7 +32,7 @@ def lossy(run, scans):
         kept = ROWS - top[view] - bottom[view]
         lost[view, :kept] = views[view, top[view] : top[view] + kept]
     np.savez(path, projections=lost, angles_deg=angles)
-    return path, ROWS - int(top.max() + bottom.max())
+    return path, top, bottom
 
 
 def reconstruct(run, path, output, *flags, code=0):
@@ -41,16 +41,27 @@ def reconstruct(run, path, output, *flags, code=0):
 
 
 def test_views_that_lost_rows_are_reconstructed_when_asked(run, lossy, tmp_path):
-    path, rows = lossy
+    path, top, bottom = lossy
     output = tmp_path / "out.h5"
     answer = reconstruct(run, path, output, "--align-rows", "profile", "--air", "background", "--rings", "sorting")
-    assert answer["shape"] == [rows, 32, 32]
+    rows = np.arange(ROWS)[:, None]
+    views = ((rows >= top) & (rows < ROWS - bottom)).sum(axis=1)
+    first, last = np.flatnonzero(views >= 18)[[0, -1]]
+    # All rows that half of the 36 views have, by their own numbers.
+    assert answer["rows"] == [first, last + 1]
+    assert answer["shape"] == [last + 1 - first, 32, 32]
+    assert answer["fewest_views"] == views[first : last + 1].min() < answer["views"]
     air, rings, aligned = answer["preparation"]
     assert air.endswith("0.2 in the mean")
     assert rings.startswith("rings removed by sorting")
-    assert aligned.startswith(f"views aligned by their profile: {rows} of 40 rows are in all")
+    assert aligned.startswith(f"views aligned by their profile: rows {first}:{last + 1} of 40 are in enough views")
     with h5py.File(output) as file:
         assert list(file["entry/process/parameters/preparation"].asstr()) == answer["preparation"]
+
+
+def test_rows_that_too_few_views_have_are_refused_by_their_number(run, lossy, tmp_path):
+    answer = reconstruct(run, lossy[0], tmp_path / "out.h5", "--align-rows", "profile", "--rows", "0:8", code=1)
+    assert "rows 0:8 were asked for, but too many views lost some of them" in json.dumps(answer)
 
 
 def test_without_being_asked_they_are_refused_with_the_flag(run, lossy, tmp_path):

@@ -26,8 +26,9 @@ from sawmill_worker.contracts.geometry import GivenTheta
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
-from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.use_cases.result_file import read_calibration as read_result
 from sawmill_worker.vocabulary import (
@@ -261,9 +262,10 @@ def calibrate(
     """
     chosen = options_of(CalibrationOptions, options)
     scan = scan.select(rows=chosen.rows, views=chosen.views)
+    mean = mean_of_rows(scan.line_integrals)
     given = CalibrationInput(
-        sinogram=scan.sinogram,
-        angles_rad=scan.angles_rad,
+        sinogram=mean.sinogram,
+        angles_rad=scan.angles_rad[mean.views],
         rows=scan.rows,
         scanner=scan.constants,
         bounds=None,
@@ -272,6 +274,7 @@ def calibrate(
         log_radius_mm=log_radius_mm,
         tolerance_mm=tolerance_mm,
         from_counts=scan.from_counts,
+        views=mean.views,
     )
     stack = scan.line_integrals
     with input_errors():
@@ -348,13 +351,16 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
         `InputError`: the calibration is of another scanner, or the scan's opposite rays cannot be paired.
     """
     _check_same_scanner(scan, calibration)
+    with input_errors():
+        mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step)
     given = DriftInput(
-        sinogram=scan.sinogram,
+        sinogram=mean.sinogram,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
         calibration=calibration.result,
         input_sha256=scan.sha256,
         tolerance_mm=tolerance_mm,
+        remarks=mean.remarks,
     )
     with input_errors():
         return Drift(run_drift(given))

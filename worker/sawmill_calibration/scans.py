@@ -15,6 +15,7 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.scans import UnregisteredScanOptions
 from sawmill_worker.readers.angles import AngleList, AnglesGiven, parse_angles
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
@@ -49,6 +50,7 @@ class Scan:
     Attributes
     ----------
     line_integrals : (views, rows, cells) float32, dimensionless
+        NaN in every cell of rows that a view lacks, which only a file that was read with `align_rows` has.
     angles_rad : (views,) float64
     rows, row_step
         The rows of the file that are held: the first, the one after the last, and every which of them.
@@ -112,9 +114,10 @@ class Scan:
 
     @property
     def sinogram(self) -> FloatArray:
-        """(views, cells) float64: the mean over the rows."""
-        mean: FloatArray = self.line_integrals.mean(axis=1, dtype=np.float64)
-        return mean
+        """(views, cells) float64: the mean over the rows that each view has; NaN where it has none."""
+        mean, sinogram = mean_of_rows(self.line_integrals), np.full(self.line_integrals[:, 0].shape, np.nan)
+        sinogram[mean.views] = mean.sinogram
+        return sinogram
 
     def select(self, *, rows: str | None = None, views: int | None = None) -> "Scan":
         """A part: rows `A:B` or `A:B:STEP`, counted within this scan, and every (total / views)-th view.

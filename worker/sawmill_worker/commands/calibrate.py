@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-import numpy as np
-
 from sawmill_worker.commands.options import PhantomSource
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
+from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
@@ -26,15 +25,17 @@ def calibrate_scan(
     drawing = drawing_of(phantom)
     with open_rows(scan, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
         stack = used.stack()
+    mean = mean_of_rows(stack)
     given = CalibrationInput(
-        sinogram=stack.mean(axis=1, dtype=np.float64),
-        angles_rad=used.angles_rad,
+        sinogram=mean.sinogram,
+        angles_rad=used.angles_rad[mean.views],
         rows=used.rows,
         scanner=used.scanner,
         bounds=None,
         drawing=drawing,
         input_sha256=used.sha256,
         from_counts=used.counts,
+        views=mean.views,
     )
     given, calibration = run_calibration(given, options, used.on_progress, stack=stack if scan.rows is None else None)
     result = calibration_result(calibration, given)

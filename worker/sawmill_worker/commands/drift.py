@@ -1,11 +1,9 @@
 """`sawmill drift`: a scan's file and a calibration to what moved."""
 
-import numpy as np
-
 from sawmill_worker.commands.options import CalibrationSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
@@ -15,14 +13,15 @@ def check_drift(
 ) -> DriftResult:
     """Read, pair opposite rays, compare."""
     with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
-        sinogram = used.stack().mean(axis=1, dtype=np.float64)
+        mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
-        sinogram=sinogram,
+        sinogram=mean.sinogram,
         angles_rad=used.angles_rad,
         rows=used.rows,
         calibration=known,
         input_sha256=used.sha256,
         tolerance_mm=tolerance_mm,
+        remarks=mean.remarks,
     )
     return run_drift(given)

@@ -211,6 +211,7 @@ class ReconstructionResult(Contract):
     rotation: Rotation
     handedness: Handedness
     views: int
+    fewest_views: int | None = Field(None, description="Of the slice that fewest views show, where views lost rows.")
     rows: tuple[int, int]
     row_step: int = Field(1, description="Every row_step-th of the rows is a slice.")
     time_s: float

@@ -1,6 +1,7 @@
 """Scans: projection stacks, uploaded as files and read by a job."""
 
 from enum import StrEnum
+from typing import Annotated
 
 from pydantic import Field
 
@@ -58,12 +59,22 @@ class ScanShape(Contract):
     detector: int
 
 
+UsableRows = Annotated[
+    tuple[int, int] | None,
+    Field(
+        description="The rows that enough views have, the first and the one after the last, where views lost some; "
+        "null: all rows."
+    ),
+]
+
+
 class ScanReading(Contract):
     """What the job that read an upload found in it."""
 
     format: str = Field(description="What the file turned out to be.")
     shape: ScanShape
     angular_range_deg: tuple[float, float] = Field(description="First and last view's angle.")
+    usable_rows: UsableRows = None
     remarks: list[str] = Field([], description="What was done to the data on reading.")
 
 
@@ -77,6 +88,7 @@ class Scan(Stamped, ScanSpec):
     format: str | None = Field(None, description="What the file turned out to be.")
     shape: ScanShape | None = None
     angular_range_deg: tuple[float, float] | None = Field(None, description="First and last view's angle.")
+    usable_rows: UsableRows = None
     remarks: list[str] = Field([], description="What was done to the data on reading.")
     job_id: Identifier
 

@@ -9,8 +9,11 @@ ROW_PITCH = f"{ENTRY}/{nxtomo.ROW_PITCH}"
 ANGLES = f"{ENTRY}/{nxtomo.ANGLES}"
 # (rows, detector), counts: mean flat less mean dark field.
 AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
+# (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
+# rows that enough views have, the first and the one after the last.
+ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"
 PROVENANCE = f"{ENTRY}/provenance"
 # (views,), rows: in the provenance.
-ROW_SHIFTS = "row_shifts"
+ROW_SHIFTS, ROW_SHIFT_DEVIATIONS = "row_shifts", "row_shifts_standard_deviation"
 # The data's `long_name`: how a scan of ours differs from NXtomo files of detector counts.
 LINE_INTEGRALS = "line integrals"

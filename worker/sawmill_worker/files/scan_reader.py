@@ -4,14 +4,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.files.errors import check_index, library_errors_translated
+from sawmill_worker.files.errors import OutOfRange, check_index, library_errors_translated
 from sawmill_worker.files.hdf5 import open_hdf5
-from sawmill_worker.files.scan_layout import AIR_LEVEL, ANGLES, CELL_PITCH, DATA, ROW_PITCH
+from sawmill_worker.files.scan_layout import AIR_LEVEL, ANGLES, CELL_PITCH, DATA, ROW_PITCH, ROWS_PRESENT, USABLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +22,7 @@ class StoredScan:
     Attributes
     ----------
     line_integrals : (views, rows, detector) float32, dimensionless
+        NaN in every cell of the rows that a view lacks.
     angles_rad : (views,) float64
     air_level : (rows, detector) float32, counts, or None
         Mean flat less mean dark field; None where the scan was given as line integrals.
@@ -48,6 +50,10 @@ class OpenScan:
     row_pitch_mm : float or None
     data, air_level : dataset
         The line integrals, and the air level of counts.
+    present : (views, rows) bool, or None
+        Which rows each view has, where some lack some: those are NaN in the data.
+    usable_rows : (first, one after the last) or None
+        The rows that enough views have, where some lack some.
     """
 
     shape: tuple[int, int, int]
@@ -56,6 +62,8 @@ class OpenScan:
     row_pitch_mm: float | None
     data: h5py.Dataset
     air_level: h5py.Dataset | None
+    present: NDArray[np.bool_] | None = None
+    usable_rows: tuple[int, int] | None = None
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -82,7 +90,16 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
             row_pitch_mm=float(file[ROW_PITCH][()]) if ROW_PITCH in file else None,
             data=file[DATA],
             air_level=file.get(AIR_LEVEL),
+            **_rows_present(file),
         )
+
+
+def _rows_present(file: h5py.File) -> dict[str, Any]:
+    if ROWS_PRESENT not in file:
+        return {}
+    present = file[ROWS_PRESENT]
+    first, last = (int(row) for row in present.attrs[USABLE])
+    return {"present": present[()].astype(bool), "usable_rows": (first, last)}
 
 
 def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
@@ -128,17 +145,23 @@ class Sinogram:
 
 
 def sinogram(path: Path, row: int) -> Sinogram:
-    """Read one detector row of scan.h5.
+    """Read one detector row of scan.h5, of the views that have it.
 
     Raises
     ------
     OutOfRange
-        The scan has no such row.
+        The scan has no such row, or no view of it has.
     """
     with open_hdf5(path) as file:
         check_index("row", row, file[DATA].shape[1])
+        data, angles_deg = file[DATA][:, row, :], file[ANGLES][:].astype(np.float64)
+        if ROWS_PRESENT in file:
+            there = file[ROWS_PRESENT][:, row].astype(bool)
+            if not there.any():
+                raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
+            data, angles_deg = data[there], angles_deg[there]
         return Sinogram(
-            data=file[DATA][:, row, :],
-            angles_deg=file[ANGLES][:].astype(np.float64),
+            data=data,
+            angles_deg=angles_deg,
             pitch_mm=float(file[CELL_PITCH][()]),
         )

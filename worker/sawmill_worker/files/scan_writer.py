@@ -13,7 +13,32 @@ from numpy.typing import NDArray
 from sawmill_worker.files import nxtomo
 from sawmill_worker.files.hdf5 import whole_hdf5
 from sawmill_worker.files.nexus import CHUNK_BYTES, PACKED, new_entry, new_group, write_scalar
-from sawmill_worker.files.scan_layout import AIR_LEVEL, DATA, LINE_INTEGRALS, PROVENANCE, ROW_SHIFTS
+from sawmill_worker.files.scan_layout import (
+    AIR_LEVEL,
+    DATA,
+    LINE_INTEGRALS,
+    PROVENANCE,
+    ROW_SHIFT_DEVIATIONS,
+    ROW_SHIFTS,
+    ROWS_PRESENT,
+    USABLE,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RowsPresent:
+    """Which rows there are, where views lack some.
+
+    Attributes
+    ----------
+    of_views : (views, rows) bool
+        The others are NaN in the data.
+    usable : (first, one after the last)
+        The rows that enough views have.
+    """
+
+    of_views: NDArray[np.bool_]
+    usable: tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +53,19 @@ class NewScan:
 
     data: h5py.Dataset
 
-    def keep_rows(self, rows: int) -> None:
-        """Forget all rows but the first `rows`."""
-        self.data.resize(rows, axis=1)
-
     def note(
         self,
         *,
         air_level: NDArray[np.float32] | None,
         provenance: Mapping[str, str],
         row_shifts: NDArray[np.float64] | None = None,
+        row_shift_deviations: NDArray[np.float64] | None = None,
+        rows_present: RowsPresent | None = None,
     ) -> None:
         """Write what is known when all line integrals are there; the parameters are those of `write_scan`."""
+        if rows_present is not None:
+            self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
+            self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable
         if air_level is not None:
             write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
         group = new_group(self.data.file, PROVENANCE, "NXcollection")
@@ -47,6 +73,8 @@ class NewScan:
             group[name] = text
         if row_shifts is not None:
             write_scalar(group, ROW_SHIFTS, row_shifts, "row")
+        if row_shift_deviations is not None:
+            write_scalar(group, ROW_SHIFT_DEVIATIONS, row_shift_deviations, "row")
 
 
 @contextmanager
@@ -100,6 +128,7 @@ def write_scan(
     air_level: NDArray[np.float32] | None,
     provenance: Mapping[str, str],
     row_shifts: NDArray[np.float64] | None = None,
+    rows_present: RowsPresent | None = None,
 ) -> None:
     """Write a scan of line integrals that are in memory.
 
@@ -115,6 +144,8 @@ def write_scan(
         Where the data come from; written into the file.
     row_shifts : (views,) float64, rows, or None
         The shift of each view along the log; None where none was shifted.
+    rows_present : RowsPresent or None
+        None where every view has all rows.
 
     Raises
     ------
@@ -134,7 +165,7 @@ def write_scan(
     )
     with scan as written:
         written.data[...] = line_integrals
-        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
+        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts, rows_present=rows_present)
 
 
 def write_raw_scan(

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
 from sawmill_worker.contracts.phantoms import PhantomDrawing
@@ -12,7 +13,7 @@ from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.storage.store import Store
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.compare import compared, geometry_of
@@ -54,7 +55,7 @@ def needs(attempt: Attempt) -> Needs:
     """Of the rows that are averaged."""
     asked = attempt.store.calibrations.get(attempt.job.subject_id)
     scan = usable_scan(attempt.store, asked.scan_id)
-    return of_averaged_rows(shape_of(scan), asked.options.rows or scan.phantom_rows)
+    return of_averaged_rows(shape_of(scan), asked.options.rows or scan.phantom_rows, scan.usable_rows)
 
 
 def usable_scan(store: Store, scan_id: str) -> Scan:
@@ -95,12 +96,13 @@ def _load(
 ) -> tuple[CalibrationInput, Stack | None]:
     """The input, and the stack of its rows where it is not known which of them show the phantom."""
     shape = shape_of(scan)
-    rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows)
+    rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
     views = chosen_views(options.views, shape.views)
     stored = read_stored_scan(store.files.scan(scan.id), rows, views)
+    mean = mean_of_rows(stored.line_integrals)
     given = CalibrationInput(
-        sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
-        angles_rad=stored.angles_rad,
+        sinogram=mean.sinogram,
+        angles_rad=stored.angles_rad[mean.views],
         rows=(rows.start, rows.stop),
         scanner=scanner.constants,
         bounds=scanner.bounds,
@@ -109,6 +111,7 @@ def _load(
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
         from_counts=scan.data is DataKind.COUNTS,
+        views=mean.views,
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return given, None if named else stored.line_integrals
@@ -126,8 +129,7 @@ def _log_row(store: Store, scan: Scan, options: CalibrationOptions, given: Calib
     shape = shape_of(scan)
     views = chosen_views(options.views, shape.views)
 
-    def read(row: int) -> FloatArray:
-        stored = read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views)
-        return stored.line_integrals[:, 0].astype(np.float64)
+    def read(row: int) -> NDArray[np.float32]:
+        return read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views).line_integrals[:, 0]
 
-    return log_row_beside(given, (0, shape.rows), read)
+    return log_row_beside(given, scan.usable_rows or (0, shape.rows), read)

@@ -2,13 +2,11 @@
 
 from typing import Any
 
-import numpy as np
-
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
-from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
@@ -29,18 +27,20 @@ def run(attempt: Attempt) -> dict[str, Any]:
             f"and the scan of {shape.detector} of {now.detector_pitch_mm:.9g} mm: "
             "calibrate the scanner as it is now",
         )
-    rows = chosen_rows(asked.options.rows, shape.rows)
+    rows = chosen_rows(asked.options.rows, shape.rows, scan.usable_rows)
     attempt.report_stage(0.1, "read")
     stored = read_stored_scan(store.files.scan(scan.id), rows, chosen_views(None, shape.views))
     attempt.report_stage(0.5, "pair rays")
+    mean = mean_of_common_rows(stored.line_integrals, rows.start)
     given = DriftInput(
-        sinogram=stored.line_integrals.mean(axis=1, dtype=np.float64),
+        sinogram=mean.sinogram,
         angles_rad=stored.angles_rad,
         rows=(rows.start, rows.stop),
         calibration=calibration,
         input_sha256=scan.sha256,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.ray_change_mm,
+        remarks=mean.remarks,
     )
     return run_drift(given).model_dump(mode="json")
 
@@ -48,4 +48,5 @@ def run(attempt: Attempt) -> dict[str, Any]:
 def needs(attempt: Attempt) -> Needs:
     """Of the rows that are averaged."""
     asked = attempt.store.drifts.get(attempt.job.subject_id)
-    return of_averaged_rows(shape_of(usable_scan(attempt.store, asked.scan_id)), asked.options.rows)
+    scan = usable_scan(attempt.store, asked.scan_id)
+    return of_averaged_rows(shape_of(scan), asked.options.rows, scan.usable_rows)

@@ -47,6 +47,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         format=read.format,
         shape=ScanShape(views=views, rows=rows, detector=detector),
         angular_range_deg=(math.degrees(read.angles_rad[0]), math.degrees(read.angles_rad[-1])),
+        usable_rows=prepared.usable_rows,
         remarks=list(prepared.remarks),
     ).model_dump(mode="json")
 

@@ -25,9 +25,9 @@ class Needs(NamedTuple):
     file_bytes: int
 
 
-def of_averaged_rows(shape: ScanShape, rows: str | None) -> Needs:
+def of_averaged_rows(shape: ScanShape, rows: str | None, usable: tuple[int, int] | None) -> Needs:
     """All rows are read at once, may be copied, and some views of them are examined in double precision."""
-    chosen = chosen_rows(rows, shape.rows)
+    chosen = chosen_rows(rows, shape.rows, usable)
     stack = 4 * shape.views * (chosen.stop - chosen.start) * shape.detector
     sinograms = SINOGRAMS * 8 * shape.views * shape.detector
     return Needs(PROCESS_BYTES + 4 * stack + sinograms, FILE_BYTES + sinograms)

@@ -35,7 +35,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     options = asked.options
     scan = usable_scan(store, asked.scan_id)
     shape = shape_of(scan)
-    rows = range(shape.rows)[chosen_rows(options.rows, shape.rows)]
+    rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
     theta, rotation, handedness = _geometry_of(store, options)
     constants = store.scanners.get(asked.scanner_id).constants
@@ -60,8 +60,9 @@ def run(attempt: Attempt) -> dict[str, Any]:
 def needs(attempt: Attempt) -> Needs:
     """Of the rows that are reconstructed together, the images that are fitted together, and the volume."""
     asked = attempt.store.reconstructions.get(attempt.job.subject_id)
-    options, shape = asked.options, shape_of(usable_scan(attempt.store, asked.scan_id))
-    slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows)])
+    options, scan = asked.options, usable_scan(attempt.store, asked.scan_id)
+    shape = shape_of(scan)
+    slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)])
     volumes = 2 if options.uncertainty else 1
     file_bytes = int(FILE_SHARE * volumes * cost.volume_bytes(options.size, slices)) + FILE_BYTES
     at_work = max(

@@ -19,6 +19,8 @@ from sawmill_worker.files.scan_layout import (
     LINE_INTEGRALS,
     PROVENANCE,
     ROW_PITCH,
+    ROWS_PRESENT,
+    USABLE,
 )
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
 from sawmill_worker.readers.hdf5_guard import attribute_text, find, numbers, read_text
@@ -51,5 +53,15 @@ def _is_whole(file: h5py.File) -> bool:
         return False
     if not data.size or angles.shape != data.shape[:1] or not np.isfinite(angles[()]).all():
         return False
+    if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
+        return False
     pitches_are_numbers = x_pitch.shape == () and (y_pitch is None or y_pitch.shape == ())
     return pitches_are_numbers and (air_level is None or air_level.shape == data.shape[1:])
+
+
+def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:
+    present = numbers(file, ROWS_PRESENT, bounds)
+    if present is None:
+        return True
+    usable = np.asarray(present.attrs.get(USABLE, ()))
+    return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])

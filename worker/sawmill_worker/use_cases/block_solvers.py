@@ -16,6 +16,7 @@ from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, DirectMethod, FittedMethod, Method
 from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.noise import data_misfit, estimated_noise
+from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent
 from sawmill_worker.use_cases.capacity import check_memory
@@ -56,7 +57,7 @@ class LogTask:
     Attributes
     ----------
     sample : (views, detector) float32
-        The line integrals of the middle slice.
+        The line integrals of the middle slice; those of views that lack it interpolated in angle.
     radius_mm : float
         Of the disc around the rotation centre that holds the log in every slice.
     slices : int
@@ -103,7 +104,11 @@ class BlockSolver(Protocol):
     curve: Curve | None
 
     def __call__(self, first: int, rows: Images) -> Slices:
-        """Reconstruct line integrals (views, slices, detector); `first` is the number of the first slice."""
+        """Reconstruct line integrals (views, slices, detector); `first` is the number of the first slice.
+
+        NaN in every cell of rows that a view lacks: methods that can leave out rays do without them, others have them
+        interpolated in angle.
+        """
 
     def report(self) -> MethodReport:
         """The report of the blocks so far."""
@@ -158,7 +163,8 @@ class _DirectSolver:
         self._checked = set(np.linspace(0, task.slices - 1, CHECKED_SLICES).round().astype(int).tolist())
 
     def __call__(self, first: int, rows: Images) -> Slices:
-        block = self._metal(rows.transpose(1, 0, 2))
+        complete = filled(rows, self._projector.geometry.angles_rad)
+        block = self._metal(complete.transpose(1, 0, 2))
         images = self._method.reconstruct(self._projector, block.lines).image
         for index in range(rows.shape[1]):
             if first + index in self._checked:
@@ -224,7 +230,8 @@ class _FittedSolver:
                 )
 
     def __call__(self, first: int, rows: Images) -> Slices:
-        lines = _levelled(np.ascontiguousarray(rows.transpose(1, 0, 2)), self._findings)
+        complete = filled(rows, self._projector.geometry.angles_rad)
+        lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), self._findings), ~present_rows(rows)
         shown = lines.any(axis=(1, 2))
         size = self._task.projector.grid.size
         images = np.zeros((len(lines), size, size), np.float32)
@@ -232,7 +239,10 @@ class _FittedSolver:
         if shown.any():
             numbers = first + np.flatnonzero(shown)
             block = self._metal(lines[shown])
-            found = self._solve(numbers, block, lambda share: self._task.on_progress(len(lines) * share))
+            left_out = self._left_out(block, lost.T[shown])
+            found = self._solve(
+                numbers, block.lines, left_out, lambda share: self._task.on_progress(len(lines) * share)
+            )
             block.put_back(found.images, self._projector.grid)
             field = (slice(None), *self._field)
             images[shown] = found.images[field]
@@ -241,9 +251,23 @@ class _FittedSolver:
         self._findings.add_empty(int((~shown).sum()))
         return Slices(images, deviation)
 
-    def _solve(self, numbers: NDArray[np.int64], block: WithoutMetal, on_progress: OnProgress) -> Slices:
+    def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+        """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
+        metal = self._metal.left_out(block)
+        if not (self._method.leaves_out and lost.any()):
+            return metal
+        rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
+        return rays if metal is None else metal | rays
+
+    def _solve(
+        self,
+        numbers: NDArray[np.int64],
+        lines: Images,
+        left_out: NDArray[np.bool_] | None,
+        on_progress: OnProgress,
+    ) -> Slices:
         """Slices of the full grid, from line integrals (slices, views, detector)."""
-        method, counts, lines = self._method, self._task.counts, block.lines
+        method, counts = self._method, self._task.counts
         choosing = method.is_open and self._task.slices > len(lines)
         phases = Phases(on_progress, choose=method.choosing_cost_slices * choosing, reconstruct=len(lines))
         if choosing:
@@ -260,7 +284,7 @@ class _FittedSolver:
             lines,
             counts=counts,
             on_progress=phases.of("reconstruct"),
-            left_out=self._metal.left_out(block),
+            left_out=left_out,
         )
         self._findings.add(found)
         if found.curves:

@@ -20,6 +20,7 @@ from sawmill_worker.tomography.calibration.phantom_rows import segments
 from sawmill_worker.tomography.calibration.search import SearchCallback
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
+from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
     from_predicted,
@@ -35,7 +36,13 @@ ROWS_DONE, SEARCH_DONE = 0.5, 0.95
 
 @dataclass(frozen=True)
 class CalibrationInput:
-    """What is calibrated: a sinogram (views, detector) with each view's angle, and what is known of it."""
+    """What is calibrated: a sinogram (views, detector) with each view's angle, and what is known of it.
+
+    Attributes
+    ----------
+    views : (views,) integers, or None
+        The numbers of the sinogram's views among those that were read: views that lack all of the rows are left out.
+    """
 
     sinogram: FloatArray
     angles_rad: FloatArray
@@ -48,6 +55,13 @@ class CalibrationInput:
     tolerance_mm: float = 0.1
     from_counts: bool = False
     remarks: tuple[str, ...] = ()
+    views: NDArray[np.intp] | None = None
+
+    def of_rows(self, stack: NDArray[np.float32], rows: tuple[int, int]) -> "CalibrationInput":
+        """With the mean over these rows of a stack (views, rows, detector), whose views are those of the sinogram."""
+        mean = mean_of_rows(stack)
+        views = mean.views if self.views is None else self.views[mean.views]
+        return replace(self, sinogram=mean.sinogram, angles_rad=self.angles_rad[mean.views], rows=rows, views=views)
 
 
 def run_calibration(
@@ -89,13 +103,14 @@ def _in_phantom_rows(
 
     None where nothing changes from row to row, or no run of rows explains itself by the phantom: all rows stay.
     """
+    stack = stack if given.views is None else stack[given.views]
     runs = segments(stack)[:MOST_RUNS]
     if len(runs) <= 1:
         return None
     found: list[tuple[CalibrationInput, Calibration]] = []
     for number, run in enumerate(runs, start=1):
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
-        narrowed = replace(given, sinogram=stack[:, run].mean(axis=1, dtype=np.float64), rows=rows)
+        narrowed = given.of_rows(stack[:, run], rows)
         try:
             found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed)))
         except CalibrationError:  # these rows show something else

@@ -48,7 +48,7 @@ def report_arrays(
     stack : (views, rows, detector) float32
         Of the rows first..last of the scan.
     """
-    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]].astype(np.float64))
+    log = log_row_beside(given, rows, lambda row: stack[:, row - rows[0]])
     images = None if log is None else log_images(log, given, calibration.geometry, None)
     return calibration_arrays(calibration, given, images)
 

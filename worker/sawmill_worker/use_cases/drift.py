@@ -3,8 +3,10 @@
 import time
 from dataclasses import dataclass
 from importlib.metadata import version
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult
@@ -19,6 +21,8 @@ from sawmill_worker.tomography.drift import (
     seen_vector,
 )
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.present_rows import rows_of_all
+from sawmill_worker.use_cases.failures import refused
 
 # Of the disc in which rays are counted where the calibration names none.
 LOG_RADIUS_MM = 150.0
@@ -32,6 +36,8 @@ class DriftInput:
     ----------
     log_radius_mm : float or None
         Of the disc in which rays are counted; None takes the calibration's own.
+    remarks : tuple of str
+        What was left out on reading.
     """
 
     sinogram: FloatArray
@@ -41,6 +47,29 @@ class DriftInput:
     input_sha256: str
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
+    remarks: tuple[str, ...] = ()
+
+
+class CommonMean(NamedTuple):
+    """The mean (views, detector) over the rows that every view has, and what was left out, in sentences."""
+
+    sinogram: FloatArray
+    remarks: tuple[str, ...]
+
+
+def mean_of_common_rows(stack: NDArray[np.float32], first_row: int, row_step: int = 1) -> CommonMean:
+    """Of a stack (views, rows, detector): opposite rays compare only where they cross the same part of the log.
+
+    Refused where no row is in every view.
+    """
+    common = rows_of_all(stack)
+    if not common.any():
+        last = first_row + (common.size - 1) * row_step
+        raise refused("rows-missing", f"no row from {first_row} to {last} is in every view: give others with rows")
+    left_out = first_row + row_step * np.flatnonzero(~common)
+    remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
+    # A view of the stack where all rows are there: nothing is copied.
+    return CommonMean((stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64), remarks)
 
 
 def run_drift(given: DriftInput) -> DriftResult:
@@ -74,7 +103,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
-        adjustments=list(fit.adjustments),
+        adjustments=[*given.remarks, *fit.adjustments],
         scanner=known.scanner,
         views=int(given.angles_rad.size),
         rows=given.rows,

@@ -11,6 +11,7 @@ from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.present_rows import filled
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 
@@ -31,7 +32,9 @@ class LogRow:
     sinogram: FloatArray
 
 
-def log_row_beside(given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], FloatArray]) -> LogRow | None:
+def log_row_beside(
+    given: CalibrationInput, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
+) -> LogRow | None:
     """The row amid the longer run of rows beside the phantom's, if it shows a log.
 
     Parameters
@@ -39,13 +42,15 @@ def log_row_beside(given: CalibrationInput, rows: tuple[int, int], read: Callabl
     rows : (first, after the last)
         Those that can be read.
     read : callable
-        The sinogram (views, detector) of a row, the views those of the phantom's sinogram.
+        The sinogram (views, detector) float32 of a row, of all views that were read; NaN in those that lack it.
     """
     first, after_last = max((rows[0], given.rows[0]), (given.rows[1], rows[1]), key=lambda run: run[1] - run[0])
     if after_last <= first:
         return None
     row = (first + after_last) // 2
-    sinogram = read(row)
+    lines = read(row)
+    lines = lines if given.views is None else lines[given.views]
+    sinogram = filled(lines[:, None], given.angles_rad)[:, 0].astype(np.float64)
     return LogRow(row, sinogram) if _shows_another_body(sinogram, given.sinogram) else None
 
 

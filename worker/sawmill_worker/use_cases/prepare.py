@@ -1,7 +1,7 @@
 """From a scan as it is read to the file that every job uses: line integrals, prepared as asked, in bounded memory."""
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.files.scan_writer import NewScan, new_scan
+from sawmill_worker.files.scan_writer import RowsPresent, new_scan
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.tomography.air import DecidedAirCorrection
-from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.preparing.line_integrals import Exposure
 from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.tomography.preparing.row_shifts import CommonRows, RowShifts, present_rows
-from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
+from sawmill_worker.tomography.present_rows import present_rows
+from sawmill_worker.use_cases.aligning import AlignedRows, Views, align_rows
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
 from sawmill_worker.vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 
@@ -39,10 +38,13 @@ class PreparedScan:
     shape : (views, rows, detector)
     remarks : tuple of str
         What was done to the data, from reading on.
+    usable_rows : (first, one after the last) or None
+        The rows that enough views have, where views lack rows.
     """
 
     shape: tuple[int, int, int]
     remarks: tuple[str, ...]
+    usable_rows: tuple[int, int] | None = None
 
 
 def prepare_scan(
@@ -58,7 +60,7 @@ def prepare_scan(
     """A scan into a file: counts become line integrals, then faulty cells, air, rings and missing rows, as asked.
 
     Rows are prepared as they are read where the file can be read row by row; otherwise they are read once more. Views
-    that are aligned are read two times more. The file appears when it is complete.
+    that are aligned are read two or three times more. The file appears when it is complete.
 
     Parameters
     ----------
@@ -83,35 +85,55 @@ def prepare_scan(
     preparation, aligns = _RowPreparation(read, options), options.align_rows is not RowAlignment.OFF
     step_views, _ = read.block_shape(window_bytes)
     by_views = step_views < read.shape[0]
-    second_pass = by_views and preparation.needed
-    progress = _PassProgress(report, read.shape, passes=1 + second_pass + 2 * aligns)
+    afterwards = preparation.needed and (by_views or aligns)
+    progress = _PassProgress(report, read.shape, passes=1 + afterwards + 2 * aligns)
+    at_a_time = _within(window_bytes, read.shape[1:])
     scan = new_scan(
         output,
         read.shape,
         angles_rad=read.angles_rad,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=read.row_pitch_mm,
-        views_together=min(step_views, _within(window_bytes, read.shape[1:])) if by_views or aligns else None,
+        views_together=min(step_views, at_a_time) if by_views or aligns else None,
     )
     with scan as written:
-        present = _copy(read, written.data, None if second_pass else preparation, window_bytes, progress)
-        if second_pass:
+        present = _copy(read, written.data, None if afterwards else preparation, window_bytes, progress)
+
+        def prepare() -> None:
             _prepare_rows(written.data, preparation, window_bytes, progress)
-        level, remarks, shifts = preparation.air_level(), (*read.remarks, *preparation.remarks()), None
+
+        aligned: AlignedRows | None = None
         if aligns:
-            views = _Views(written.data, _within(window_bytes, read.shape[1:]), progress)
-            shifts = _row_shifts(views, read.angles_rad, options.align_rows, preparation.object_cells())
-            _align(written, views, CommonRows.of(present, shifts))
-            rows = written.data.shape[1]
-            remarks = (*remarks, _alignment_remark(options.align_rows, shifts, rows, read.shape[1]))
-            # After alignment a row holds samples of several detector rows: its air level is their median.
-            level = None if level is None else np.tile(np.median(level, axis=0), (rows, 1))
+            views = Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows"))
+            aligned = align_rows(
+                views,
+                read.angles_rad,
+                options.align_rows,
+                estimate=preparation.estimate,
+                prepare=prepare if preparation.needed else None,
+            )
+        elif afterwards:
+            prepare()
+        remarks = (*read.remarks, *preparation.remarks())
+        if aligned is not None:
+            remarks = (*remarks, aligned.remark(options.align_rows))
+        lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
         written.note(
-            air_level=level,
+            air_level=_air_level(preparation, aligned),
             provenance={**(provenance or {}), "remarks": "\n".join(remarks)},
-            row_shifts=None if shifts is None else shifts.rows,
+            row_shifts=None if aligned is None else aligned.shifts.rows,
+            row_shift_deviations=None if aligned is None else aligned.shifts.standard_deviation,
+            rows_present=lacking,
         )
-        return PreparedScan(written.data.shape, remarks)
+        return PreparedScan(written.data.shape, remarks, None if lacking is None else lacking.usable)
+
+
+def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> Stack | None:
+    """(rows, detector) float32, of counts; of rows that hold samples of several detector rows it is the median."""
+    level = preparation.air_level()
+    if level is None or aligned is None or not aligned.mixed:
+        return level
+    return np.tile(np.median(level, axis=0), (len(level), 1))
 
 
 class _RowPreparation:
@@ -147,10 +169,16 @@ class _RowPreparation:
             return None
         return np.where(self._corrector.result().faulty, np.float32(0.0), self._exposure.air_level)
 
-    def object_cells(self) -> NDArray[np.bool_]:
-        """The cells (cells,) that are not air in every row; all of them where no air was looked for."""
-        air_cells = self._corrector.result().air_cells
-        return np.ones(self._cells, bool) if air_cells.all() else ~air_cells
+    def estimate(self, stack: Stack) -> None:
+        """Line integrals of any rows (views, rows, detector), in place, before it is known which rows they are.
+
+        Faulty cells are not known yet either: each sample is the median of itself and its neighbours.
+        """
+        if self._exposure is not None:
+            self._exposure.same_in_all_rows().to_line_integrals(stack)
+        for image in stack:  # so that what it takes fits beside a block
+            left, right = image[:, :-2].copy(), image[:, 2:].copy()
+            np.clip(image[:, 1:-1], np.minimum(left, right), np.maximum(left, right), out=image[:, 1:-1])
 
 
 def _corrections(options: PrepareOptions, *, counts: bool) -> Corrections:
@@ -217,57 +245,3 @@ def _prepare_rows(data: h5py.Dataset, preparation: _RowPreparation, window_bytes
         data[:, first : first + step] = block
         progress.add(block.size, "prepare")
         del block  # before the next one is read
-
-
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """All views (rows, cells) of a dataset, one after the other; about `at_a_time` are read together."""
-
-    data: h5py.Dataset
-    at_a_time: int
-    progress: _PassProgress
-
-    def __iter__(self) -> Iterator[Stack]:
-        for block, _ in self.blocks():
-            for image in block:
-                yield image.copy()  # a view that is kept does not keep its block
-            del block, image  # before the next one is read
-
-    def blocks(self) -> Iterator[tuple[Stack, int]]:
-        """(views, rows, cells), and the number of the first view."""
-        chunk = self.data.chunks[0]
-        step = max(1, self.at_a_time // chunk) * chunk
-        for first in range(0, len(self.data), step):
-            stop = min(first + step, len(self.data))
-            yield self.data[first:stop], first
-            self.progress.add((stop - first) * math.prod(self.data.shape[1:]), "align rows")
-
-
-def _row_shifts(
-    views: _Views, angles_rad: FloatArray, method: RowAlignment, object_cells: NDArray[np.bool_]
-) -> RowShifts:
-    if method is RowAlignment.PROFILE:
-        return shifts_by_mass(RowMoments.of(views, object_cells), angles_rad)
-    # OpenCV takes half a second to import, and few scans need it.
-    from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features  # noqa: PLC0415
-
-    return shifts_by_features(views, angles_rad)
-
-
-def _align(scan: NewScan, views: _Views, common: CommonRows) -> None:
-    """Keep the common rows of each view."""
-    rows = common.end - common.begin
-    for block, first in views.blocks():
-        for view, image in enumerate(block):
-            block[view, :rows] = common.of_view(first + view, image)
-        scan.data[first : first + len(block), :rows] = block[:, :rows]
-        del block, image  # before the next one is read
-    scan.keep_rows(rows)
-
-
-def _alignment_remark(method: RowAlignment, shifts: RowShifts, rows: int, rows_before: int) -> str:
-    return (
-        f"views aligned by their {method.value}: {rows} of {rows_before} rows are in all, "
-        f"shifts 0 to {shifts.rows.max():.3g} {'whole ' if shifts.whole else ''}rows, standard deviation "
-        f"{float(np.median(shifts.standard_deviation)):.2g}{'' if shifts.whole else '; resampled by cubic convolution'}"
-    )

@@ -17,6 +17,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.method import DirectMethod
 from sawmill_worker.tomography.object_extent import object_radius_mm
+from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
 from sawmill_worker.use_cases.block_solvers import BlockSolver, LogTask, Slices, method_of, solver_of
@@ -43,7 +44,7 @@ class ReconstructionInput:
     Attributes
     ----------
     read : callable
-        (views, rows, detector) float32 of the slices start..stop.
+        (views, rows, detector) float32 of the slices start..stop; NaN in every cell of rows that a view lacks.
     counts : bool
         Whether they were made from counts: the volume is then in 1/mm.
     rows, row_step
@@ -166,7 +167,8 @@ class _Run:
     def solver(self) -> BlockSolver:
         """The method that was asked for, or that `auto` chooses from the middle slice."""
         given, middle = self._given, self.slices // 2
-        sample = np.ascontiguousarray(given.read(middle, middle + 1)[:, 0])
+        rows = given.read(middle, middle + 1)
+        sample = np.ascontiguousarray(filled(rows, given.angles_rad)[:, 0])
         name, reason = _method(self._options, self._projector, sample)
         method = method_of(name, self._options)
         self._reporting.predict(
@@ -188,7 +190,7 @@ class _Run:
     def reconstruct(self, solver: BlockSolver, write: Callable[[int, Slices], None]) -> ReconstructionResult:
         """All blocks; `write` takes the number of a block's first slice and the block."""
         given, options = self._given, self._options
-        seen = ValueRange(self.slices, options.size)
+        seen, fewest = ValueRange(self.slices, options.size), [int(given.angles_rad.size)]
 
         def reconstruct_block(start: int, stop: int) -> Iterator[None]:
             rows = given.read(start, stop)
@@ -197,6 +199,7 @@ class _Run:
             yield
             write(start, block)
             seen.add(block.images)
+            fewest.append(int(present_rows(rows).sum(axis=0).min()))
 
         reconstruct_stack(
             self.slices, reconstruct_block, step=solver.step, concurrent=solver.concurrent, done=self._reporting
@@ -210,6 +213,7 @@ class _Run:
             rotation=given.rotation,
             handedness=given.handedness,
             views=int(given.angles_rad.size),
+            fewest_views=min(fewest),
             rows=given.rows,
             row_step=given.row_step,
             time_s=self.elapsed_s,
@@ -234,7 +238,8 @@ def _method(
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:
     """Of the disc that holds what rows all along the log show, the first and the last included."""
     rows = {round(n) for n in np.linspace(0, slices - 1, EXTENT_ROWS)}
-    return max(object_radius_mm(geometry, read(n, n + 1)[:, 0]) for n in sorted(rows))
+    lines = (read(n, n + 1)[:, 0] for n in sorted(rows))
+    return max(object_radius_mm(geometry, line[present_rows(line)]) for line in lines)
 
 
 class _Reporting:

@@ -37,7 +37,8 @@ class ScanRows:
     Attributes
     ----------
     read : callable
-        (views, rows, detector) float32 line integrals of the rows start..stop of those asked for.
+        (views, rows, detector) float32 line integrals of the rows start..stop of those asked for; NaN in every cell of
+        rows that a view lacks.
     rows, row_step
         The first row, the one after the last, and every which of them was asked for.
     on_progress : callable
@@ -161,11 +162,16 @@ def _rows_of(
     remarks: tuple[str, ...] = (),
 ) -> ScanRows:
     all_views, all_rows, cells = scan.shape
-    rows, views = range(all_rows)[chosen_rows(source.rows, all_rows)], chosen_views(source.views, all_views)
+    rows = range(all_rows)[chosen_rows(source.rows, all_rows, scan.usable_rows)]
+    views = chosen_views(source.views, all_views)
+    lacking = None if scan.present is None else ~scan.present[views]
 
     def read(start: int, stop: int) -> Stack:
         block = scan.rows(rows[start:stop], views)
-        finite = np.isfinite(block).all(axis=(0, 2))
+        usable = np.isfinite(block).all(axis=2)
+        if lacking is not None:
+            usable |= lacking[:, rows.start : rows.stop : rows.step][:, start:stop]
+        finite = usable.all(axis=0)
         if not finite.all():
             row = rows[start + int(np.argmin(finite))]
             raise refused("not-finite", f"row {row} of the scan holds values that are no finite numbers; mend it")

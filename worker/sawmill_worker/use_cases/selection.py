@@ -7,13 +7,25 @@ from sawmill_worker.contracts.base import parse_rows
 from sawmill_worker.use_cases.failures import refused
 
 
-def chosen_rows(rows: str | None, available: int) -> slice:
-    """The rows A:B or A:B:STEP, or all of them; refused where the scan has no such rows."""
+def chosen_rows(rows: str | None, available: int, usable: tuple[int, int] | None = None) -> slice:
+    """The rows A:B or A:B:STEP, or all that are usable; refused where the scan has no such rows.
+
+    Parameters
+    ----------
+    usable : (first, one after the last), optional
+        The rows that enough views have; all by default.
+    """
+    first, last = usable or (0, available)
     if rows is None:
-        return slice(0, available)
+        return slice(first, last)
     selected = parse_rows(rows)
     if selected.stop > available:
         raise refused("rows-outside", f"rows {rows} were asked for, but the scan has rows 0:{available}")
+    if selected.start < first or selected.stop > last:
+        raise refused(
+            "rows-outside",
+            f"rows {rows} were asked for, but too many views lost some of them: rows {first}:{last} can be used",
+        )
     return selected
 
 

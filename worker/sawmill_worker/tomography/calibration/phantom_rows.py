@@ -19,12 +19,13 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
     Parameters
     ----------
     stack : (views, rows, detector) float
-        Line integrals. A phantom is the same in all its rows; where it ends, everything changes at once.
+        Line integrals; NaN in rows that a view lacks. A phantom is the same in all its rows; where it ends, everything
+        changes at once.
     """
     rows = stack.shape[1]
     coarse = _coarse(stack)
-    steps = np.sqrt(((coarse[1:] - coarse[:-1]) ** 2).mean(axis=1))
-    depth = float(np.median(coarse.std(axis=1)))
+    steps = np.sqrt(np.nanmean((coarse[1:] - coarse[:-1]) ** 2, axis=1))
+    depth = float(np.median(np.nanstd(coarse, axis=1)))
     usual = float(np.median(steps)) if steps.size else 0.0
     jumps = np.flatnonzero(steps > max(JUMP * usual, JUMP_SHARE * depth)) + 1
     edges = [0, *jumps.tolist(), rows]

@@ -56,6 +56,18 @@ class Exposure:
             )
         return cls(dark.astype(np.float32), np.where(dead, 1.0, air).astype(np.float32), dead)
 
+    def same_in_all_rows(self) -> "Exposure":
+        """With the mean dark signal and gain of each cell's rows: what one row differs by stays in the line integrals.
+
+        Where views lost rows it is not known yet which row of the detector a sample is of. That difference then moves
+        with the log, whereas the gain of a wrong row would stand still in it.
+        """
+        alive = ~self.dead
+        level = np.where(alive, self.level, 0.0).sum(axis=0) / np.maximum(alive.sum(axis=0), 1)
+        dead = np.broadcast_to(level <= 0.0, self.dead.shape)
+        dark = np.broadcast_to(self.dark.mean(axis=0), self.dark.shape)
+        return Exposure(dark, np.where(dead, np.float32(1.0), level.astype(np.float32)), dead)
+
     @property
     def air_level(self) -> NDArray[np.float32]:
         """(rows, detector) float32, in counts; 0 in dead cells. With it the counts can be recovered."""

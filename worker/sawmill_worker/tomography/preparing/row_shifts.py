@@ -4,21 +4,26 @@ Rows are successive positions of a flat detector along the log, so a view is off
 everywhere in it. `shifts_by_mass` and `shifts_by_features` find the shifts.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.present_rows import Rows
 
 Stack = NDArray[np.float32]
-Rows = NDArray[np.bool_]
 
 # Shifts are whole rows when they scatter about whole numbers by less. Uniform fractions scatter by 1 / sqrt(12) = 0.29
 # (tests/tomography/preparing/test_row_shifts.py).
 WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
 # Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
 MOST_UNCERTAIN = 0.3
+# Views have the place of a whole row within this number of their standard deviations; or, where at least half of the
+# views share one place, within this number of rows: shifts are found to 0.07 rows, and resampling a view that stands
+# where it should costs more than it corrects (benchmarks/lost_rows.py).
+SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
 
 
 class RowsError(ValueError):
@@ -32,7 +37,7 @@ class RowShifts:
     Attributes
     ----------
     rows : (views,) float64
-        Row i of view k shows what row i + rows[k] of the log is; the smallest is 0.
+        Row i of view k shows what row i + rows[k] of the scan is: 0 for most of the views that have all rows.
     standard_deviation : (views,) float64
         Of each, in rows, before they were taken as whole.
     whole : bool
@@ -44,19 +49,59 @@ class RowShifts:
     whole: bool
 
     @classmethod
-    def of(cls, shifts: FloatArray, standard_deviation: FloatArray) -> "RowShifts":
-        """From shifts with any origin; taken as whole rows where they are whole rows apart."""
+    def of(cls, shifts: FloatArray, standard_deviation: FloatArray, present: Rows) -> "RowShifts":
+        """From shifts with any origin, of views with the rows `present` (views, rows).
+
+        Taken as whole rows where they are whole rows apart; where some are not, those whose place is that of a whole
+        row are.
+        """
         common = float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
         apart = shifts - common
         off = apart - np.rint(apart)
         whole = bool(off.std() < WHOLE_SCATTER and np.abs(off).max() < WHOLE_FURTHEST)
-        rows = np.rint(apart) if whole else shifts
-        return cls(rows - rows.min(), standard_deviation, whole)
+        if whole:
+            rows = np.rint(apart)
+            rows -= np.rint(_origin(rows, present)[0])
+            return cls(_within(rows, present), standard_deviation, whole)
+        origin, shared = _origin(shifts, present)
+        rows = shifts - origin
+        same = np.maximum(SAME_PLACE if shared else 0.0, SAME_DEVIATIONS * standard_deviation)
+        settled = np.abs(rows - np.rint(rows)) <= same
+        rows = _within(np.where(settled, np.rint(rows), rows), present)
+        return cls(rows, standard_deviation, whole)
+
+    def lost(self, present: Rows) -> bool:
+        """Whether each view, of the rows `present` (views, rows), is moved to rows that the detector has.
+
+        Then rows were lost on their way from it, and a view's samples are those of the detector's rows it is moved to;
+        otherwise the log itself moved.
+        """
+        first, last = _ends(present)
+        return self.whole and bool((first + self.rows).min() >= 0 and (last + self.rows).max() < present.shape[1])
 
 
-def present_rows(stack: Stack) -> Rows:
-    """Which rows (..., rows) of images (..., rows, cells) are there: a missing row is NaN in every cell."""
-    return ~np.isnan(stack[..., 0])
+def _origin(shifts: FloatArray, present: Rows) -> tuple[float, bool]:
+    """The shift that most of the views with most rows share, and whether those are most of all views."""
+    count = present.sum(axis=1)
+    longest = shifts[count == count.max()]
+    near = np.abs(longest[:, None] - longest) <= SAME_PLACE
+    sharing = longest[near[near.sum(axis=1).argmax()]]
+    return float(np.median(sharing)), sharing.size >= MOST_VIEWS * shifts.size
+
+
+def _within(rows: FloatArray, present: Rows) -> FloatArray:
+    """The shifts, all moved by whole rows where that brings all views inside the detector."""
+    first, last = _ends(present)
+    above, below = (math.ceil(over) for over in (-(first + rows).min(), (last + rows).max() - present.shape[1] + 1))
+    if above + below > 0:
+        return rows
+    inside: FloatArray = rows + float(max(above, 0) - max(below, 0))
+    return inside
+
+
+def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """The first and the last row of each view that is there."""
+    return present.argmax(axis=1), present.shape[1] - 1 - present[:, ::-1].argmax(axis=1)
 
 
 def check_certain(standard_deviation: FloatArray, why: str) -> None:
@@ -69,53 +114,20 @@ def check_certain(standard_deviation: FloatArray, why: str) -> None:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class CommonRows:
-    """The rows of the log that all views have, and where each view has them.
+def shifted(image: Stack, present: NDArray[np.bool_], shift: float) -> Stack:
+    """A view's image (rows, cells) with the rows `present` (rows,), moved along the log: NaN where it has no row.
 
-    Attributes
-    ----------
-    shifts : RowShifts
-    begin, end : int
-        The common rows, counted along the log.
-    first, last : (views,) integers
-        The first and the last row of each view that is there.
+    A whole shift moves rows; another resamples them by cubic convolution, the view's first and last rows repeated.
     """
-
-    shifts: RowShifts
-    begin: int
-    end: int
-    first: NDArray[np.intp]
-    last: NDArray[np.intp]
-
-    @classmethod
-    def of(cls, present: Rows, shifts: RowShifts) -> "CommonRows":
-        """From the rows (views, rows) that are there.
-
-        Raises
-        ------
-        RowsError
-            Where the views have no row in common.
-        """
-        first = present.argmax(axis=1)
-        last = present.shape[1] - 1 - present[:, ::-1].argmax(axis=1)
-        begin = int(np.ceil((first + shifts.rows).max() - 1e-9))
-        end = int(np.floor((last + shifts.rows).min() + 1e-9)) + 1
-        if end <= begin:
-            raise RowsError("the views have no row of the log in common: leave out the views that lost most rows")
-        return cls(shifts, begin, end, first, last)
-
-    def of_view(self, view: int, image: Stack) -> Stack:
-        """The common rows of a view's image (rows, cells), moved by its shift.
-
-        Whole shifts move rows; others resample them by cubic convolution.
-        """
-        shift = self.shifts.rows[view]
-        if self.shifts.whole:
-            start = self.begin - int(shift)
-            return image[start : start + self.end - self.begin]
-        there = image[self.first[view] : self.last[view] + 1]
-        return _resampled(there, np.arange(self.begin, self.end) - shift - self.first[view])
+    rows, out = np.arange(len(image), dtype=np.float64), np.full_like(image, np.nan)
+    first, last = int(present.argmax()), len(present) - 1 - int(present[::-1].argmax())
+    at: FloatArray = rows - shift
+    there = (at >= first - 1e-9) & (at <= last + 1e-9)
+    if float(shift).is_integer():
+        out[there] = image[at[there].astype(np.intp)]
+    else:
+        out[there] = _resampled(image[first : last + 1], at[there] - first)
+    return out
 
 
 def _resampled(image: Stack, at: FloatArray) -> Stack:

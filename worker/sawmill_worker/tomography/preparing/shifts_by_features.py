@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain, present_rows
+from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain
+from sawmill_worker.tomography.present_rows import Rows, present_rows
 
 FEWEST_ROWS = 32
 MOST_FEATURES = 800
@@ -36,9 +37,10 @@ CONTRADICTING, ROUNDS = 0.25, 10
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Of one view with a number of cells: positions (n, 2) as cell and row, and descriptors (n, 128)."""
+    """Of one view of some cells and rows: positions (n, 2) as cell and row, descriptors (n, 128)."""
 
     cells: int
+    present: Rows
     at: NDArray[np.float32]
     descriptors: NDArray[np.float32]
 
@@ -70,18 +72,20 @@ def shifts_by_features(images: Iterable[Stack], angles_rad: FloatArray) -> RowSh
     detector = cv2.SIFT.create(nfeatures=MOST_FEATURES, contrastThreshold=CONTRAST)
     features = [_features(detector, view, image) for view, image in enumerate(images)]
     pairs = [_matched(features, one, other) for one, other in _neighbours(angles_rad)]
-    return _solved([pair for pair in pairs if pair is not None], len(features))
+    present = np.stack([one.present for one in features])
+    return _solved([pair for pair in pairs if pair is not None], present)
 
 
 def _features(detector: "cv2.Feature2D", view: int, image: Stack) -> _Features:
-    rows, cells = np.flatnonzero(present_rows(image)), image.shape[1]
+    there, cells = present_rows(image), image.shape[1]
+    rows = np.flatnonzero(there)
     if rows.size < FEWEST_ROWS:
         raise RowsError(f"view {view} has {rows.size} rows; features need at least {FEWEST_ROWS}")
     points, descriptors = detector.detectAndCompute(_grey(image[rows]), None)
     if not points:
-        return _Features(cells, np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
+        return _Features(cells, there, np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
     at = np.asarray(cv2.KeyPoint.convert(points), np.float32) + np.array([0.0, rows[0]], np.float32)
-    return _Features(cells, at, np.asarray(descriptors, np.float32))
+    return _Features(cells, there, at, np.asarray(descriptors, np.float32))
 
 
 def _grey(image: Stack) -> NDArray[np.uint8]:
@@ -127,8 +131,9 @@ def _matched(features: list[_Features], first: int, second: int) -> _Pair | None
     return _Pair(first, second, float(inliers.mean()), spread / math.sqrt(inliers.size))
 
 
-def _solved(pairs: list[_Pair], views: int) -> RowShifts:
+def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
     """Least squares over all pairs; the common origin is free."""
+    views = len(present)
     if not pairs:
         raise RowsError("no two views share enough features to be aligned: align the rows by their profile")
     ends = np.array([(pair.first, pair.second) for pair in pairs])
@@ -150,7 +155,7 @@ def _solved(pairs: list[_Pair], views: int) -> RowShifts:
     inflation = max(1.0, float(scatter.sum()) / max(len(pairs) - views + 1, 1))
     deviation = np.sqrt(inflation * np.diag(np.linalg.inv(normal)))
     check_certain(deviation, "the views are too far apart or too noisy for features: align the rows by their profile")
-    return RowShifts.of(solved, deviation)
+    return RowShifts.of(solved, deviation, present)
 
 
 def _check_connected(ends: NDArray[np.int_], views: int) -> None:

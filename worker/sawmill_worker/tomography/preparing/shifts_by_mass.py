@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.preparing.row_shifts import (
-    Rows,
     RowsError,
     RowShifts,
     Stack,
     check_certain,
     cubic_weights,
 )
+from sawmill_worker.tomography.present_rows import Rows
 
 # A view shares at least this part of its rows with the others, and needs this number of rows for a profile
 # (benchmarks/preparing.py, as the constants below).
@@ -108,7 +108,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         if np.abs(step).max() < SETTLED:
             break
     check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
-    return RowShifts.of(shifts, fit.standard_deviation)
+    return RowShifts.of(shifts, fit.standard_deviation, present)
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
