@@ -45,8 +45,10 @@ def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
 
     errors_mm = [float(text) for text in re.findall(r"ray error ([\d.]+) mm", done.stdout)]
     relative = [float(text) for text in re.findall(r"relative error ([\d.]+)", done.stdout)]
-    assert len(errors_mm) == len(relative) == 2
-    assert max(errors_mm) < 0.08
+    assert len(errors_mm) == 3  # two of the stack, one of the bad day
+    assert len(relative) == 2
+    assert max(errors_mm[:2]) < 0.08
+    assert errors_mm[2] < 0.15  # bends by 0.1 mm where nothing is done about it
     calibrated, by_tape = relative
     assert calibrated < 0.1
     assert by_tape > 3 * calibrated
@@ -56,7 +58,7 @@ def test_the_demo_leaves_a_page_of_pictures_and_figures(tmp_path, offline):
     assert all((tmp_path / "out" / name).is_file() for name in shown), shown
     assert f"ray error {errors_mm[0]:.3f} mm" in text
     pictures = [name for name in shown if name.endswith(".png")]
-    assert len(pictures) == 3
+    assert len(pictures) == 5
     for name in pictures:
         with Image.open(tmp_path / "out" / name) as picture:
             assert np.asarray(picture.convert("L")).std() > 5, "the picture is blank"

@@ -1,6 +1,6 @@
 """One error for all input that cannot lead to a result."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -41,7 +41,7 @@ def input_errors() -> Iterator[None]:
         raise InputError(failure.code, failure.detail) from failure
 
 
-def options_of(contract: type[Options], given: Mapping[str, object]) -> Options:
+def options_of(contract: type[Options], given: object) -> Options:
     """Options as their contract, a model or a dataclass of pydantic, checks them.
 
     Raises

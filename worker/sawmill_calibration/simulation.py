@@ -1,20 +1,26 @@
-"""Simulated scans in memory, from analytic projections and seeded."""
+"""Simulated scans in memory, exact and seeded: line integrals, or counts with a mill's physics."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sawmill_calibration.input_errors import InputError
+from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_calibration.phantoms import drawing_of
-from sawmill_calibration.scans import Scan
+from sawmill_calibration.scans import Scan, read_scan
+from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
-from sawmill_worker.tomography.log_model import log_slices
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.physics.stack import simulate_physics_stack
 from sawmill_worker.tomography.simulate import simulate_rows
 from sawmill_worker.use_cases.conversion import to_phantom
-from sawmill_worker.vocabulary import Handedness, Rotation, Scanner, Theta
+from sawmill_worker.use_cases.physics_file import read_physics
+from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
+from sawmill_worker.vocabulary.physics import Physics
 
 
 def simulate_phantom_scan(
@@ -30,6 +36,8 @@ def simulate_phantom_scan(
     rotation: Rotation | str = Rotation.AS_GIVEN,
     noise: float = 0.0,
     background: float = 0.0,
+    physics: Physics | Mapping[str, object] | str | Path | None = None,
+    photons: float = 30_000.0,
     seed: int = 1,
 ) -> Scan:
     """A scan of a phantom that stands at `position_mm`, the same in each row.
@@ -45,17 +53,27 @@ def simulate_phantom_scan(
         Standard deviation, relative to the RMS of the noise-free sinogram.
     background : float
         Added everywhere.
+    physics : mapping, or the path of a JSON file, optional
+        What a mill adds, by the fields of docs/simulating.md: the scan is then made as counts with ten flat and dark
+        fields, read as a file of counts is, and has no other noise or background.
+    photons : float
+        With physics: in air, a cell and view.
 
     Raises
     ------
     ValueError
-        No such phantom or geometry can be.
+        No such phantom, geometry or physics can be.
     """
     drawn = to_phantom(drawing_of(phantom))
     seen = drawn if Handedness(handedness) is Handedness.AS_DRAWN else drawn.mirrored()
     slices = [seen.moved(*position_mm)] * rows
     angles = _angles_rad(views, angles_deg)
-    return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, None)
+    if physics is None:
+        return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, None)
+    if noise or background:
+        raise InputError("options", "give physics, or noise and background, not both: counts have their own noise")
+    geometry = FanBeamGeometry(scanner, theta, Rotation(rotation).apply(angles))
+    return _counted(slices, geometry, angles, _physics(physics), photons, seed)
 
 
 def simulate_log_scan(
@@ -101,3 +119,35 @@ def _scan_of(
     geometry = FanBeamGeometry(scanner, theta, rotation.apply(angles_rad))
     stack = simulate_rows(slices, geometry, noise=noise, background=background, seed=seed)
     return Scan.from_arrays(stack, angles_rad, scanner, row_pitch_mm=row_pitch_mm)
+
+
+def _physics(given: Physics | Mapping[str, object] | str | Path) -> Physics:
+    if isinstance(given, str | Path):
+        with input_errors():
+            return read_physics(Path(given))
+    return options_of(Physics, given)
+
+
+def _counted(
+    slices: list[Phantom],
+    geometry: FanBeamGeometry,
+    angles_rad: FloatArray,
+    physics: Physics,
+    photons: float,
+    seed: int,
+) -> Scan:
+    """The scan of wood, by way of a file of counts: it is read as a scanner's is."""
+    wood = [body.of_density(SAPWOOD_PER_MM) for body in slices]
+    with input_errors(), TemporaryDirectory(prefix="sawmill-") as folder:
+        stack = simulate_physics_stack(wood, geometry, physics, photons=photons, seed=seed)
+        path = Path(folder) / "scan.h5"
+        write_raw_scan(
+            path,
+            counts=stack.counts,
+            flats=stack.flats,
+            darks=stack.darks,
+            angles_rad=angles_rad,
+            detector_pitch_mm=geometry.scanner.detector_pitch_mm,
+            row_pitch_mm=None,
+        )
+        return read_scan(path, data=DataKind.COUNTS, source_to_cor_mm=geometry.scanner.source_to_cor_mm)

@@ -218,11 +218,22 @@ def simulate(
     background: Annotated[float, typer.Option(help="Of line integrals: added everywhere.")] = 0.0,
     photons: Annotated[float, typer.Option(min=1.0, help="Of counts: in air, a cell and view.")] = 30_000.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the log and of all noise.")] = 1,
+    physics: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            exists=True,
+            dir_okay=False,
+            help="Of counts: JSON of what the beam, the detector, the motion and the wood add (docs/simulating.md).",
+        ),
+    ] = None,
 ) -> None:
     """Simulate a scan of a phantom or a synthetic log, analytically, seeded."""
     angles = shared.given_angles(angles_deg, angles_file) or AngleSteps(180.0 / views, 360.0 / views)
     if body == shared.Body.LOG_WITH_PHANTOM and phantom_rows >= rows:
         raise typer.BadParameter(f"--phantom-rows {phantom_rows} leaves no row for the log: give more --rows.")
+    if physics is not None and data is not DataKind.COUNTS:
+        raise typer.BadParameter("--physics makes counts: leave --data line-integrals out.")
     drawn = shared.PhantomSource(phantom if body in set(shared.Body) else body, phantom_width_mm)
     with answering():
         from sawmill_worker.commands.simulate import phantom_slices, simulate_scan
@@ -247,6 +258,7 @@ def simulate(
             background=background,
             photons=photons,
             seed=seed,
+            physics=physics,
         )
     say(f"{views} views, {rows} row(s), {scanner.num_detector_pixels} cells: {output}")
 

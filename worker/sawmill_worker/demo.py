@@ -28,6 +28,7 @@ from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference,
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_worker.vocabulary.physics import Physics
 
 PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
 # What a tape measure and a spirit level get wrong: the geometry that a mill would have without calibrating.
@@ -60,7 +61,7 @@ def run_demo(output: Path) -> int:
             with _step(bar, "Starting the service"):
                 client = stack.enter_context(demo_client.running_service(folder))
             steps = _Demo(client, output, folder, bar)
-            sections = [steps.simulated()]
+            sections = [steps.simulated(), steps.bad_day()]
             if published is not None:
                 sections.append(steps.published(published))
     except (DemoError, httpx.TransportError, OSError) as error:
@@ -140,6 +141,29 @@ class _Demo:
         truth = Truth(examples.THETA, image.astype(np.float64), "1/mm")
         rows = f"{FIRST_LOG_ROW}:{len(slices)}"
         self._process(section, "simulated", scan["id"], scan["id"], examples.SCANNER, truth, rows)
+        return section
+
+    def bad_day(self) -> Section:
+        """A scan of the phantom with much that can be wrong, and what the calibration reports of it."""
+        scan = self._folder / "bad-day.h5"
+        with _step(self._bar, "Simulating a bad day at the mill"):
+            examples.write_bad_day(scan, VIEWS)
+        scanner = self._scanner("scanner on a bad day", examples.SCANNER)
+        with _step(self._bar, "Uploading its scan") as on_progress:
+            spec = {"scanner_id": scanner, "data": "counts", "phantom_id": "l-shape"}
+            uploaded = demo_client.upload(self._client, scan, on_progress, **spec)
+        found = self._calibrate("Calibrating (bad day)", uploaded["id"], None)
+        section = Section(
+            "A bad day at the mill",
+            "The same scanner, but much is wrong. Every effect is simulated with the size in the table (its fields: "
+            "docs/simulating.md); below is what the calibration found by itself.",
+            ("what is wrong", "size"),
+        )
+        section.rows = _physics_rows(examples.BAD_DAY)
+        section.facts.append(("calibration", _verdict(found, examples.SCANNER, examples.THETA)))
+        section.facts += [("adjusted for", sentence) for sentence in found.adjustments]
+        section.facts += [("reason", sentence) for sentence in found.reasons]
+        self._save_calibration(section, "bad-day", found.id)
         return section
 
     def published(self, folder: Path) -> Section:
@@ -242,6 +266,16 @@ def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ..
         spread = getattr(deviation, name, None)
         rows.append((name, f"{value:.5g}", "" if spread is None else f"{spread:.2g}", f"{getattr(truth, name):.5g}"))
     return rows
+
+
+def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
+    """The effects that are on."""
+    return [
+        (f"{group}.{name}", f"{value:g}")
+        for group, effects in vars(physics).items()
+        for name, value in vars(effects).items()
+        if value != getattr(type(effects)(), name)
+    ]
 
 
 def _verdict(found: CalibrationSucceeded, scanner: Scanner, truth: Theta) -> str:

@@ -25,8 +25,10 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.physics.stack import simulate_physics_stack
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
 from sawmill_worker.vocabulary import DataKind, Polygon, ReconstructionMethod
+from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
 EXAMPLE, SPARE, SPARSE = "example", "example-spare", "example-sparse"
 SEED = 2206
@@ -38,6 +40,15 @@ THETA = Theta(
 ROW_PITCH_MM = 4.0
 PHANTOM_ROWS, LOG_ROWS = 3, 5
 LOG_START_MM = 192.0
+# A dry board.
+DRY_WOOD_PER_MM = 0.009
+# A bad day at the mill; examples/bad-day.json holds the same.
+BAD_DAY = Physics(
+    BeamEffects(energy_spread=0.2, scatter_share=0.02),
+    DetectorEffects(blur_mm=0.8, lag_share=0.01, slope_share=0.01, gain_spread=0.03, dead_cells=2),
+    MotionEffects(wobble_twice_mm=0.2, wobble_towards_deg=20.0, encoder_deg=0.05),
+    WoodEffects(plane_tilt_deg=2.0, corner_radius_mm=3.0, knots=2),
+)
 
 
 def full_turn(views: int) -> FloatArray:
@@ -65,7 +76,17 @@ def mill_stack(views: int, slices: list[Phantom]) -> SimulatedStack:
 
 def write_mill_stack(path: Path, views: int, slices: list[Phantom]) -> None:
     """The same as an NXtomo file."""
-    stack = mill_stack(views, slices)
+    _write_stack(path, views, mill_stack(views, slices))
+
+
+def write_bad_day(path: Path, views: int) -> None:
+    """A row of the L-shaped phantom on a bad day at the mill, as an NXtomo file."""
+    wood = L_SHAPE.of_density(DRY_WOOD_PER_MM).moved(3.0, -2.0)
+    geometry = FanBeamGeometry(SCANNER, THETA, full_turn(views))
+    _write_stack(path, views, simulate_physics_stack([wood], geometry, BAD_DAY, seed=SEED))
+
+
+def _write_stack(path: Path, views: int, stack: SimulatedStack) -> None:
     write_raw_scan(
         path,
         counts=stack.counts,

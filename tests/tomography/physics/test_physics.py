@@ -14,7 +14,7 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, Scanner, rotate
-from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError
 from sawmill_worker.tomography.physics.body import Body, stand
 from sawmill_worker.tomography.physics.detector import FIELDS
 from sawmill_worker.tomography.physics.simulate import MillScan, simulate_physics
@@ -355,5 +355,5 @@ def test_what_cannot_be_is_refused(scan, theta):
         scan(WOOD.scaled(6.0))
     with pytest.raises(GeometryError, match="60000 in all"):
         simulate_physics(WOOD, SCANNER, theta.source_frame(859.46), ANGLES, photons=70_000.0, seed=1)
-    with pytest.raises(ValueError, match="no place for a knot or a screw"):
+    with pytest.raises(PhantomError, match="no place for a knot or a screw"):
         stand(Phantom("stick", (Disc((0.0, 0.0), 5.0),)), WoodEffects(knots=1), np.random.default_rng(0))

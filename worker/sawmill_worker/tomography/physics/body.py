@@ -7,7 +7,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
 from sawmill_worker.vocabulary.physics import WoodEffects
 
 # Chords of a rounded corner, and millimetres between the points of a sawn side and of its correlation.
@@ -63,7 +63,7 @@ def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]
 
     Raises
     ------
-    ValueError
+    PhantomError
         If no wood is wide enough.
     """
     around = MARGIN_MM * np.stack([np.cos(TAU * np.arange(8) / 8), np.sin(TAU * np.arange(8) / 8)], -1)
@@ -71,8 +71,9 @@ def point_inside(wood: Phantom, rng: np.random.Generator) -> tuple[float, float]
         point = rng.uniform(-wood.radius_mm, wood.radius_mm, 2)
         if all(_density_at(wood, x, y) > 0.0 for x, y in (point, *(point + around))):
             return float(point[0]), float(point[1])
-    msg = f"the phantom {wood.name!r} has no place for a knot or a screw with {MARGIN_MM:g} mm of wood around it"
-    raise ValueError(msg)
+    raise PhantomError(
+        f"the phantom {wood.name!r} has no place for a knot or a screw with {MARGIN_MM:g} mm of wood around it"
+    )
 
 
 def _rows(discs: list[tuple[float, float, float, float]]) -> FloatArray:
