@@ -144,7 +144,10 @@ def main() -> None:
 def run(options: argparse.Namespace) -> None:
     """Append what the results file does not have yet."""
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    done = {one.number for one in read(options.out)} if options.out.exists() else set()
+    options.out.touch()
+    written = options.out.read_bytes()
+    options.out.write_bytes(written[: written.rfind(b"\n") + 1])  # without a line that was interrupted
+    done = {one.number for one in read(options.out)}
     left = [n for n in wanted(range(options.scans), options.only, options.seed) if n not in done]
     with (
         options.out.open("a") as file,

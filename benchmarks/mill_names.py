@@ -18,7 +18,7 @@ CAUSES: Mapping[str, str] = {
     "slip": r"phantom moved|slip|angles jump",
     "wobble": r"wobbl",
     "creep": r"creep",
-    "encoder": r"ahead and behind|encoder",
+    "encoder": r"ahead and behind",
     "angle jitter": r"jitter|angles scatter|uneven angles",
     "pace": r"times as far|run away|\bpace\b",
     "aspect": r"aspect|shear|longer in|\bwet\b|not square",
@@ -66,8 +66,8 @@ MOST_CAUSES = 3
 
 
 def causes(sentences: Iterable[str]) -> frozenset[str]:
-    """What the sentences name."""
-    findings = [sentence for sentence in sentences if not re.search(NO_FINDING, sentence)]
+    """What the sentences name, each up to its remedy."""
+    findings = [re.split(r"[;:]", one)[0] for one in sentences if not re.search(NO_FINDING, one)]
     return frozenset(name for name, said in CAUSES.items() if any(re.search(said, one) for one in findings))
 
 

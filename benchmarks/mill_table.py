@@ -86,7 +86,7 @@ class Outcome:
 
 def read(path: Path) -> list[Outcome]:
     """The results so far, the first of each scan."""
-    lines = [json.loads(line) for line in path.read_text().splitlines() if line.endswith("}")]
+    lines = [json.loads(line) for line in path.read_text().split("\n")[:-1]]
     return [Outcome.of(line) for line in {line["number"]: line for line in reversed(lines)}.values()]
 
 
