@@ -113,12 +113,26 @@ def test_fbp_reports_a_geometry_that_is_far_off_once(log, reconstruct, theta, vi
 
 
 def test_auto_chooses_by_the_views_and_gives_the_reason(log, reconstruct):
-    dense, _ = reconstruct(log(views=360), method="auto")
+    fast, _ = reconstruct(log(views=180), method="auto", prefer="speed")
     sparse, _ = reconstruct(log(views=20), method="auto")
-    assert (dense.method.name, sparse.method.name != "fbp") == ("fbp", True)
-    assert "360 views" in dense.method.reason
-    assert "20 views" in sparse.method.reason
-    assert reconstruct(log(views=20), method="fbp")[0].method.reason is None
+    assert (fast.method.name, sparse.method.name) == ("fbp", "total_variation")
+    assert "fbp from 180 views" in fast.method.reason
+    assert "total_variation from 20 views" in sparse.method.reason
+    plain, _ = reconstruct(log(views=20), method="fbp")
+    assert (plain.method.reason, plain.method.expected_error) == (None, None)
+
+
+def test_auto_leaves_views_out_where_all_of_them_cost_too_much(log, reconstruct):
+    given = log(views=720)
+    result, volume = reconstruct(given, method="auto")
+    step = result.method.view_step
+    assert result.method.name == "total_variation"
+    assert step > 1
+    assert result.views == -(-720 // step)
+    assert f"{result.views} of the 720 views" in result.method.reason
+    thin = replace(given, angles_rad=given.angles_rad[::step], read=lambda a, b: given.read(a, b)[::step])
+    _, expected = reconstruct(thin, method="total_variation")
+    np.testing.assert_array_equal(volume, expected)
 
 
 def test_a_background_is_taken_out_before_slices_are_fitted_to_the_data(log, reconstruct):
@@ -277,6 +291,7 @@ def test_the_curve_that_alpha_was_chosen_from_is_kept(log, reconstruct, tmp_path
         ({"method": "tikhonov", "filter": "ram-lak"}, "filter belongs to method auto or fbp, not tikhonov"),
         ({"method": "tikhonov", "alpha": 1.0, "alpha_rule": "gcv"}, "alpha_rule has nothing to choose"),
         ({"method": "tikhonov", "uncertainty": True}, "uncertainty belongs to method cauchy_map, not tikhonov"),
+        ({"method": "fbp", "prefer": "speed"}, "prefer belongs to method auto, not fbp"),
         ({"non_negative": False}, "non_negative belongs to method cauchy_map or total_variation, not fbp"),
         ({"method": "cauchy_map", "preset": "paper", "beta": 0.1}, "preset brings its own sigma and beta"),
         ({"method": "cauchy_map", "sigma": -1.0}, "greater than 0"),

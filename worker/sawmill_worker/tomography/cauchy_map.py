@@ -53,6 +53,8 @@ ITERATIONS = 400
 TOLERANCE = 2e-5
 # Iterations after which most logs have converged (benchmarks/iterative.py).
 USUAL_ITERATIONS = 40
+# Projections forward and back with the continuation (docs/performance.md#the-cauchy-map).
+USUAL_PAIRS = 105.0
 # The cost of choosing sigma and beta, in iterations on one slice, and the shares of its parts: the weight of total
 # variation, the reference image, the candidates and the validation. Measured on 256 x 256 pixels from 20 views
 # (benchmarks/choosing.py).
@@ -324,6 +326,7 @@ class CauchyMap(FittedMethod):
     """`cauchy_map` as a method of the table."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
+    pairs_a_slice: ClassVar[float] = USUAL_PAIRS
     choosing_cost_slices: ClassVar[float] = 16.0
     leaves_out: ClassVar[bool] = True
 

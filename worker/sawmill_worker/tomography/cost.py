@@ -1,4 +1,4 @@
-"""The cost of a reconstruction by filtered back-projection, in seconds and memory, before it starts."""
+"""The cost of a reconstruction, in seconds and memory, before it starts."""
 
 # Slices in one vector of the kernels.
 LANES = 16
@@ -12,6 +12,10 @@ SECONDS_A_STACK = 0.05
 SECONDS_A_CELL = 8e-9
 SECONDS_AN_UPDATE = 6.0e-11
 SECONDS_A_PIXEL = 2.0e-8
+# Of a forward and an adjoint projection of one of 16 slices, for each ray and each pixel across, and of a descent's own
+# step for each pixel, on two cores (docs/performance.md#the-projector; `benchmarks/iterative.py`).
+SECONDS_A_CROSSING = 1.14e-10
+SECONDS_A_STEP_PIXEL = 8.0e-9
 
 
 def seconds(views: int, cells: int, size: int, slices: int) -> float:
@@ -25,6 +29,24 @@ def seconds(views: int, cells: int, size: int, slices: int) -> float:
     pixels = size * size
     a_slice = SECONDS_A_CELL * views * cells + SECONDS_AN_UPDATE * views * pixels + SECONDS_A_PIXEL * pixels
     return SECONDS_A_STACK + slices * a_slice
+
+
+def seconds_a_slice(views: int, cells: int, size: int) -> float:
+    """Seconds for each further slice by filtered back-projection."""
+    return seconds(views, cells, size, 1) - SECONDS_A_STACK
+
+
+def fitted_seconds_a_slice(pairs: float, views: int, cells: int, size: int) -> float:
+    """Seconds for a slice of a block by a method that fits the data, its parameters being chosen.
+
+    Parameters
+    ----------
+    pairs : float
+        Forward and adjoint projections that a slice takes.
+    views, cells, size : int
+        Of the sinogram, and of each side of the grid that holds the log.
+    """
+    return pairs * (SECONDS_A_CROSSING * views * cells * size + SECONDS_A_STEP_PIXEL * size * size)
 
 
 def seconds_left(elapsed: float, done: float, slices: int) -> float:

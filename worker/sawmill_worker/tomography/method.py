@@ -48,6 +48,8 @@ class FittedMethod(ABC):
     ----------
     least_images : int
         Images of float32 that are in memory at once for a single slice.
+    pairs_a_slice : float
+        Forward and adjoint projections that a slice takes, its parameters being chosen.
     choosing_cost_slices : float
         The cost of `chosen` relative to a slice of a block.
     leaves_out : bool
@@ -55,6 +57,7 @@ class FittedMethod(ABC):
     """
 
     least_images: ClassVar[int]
+    pairs_a_slice: ClassVar[float]
     choosing_cost_slices: ClassVar[float] = 0.0
     leaves_out: ClassVar[bool] = False
 

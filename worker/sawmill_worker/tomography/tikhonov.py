@@ -292,6 +292,8 @@ class Tikhonov(FittedMethod):
     """`tikhonov` as a method of the table."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
+    # Slices go one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
+    pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + PROBE_STEPS)
 
     alpha: float | None = None
     alpha_rule: AlphaRule = AlphaRule.DISCREPANCY

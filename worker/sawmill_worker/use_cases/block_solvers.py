@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionOptions
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.air import find_air
+from sawmill_worker.tomography.choosing import Recommendation
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, DirectMethod, FittedMethod, Method
@@ -126,20 +127,20 @@ def method_of(name: ReconstructionMethod, options: ReconstructionOptions) -> Met
     return kind(**{option.name: getattr(options, option.name) for option in fields(kind)})
 
 
-def solver_of(name: ReconstructionMethod, task: LogTask, reason: str | None) -> BlockSolver:
+def solver_of(name: ReconstructionMethod, task: LogTask, recommended: Recommendation | None) -> BlockSolver:
     """The solver of a method.
 
     Parameters
     ----------
-    reason : str or None
-        Why `auto` chose the method.
+    recommended : Recommendation or None
+        What `auto` chose the method by.
 
     Raises
     ------
     sawmill_worker.use_cases.failures.JobFailure
         One slice does not fit into the memory, or the slice to choose parameters from is empty.
     """
-    method, findings = method_of(name, task.options), MethodFindings(name, reason)
+    method, findings = method_of(name, task.options), MethodFindings(name, recommended)
     if isinstance(method, DirectMethod):
         return _DirectSolver(method, task, findings)
     return _FittedSolver(name, method, task, findings)

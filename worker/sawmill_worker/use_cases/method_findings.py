@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.reconstructions import MetalReport, MethodReport
+from sawmill_worker.tomography.choosing import Recommendation
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.vocabulary import ReconstructionMethod
 
@@ -11,8 +12,8 @@ from sawmill_worker.vocabulary import ReconstructionMethod
 class MethodFindings:
     """Gathers the findings of each block for the method's report."""
 
-    def __init__(self, method: ReconstructionMethod, reason: str | None) -> None:
-        self._method, self._reason = method, reason
+    def __init__(self, method: ReconstructionMethod, recommended: Recommendation | None) -> None:
+        self._method, self._recommended = method, recommended
         self._noise: list[float] = []
         self._misfit: list[float] = []
         self._parameters: dict[str, list[float]] = {}
@@ -47,9 +48,12 @@ class MethodFindings:
 
     def report(self, metal: MetalReport | None = None) -> MethodReport:
         """Medians over the slices, the worst misfit, and the metal that was found."""
+        chosen = self._recommended
         return MethodReport(
             name=self._method,
-            reason=self._reason,
+            reason=None if chosen is None else chosen.reason,
+            expected_error=None if chosen is None else chosen.expected_error,
+            view_step=1 if chosen is None else chosen.view_step,
             noise=float(np.median(self._noise)) if self._noise else 0.0,
             data_misfit=float(np.median(self._misfit)) if self._misfit else None,
             worst_data_misfit=max(self._misfit) if self._misfit else None,

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.choosing import recommend
+from sawmill_worker.tomography.choosing import Recommendation, recommend, views_of_step
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.method import DirectMethod
@@ -114,7 +114,7 @@ def run_reconstruction(
         given.preparation,
         given.row_step,
     )
-    views = given.angles_rad.size
+    views = run.views
     with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
 
         def write(start: int, block: Slices) -> None:
@@ -164,13 +164,23 @@ class _Run:
     def elapsed_s(self) -> float:
         return time.perf_counter() - self._started
 
+    @property
+    def views(self) -> int:
+        """The views that are used."""
+        return int(self._given.angles_rad.size)
+
     def solver(self) -> BlockSolver:
         """The method that was asked for, or that `auto` chooses from the middle slice."""
-        given, middle = self._given, self.slices // 2
-        rows = given.read(middle, middle + 1)
-        sample = np.ascontiguousarray(filled(rows, given.angles_rad)[:, 0])
-        name, reason = _method(self._options, self._projector, sample)
-        method = method_of(name, self._options)
+        middle = self.slices // 2
+        rows = self._given.read(middle, middle + 1)
+        sample = np.ascontiguousarray(filled(rows, self._given.angles_rad)[:, 0])
+        radius_mm = _radius_mm(self._given.read, self._projector.geometry, self.slices)
+        name, recommended = self._options.method, None
+        if name is ReconstructionMethod.AUTO:
+            recommended = self._recommended(sample, radius_mm)
+            name = recommended.method
+            sample = self._thin_out(recommended.view_step, sample)
+        given, method = self._given, method_of(name, self._options)
         self._reporting.predict(
             method.seconds(self._projector, self.slices) if isinstance(method, DirectMethod) else None
         )
@@ -178,14 +188,31 @@ class _Run:
             options=self._options,
             projector=self._projector,
             sample=sample,
-            radius_mm=_radius_mm(given.read, self._projector.geometry, self.slices),
+            radius_mm=radius_mm,
             slices=self.slices,
             middle_row=given.rows[0] + middle * given.row_step,
             counts=given.counts,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
         )
-        return solver_of(name, task, reason)
+        return solver_of(name, task, recommended)
+
+    def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
+        projector, options = self._projector, self._options
+        full, _ = projector.grid.around(radius_mm)
+        return recommend(projector.geometry, sample, projector.grid, fitted_size=full.size, prefer=options.prefer)
+
+    def _thin_out(self, step: int, sample: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Go on with every step-th view; the sample with these views."""
+        if step == 1:
+            return sample
+        used, given = views_of_step(self._given.angles_rad, step), self._given
+        geometry = self._projector.geometry
+        self._projector = Projector(geometry.with_angles(geometry.angles_rad[used]), self._projector.grid)
+        self._given = replace(
+            given, angles_rad=given.angles_rad[used], read=lambda start, stop: given.read(start, stop)[used]
+        )
+        return sample[used]
 
     def reconstruct(self, solver: BlockSolver, write: Callable[[int, Slices], None]) -> ReconstructionResult:
         """All blocks; `write` takes the number of a block's first slice and the block."""
@@ -212,7 +239,7 @@ class _Run:
             theta=given.theta,
             rotation=given.rotation,
             handedness=given.handedness,
-            views=int(given.angles_rad.size),
+            views=self.views,
             fewest_views=min(fewest),
             rows=given.rows,
             row_step=given.row_step,
@@ -223,16 +250,6 @@ class _Run:
             method=solver.report(),
             has_deviation=options.uncertainty,
         )
-
-
-def _method(
-    options: ReconstructionOptions, projector: Projector, sample: NDArray[np.float32]
-) -> tuple[ReconstructionMethod, str | None]:
-    """The method asked for; or the one that `auto` recommends for a sinogram of the scan, and why."""
-    if options.method is not ReconstructionMethod.AUTO:
-        return options.method, None
-    recommended = recommend(projector.geometry, sample)
-    return recommended.method, recommended.reason
 
 
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:

@@ -135,6 +135,16 @@ class MetalHandling(StrEnum):
     NONE = "none"
 
 
+class Preference(StrEnum):
+    """What `auto` goes by.
+
+    quality: the lowest expected error within a price in time. speed: filtered back-projection wherever views suffice.
+    """
+
+    QUALITY = "quality"
+    SPEED = "speed"
+
+
 class FilterName(StrEnum):
     """Window on the ramp."""
 

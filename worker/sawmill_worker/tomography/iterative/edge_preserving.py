@@ -1,7 +1,7 @@
 """The skeleton of the methods with an edge-preserving prior: choose, continuation, descent.
 
 The parameters are chosen from the middle slice where they are not given. Continuation in the prior's scale leads to a
-first image. The descent runs on the support region, and then on the full grid.
+first image where the objective has many minima. The descent runs on the support region, and then on the full grid.
 """
 
 from collections.abc import Callable, Mapping
@@ -115,6 +115,8 @@ class EdgePreservingMethod(Generic[ChoiceT]):
         In iterations on one slice.
     usual_iterations : int
         Iterations after which most logs have converged.
+    convex : bool
+        Whether the objective has one minimum, so that continuation only costs time.
     as_published : bool
         No continuation and no preconditioner: the published iterations end long before convergence, and where they end
         is the method.
@@ -124,6 +126,7 @@ class EdgePreservingMethod(Generic[ChoiceT]):
     settings: Callable[[Problem, ChoiceT | None], Settings]
     choosing_cost: float
     usual_iterations: int
+    convex: bool = False
     as_published: bool = False
 
 
@@ -150,7 +153,7 @@ def reconstruct_with_prior(
     lines, noises, non_negative = problem.lines, problem.noises, problem.non_negative
     # The choice of a single slice comes with an image that is nearer than continuation leads.
     has_near_image = method.choose is not None and len(lines) == 1
-    continued = not (has_near_image or method.as_published)
+    continued = not (has_near_image or method.convex or method.as_published)
     block_cost = cost_of_images(len(lines))
     phases = Phases(
         on_progress,

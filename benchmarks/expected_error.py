@@ -1,0 +1,125 @@
+"""What error each reconstruction method leaves, by views and noise: the table that `auto` chooses by.
+
+Simulated logs of three kinds (thin bright rings, broad zones, smooth rings; choosing.py), analytic data averaged over
+the detector's cells, three cells a pixel, the published scanner's theta, equal steps all round. Each method chooses
+its own parameters. The figure is the relative error, its geometric mean over the logs. Prints a row for each method,
+number of views and noise, and at the end the table as `EXPECTED_ERRORS` of
+worker/sawmill_worker/tomography/choosing.py has it. With --published the same methods reconstruct the published log
+(256 x 256, 2 % noise; see SAWMILL_PUBLISHED_DATA) beside what the table expects.
+
+    python benchmarks/expected_error.py [--logs 4] [--size 128] [--methods fbp,...] [--views 20 45] [--published]
+"""
+
+import argparse
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from choosing import smooth_log, zoned_log
+from scanners import SCANNER
+from scans import ANGLES, GRID, TRUE_THETA, log_sinogram, log_truth
+
+from sawmill_worker.tomography.cauchy_map import cauchy_map
+from sawmill_worker.tomography.choosing import NOISES, VIEWS, comparable_noise, expected_error, noise_share
+from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.fbp import fbp
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.tikhonov import tikhonov
+from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.vocabulary import ReconstructionMethod
+
+FIELD_MM, DETECTOR_MM = GRID.field_mm, SCANNER.num_detector_pixels * SCANNER.detector_pitch_mm
+CELLS_A_PIXEL = 3
+METHODS: Mapping[ReconstructionMethod, Callable[..., Estimate]] = {
+    ReconstructionMethod.FBP: fbp,
+    ReconstructionMethod.TIKHONOV: tikhonov,
+    ReconstructionMethod.TOTAL_VARIATION: total_variation,
+    ReconstructionMethod.CAUCHY_MAP: cauchy_map,
+}
+# Of the logs and their noise.
+SEED = 9600
+
+
+def simulated_log(index: int) -> Phantom:
+    """Thin rings, broad zones, smooth rings, thin rings, ..."""
+    rng = np.random.default_rng(SEED + index)
+    if index % 3 == 1:
+        return zoned_log(rng)
+    if index % 3 == 2:
+        return smooth_log(rng)
+    return LogModel.random(SEED + index, radius_mm=float(rng.uniform(100.0, 165.0))).slice_at(180.0)
+
+
+def error(method: ReconstructionMethod, index: int, views: int, noise: float, size: int) -> float:
+    """Relative error of one log's image."""
+    cells = CELLS_A_PIXEL * size
+    scanner = Scanner(SCANNER.source_to_cor_mm, cells, DETECTOR_MM / cells)
+    geometry = FanBeamGeometry(scanner, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
+    log = simulated_log(index)
+    sinogram = simulate_sinogram(log, geometry, noise=noise, seed=SEED + index)
+    found = METHODS[method](Projector(geometry, ImageGrid(size, FIELD_MM)), sinogram)
+    return relative_error(found.image, log.rasterise(size, FIELD_MM))
+
+
+def measure(methods: Sequence[ReconstructionMethod], all_views: Sequence[int], logs: int, size: int) -> None:
+    """Print each row as it is measured, and the table."""
+    table: dict[ReconstructionMethod, list[list[float]]] = {}
+    for method in methods:
+        for views in all_views:
+            row = []
+            for noise in NOISES:
+                started = time.perf_counter()
+                errors = [error(method, index, views, noise, size) for index in range(logs)]
+                row.append(round(float(np.exp(np.mean(np.log(errors)))), 4))
+                each = " ".join(f"{one:.4f}" for one in errors)
+                print(f"{method:16s}{views:4d} views {noise:.3f}: {row[-1]:.4f}  ({each})", end="  ")
+                print(f"{time.perf_counter() - started:.1f} s", flush=True)
+            table.setdefault(method, []).append(row)
+    for method, rows in table.items():
+        print(f"    ReconstructionMethod.{method.name}: (")
+        for row in rows:
+            print(f"        ({', '.join(f'{value:g}' for value in row)}),")
+        print("    ),")
+
+
+def check_published(methods: Sequence[ReconstructionMethod], all_views: Sequence[int]) -> None:
+    """The published log beside what the table expects of it."""
+    truth = log_truth("published")
+    for views in all_views:
+        step = 360 // views
+        geometry, lines = FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[::step]), log_sinogram("published")[::step]
+        noise = comparable_noise(geometry, GRID, noise_share(lines))
+        for method in methods:
+            image = METHODS[method](Projector(geometry, GRID), lines).image
+            print(
+                f"published log, {views:3d} views, {method:16s}: relative error {relative_error(image, truth):.4f}, "
+                f"expected {expected_error(method, views, noise):.4f}, "
+                f"SSIM {structural_similarity_index(image, truth):.3f}",
+                flush=True,
+            )
+
+
+def main() -> None:
+    """Print the table, or the check."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--logs", type=int, default=4)
+    parser.add_argument("--size", type=int, default=128)
+    parser.add_argument("--methods", type=lambda text: [ReconstructionMethod(name) for name in text.split(",")])
+    parser.add_argument("--views", type=int, nargs="+", default=VIEWS)
+    parser.add_argument("--published", action="store_true")
+    options = parser.parse_args()
+    methods = options.methods or list(METHODS)
+    if options.published:
+        check_published(methods, options.views)
+    else:
+        measure(methods, options.views, options.logs, options.size)
+
+
+if __name__ == "__main__":
+    main()
