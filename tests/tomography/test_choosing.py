@@ -86,11 +86,11 @@ def test_expected_errors_are_those_measured_and_lie_between_them():
         assert rows[0][1] < expected_error(method, 20, 0.03) < rows[0][2]
 
 
-@pytest.mark.parametrize("views", [45, 180])
 def test_on_the_published_log_the_choice_beats_filtered_back_projection(
-    scanner, theta, full_turn, log_sinogram, log_truth, views
+    scanner, theta, full_turn, log_sinogram, log_truth
 ):
-    """At half the pixels and cells total variation leaves about 0.6 of the error from 180 views, and less from 45."""
+    """At half the pixels and cells total variation leaves half of the error from 90 views."""
+    views = 90
     geometry = FanBeamGeometry(
         Scanner(scanner.source_to_cor_mm, 384, 2.0 * scanner.detector_pitch_mm), theta, full_turn(360)[:: 360 // views]
     )
@@ -102,7 +102,7 @@ def test_on_the_published_log_the_choice_beats_filtered_back_projection(
     projector = Projector(geometry.with_angles(geometry.angles_rad[used]), grid)
     assert chosen.method is ReconstructionMethod.TOTAL_VARIATION
     direct = relative_error(fbp(Projector(geometry, grid), lines).image, truth)
-    assert relative_error(total_variation(projector, lines[used]).image, truth) < 0.75 * direct
+    assert relative_error(total_variation(projector, lines[used]).image, truth) < 0.65 * direct
 
 
 def test_noise_is_estimated_with_and_without_air():

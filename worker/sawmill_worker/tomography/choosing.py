@@ -15,7 +15,7 @@ from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.noise import estimated_noise
 from sawmill_worker.vocabulary import Preference, ReconstructionMethod
 
-# What `quality` may cost, on two cores: seconds for a slice of so many pixels across; more pixels may cost more.
+# What `quality` may cost on two cores: seconds for a slice of this size; more pixels may cost more.
 PRICE_SECONDS, PRICE_SIZE = 0.1, 256
 # From here `speed` takes filtered back-projection.
 SPEED_VIEWS = 90
@@ -198,4 +198,4 @@ def _words(one: _Candidate, geometry: FanBeamGeometry) -> str:
 
 
 def _milliseconds(seconds: float) -> str:
-    return f"{1e3 * seconds:.2g} ms"
+    return f"{float(f'{1e3 * seconds:.2g}'):g} ms"
