@@ -145,6 +145,17 @@ def test_only_a_pass_activates_itself(store, scanner, ready_scan, finish, verdic
     assert (store.scanners.get(scanner.id).active_calibration_id == asked.id) is active
 
 
+@pytest.mark.parametrize(
+    ("rays", "active"),
+    [("pass", True), ("watch", False), (None, False)],
+)
+def test_an_uncertain_scale_blurs_nothing_and_the_rays_alone_decide(store, scanner, ready_scan, finish, rays, active):
+    """None: an attempt of an earlier version, which has the verdict alone."""
+    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+    finish(store, verdict="watch", rays_verdict=rays)
+    assert (store.scanners.get(scanner.id).active_calibration_id == asked.id) is active
+
+
 def test_a_technician_may_go_back_to_an_older_calibration(store, scanner, ready_scan, finish):
     calibrations = []
     for _ in range(2):

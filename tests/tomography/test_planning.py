@@ -103,8 +103,11 @@ def test_a_larger_tolerance_costs_scale_and_nothing_else(fan):
     rough = Phantom("rough", L_SHAPE.shapes, size_tolerance=0.01)
     fine, coarse = (plan(fan(20), phantom, noise=NOISE) for phantom in (L_SHAPE, rough))
     assert coarse.scale.source_distance_mm == pytest.approx(0.01 * fan(20).frame.source_distance_mm)
-    assert coarse.scale.ray_error_mm == pytest.approx(10.0 * fine.scale.ray_error_mm, rel=0.02)
+    assert coarse.scale.ray_error_mm == pytest.approx(0.01 / 0.0015 * fine.scale.ray_error_mm, rel=0.02)
     assert np.array_equal(fine.covariance, coarse.covariance)
+    # 1.96 times 1 %, and the noise of R/SDD beside it.
+    assert coarse.scale.percent_95 == pytest.approx(1.96, rel=0.02)
+    assert fine.scale.percent_95 > 1.96 * 0.15
 
 
 @pytest.mark.parametrize(

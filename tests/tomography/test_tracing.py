@@ -8,6 +8,7 @@ from PIL import Image
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
 from sawmill_worker.tomography.tracing import trace
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE
 
 FIELD = 400.0
 DISC = Phantom("disc", (Disc((13.0, -21.0), 70.0),))
@@ -115,7 +116,7 @@ def test_a_traced_size_is_as_uncertain_as_its_pixels():
     coarse, fine = (trace(L_SHAPE.rasterise(size, 400.0, subsamples=1), 400.0, name="l") for size in (160, 1600))
     # 2.5 mm over sqrt(6), of an L of 200 by 301 mm.
     assert coarse.size_tolerance == pytest.approx(2.5 / math.sqrt(6.0) / 250.5, rel=0.02)
-    assert fine.size_tolerance == 0.001
+    assert fine.size_tolerance == STANDARD_SIZE_TOLERANCE
 
 
 def test_specks_are_left_out():

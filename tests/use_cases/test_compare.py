@@ -81,7 +81,7 @@ def test_the_scanners_tolerance_decides(calibration, watched, theta):
 
 
 def resized(calibration, percent: float, deviation_mm: float):
-    """A calibration and the same with a phantom larger by this, R known to so many mm in either."""
+    """A calibration and the same with a phantom larger by this, R known to this number of mm in either."""
     known = calibration(covariance=np.diag([1e-6, deviation_mm**2, 1e-2, 1e-4, 1e-8]).tolist())
     frame = known.source_frame
     larger = replace(frame, source_distance_mm=frame.source_distance_mm * (1.0 + percent / 100.0))

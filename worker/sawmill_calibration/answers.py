@@ -94,6 +94,11 @@ class Calibration:
         return self.result.predicted_ray_error_mm
 
     @property
+    def scale_uncertainty_percent(self) -> float | None:
+        """The image's millimetres are right to this with 95 %; None from an answer of an earlier version."""
+        return self.result.scale_uncertainty_percent
+
+    @property
     def covariance(self) -> FloatArray | None:
         """(5, 5) of (psi, R, SDD, u_c, tau) in rad and mm; None without error bars."""
         return None if self.result.covariance is None else np.array(self.result.covariance)
@@ -238,6 +243,7 @@ def calibrate(
     phantom: Phantom | str | Path,
     *,
     tolerance_mm: float = 0.1,
+    scale_tolerance_percent: float = 0.5,
     log_radius_mm: float = 150.0,
     on_progress: ProgressCallback = unreported,
     **options: object,
@@ -249,11 +255,13 @@ def calibrate(
     phantom : Phantom, or the name of a built-in one, or the path of a drawing in JSON
     tolerance_mm : float
         The calibration passes where its predicted ray error is below this with 95 %.
+    scale_tolerance_percent : float
+        And where the image's millimetres are right to this with 95 %.
     log_radius_mm : float
         Of the disc in which ray errors are counted.
     **options
         As docs/http.md lists them for a calibration: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
-        `without`, `rays_per_cell`, `paper`.
+        `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.
 
     Raises
     ------
@@ -273,6 +281,7 @@ def calibrate(
         input_sha256=scan.sha256,
         log_radius_mm=log_radius_mm,
         tolerance_mm=tolerance_mm,
+        scale_tolerance_percent=scale_tolerance_percent,
         from_counts=scan.from_counts,
         views=mean.views,
     )

@@ -69,6 +69,7 @@ def calibrate(
     phantom: shared.PhantomText,
     options: Annotated[CalibrationOptions, Flags(rows=shared.ROWS)],
     phantom_width_mm: shared.PhantomWidth = None,
+    tolerance_scale_percent: Annotated[float, option(Tolerances, "scale_percent")] = 0.5,
     report: Annotated[Path | None, shared.picture("Write a report picture.")] = None,
     as_json: shared.JsonFlag = False,
 ) -> None:
@@ -82,7 +83,13 @@ def calibrate(
         from sawmill_worker.commands.calibrate import calibrate_scan
 
         result = calibrate_scan(
-            source, drawn, options, source_to_cor_mm=source_to_cor_mm, picture=report, on_progress=progress
+            source,
+            drawn,
+            options,
+            source_to_cor_mm=source_to_cor_mm,
+            scale_tolerance_percent=tolerance_scale_percent,
+            picture=report,
+            on_progress=progress,
         )
     if as_json:
         print_json(CalibrationFile.of(result).model_dump(mode="json"))
@@ -306,13 +313,17 @@ def plan(
     ] = None,
     noise: Annotated[float, option(PlanOptions, "noise")] = 0.02,
     log_radius_mm: Annotated[float, option(ScannerSpec, "log_radius_mm")] = 150.0,
+    size_tolerance_percent: Annotated[float | None, option(PlanOptions, "size_tolerance_percent")] = None,
     phantom_width_mm: shared.PhantomWidth = None,
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Predict how well phantoms will calibrate a scanner, before they are made."""
     drawn = [shared.PhantomSource(text, phantom_width_mm) for text in phantoms]
     with wrong_use():
-        options = [PlanOptions(views=count, noise=noise) for count in views or (20, 360)]
+        options = [
+            PlanOptions(views=count, noise=noise, size_tolerance_percent=size_tolerance_percent)
+            for count in views or (20, 360)
+        ]
     with answering(as_json=as_json):
         from sawmill_worker.commands.phantom import plan_phantoms
 

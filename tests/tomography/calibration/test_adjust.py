@@ -141,8 +141,9 @@ def test_a_fault_is_found_reported_and_mended_unless_its_remedy_is_switched_off(
         return  # without its remedy the phantom is not even found
     assert plain > 4.0 * error
     assert not any(reported in sentence for sentence in left_alone.adjustments)
-    # What is not mended is not passed over either.
-    assert left_alone.judgement.verdict != "pass"
+    # What is not mended is not passed over: it is named, and where the answer passes nevertheless, the pass is right.
+    assert left_alone.judgement.reasons
+    assert left_alone.judgement.verdict != "pass" or plain < left_alone.task.tolerance_mm
 
 
 def test_blur_widens_the_residual_and_its_model_brings_noise_back(clean, angles):

@@ -18,6 +18,7 @@ def calibrate_scan(
     options: CalibrationOptions,
     *,
     source_to_cor_mm: float,
+    scale_tolerance_percent: float,
     picture: Path | None,
     on_progress: ProgressCallback,
 ) -> CalibrationResult:
@@ -34,6 +35,7 @@ def calibrate_scan(
         bounds=None,
         drawing=drawing,
         input_sha256=used.sha256,
+        scale_tolerance_percent=scale_tolerance_percent,
         from_counts=used.counts,
         views=mean.views,
     )

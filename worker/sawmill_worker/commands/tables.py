@@ -88,16 +88,17 @@ def print_plans(plans: list[PlanResult]) -> None:
     table = Table(
         title=f"Standard deviations, noise {plans[0].noise:.3g} of the sinogram's RMS",
         caption="rays: RMS inside the log, and what 95 of 100 calibrations stay below; "
-        "size: RMS from the phantom's size tolerance, beside it",
+        "scale: of the image's millimetres, 95 %, from the phantom's size tolerance and the noise",
         box=box.SIMPLE,
         padding=(0, 1, 0, 0),
     )
-    for column in ("phantom", "views", "R mm", "COR mm", "tilt °", "psi °", "rays mm", "95 % mm", "size mm"):
+    for column in ("phantom", "views", "R mm", "COR mm", "tilt °", "psi °", "rays mm", "95 % mm", "scale %"):
         table.add_column(column, justify="left" if column == "phantom" else "right")
     for each in plans:
         spread, predicted = each.standard_deviation.source_frame, each.predicted_ray_error_mm
         lengths = (spread.source_distance_mm, spread.cor_column_mm)
         angles = (math.degrees(value or 0.0) for value in (spread.tilt_rad, spread.psi_rad))
-        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, each.scale_ray_error_mm)
+        scale = each.scale_uncertainty_percent or 0.0
+        numbers = (*lengths, *angles, predicted.rms, predicted.upper_95, scale)
         table.add_row(escape(each.phantom), str(each.views), *(f"{value:.2g}" for value in numbers))
     Console().print(table)

@@ -16,7 +16,9 @@ from sawmill_worker.contracts.geometry import (
 )
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
+from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import (
+    STANDARD_SIZE_TOLERANCE,
     Adjustment,
     CalibrationMethod,
     CalibrationStatus,
@@ -26,6 +28,7 @@ from sawmill_worker.vocabulary import (
     PaperStop,
     Rotation,
     Theta,
+    TrueAxis,
     Verdict,
     Weighting,
 )
@@ -75,6 +78,16 @@ class CalibrationOptions(Contract):
     without: list[Adjustment] = Field(
         [], max_length=len(Adjustment), description="Corrections of a scan with faults that are left out."
     )
+    size_tolerance_percent: SizeTolerancePercent | None = Field(
+        None,
+        description="Relative standard uncertainty of the phantom's size, in per cent. By default that of its drawing, "
+        f"{100 * STANDARD_SIZE_TOLERANCE:g} where nobody stated one.",
+    )
+    true_axis: TrueAxis | None = Field(
+        None,
+        description="Axis of the drawing along which the phantom's size is right. By default the drawing's, else "
+        "neither: half the difference between the two is then added to the scale's uncertainty.",
+    )
     paper: PaperOptions = PaperOptions()
 
 
@@ -86,7 +99,9 @@ class CalibrationAsk(CalibrationOptions):
         None, description="Null: the phantom that the scan names.", examples=["l-shape"]
     )
     activate: bool = Field(
-        default=False, description="Make it the scanner's active calibration if its verdict is pass."
+        default=False,
+        description="Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs "
+        "nothing and does not stop it.",
     )
 
 
@@ -195,6 +210,12 @@ class CalibrationResult(Contract):
     scale_ray_error_mm: float = Field(
         description="What the rays inherit from the phantom's size tolerance (RMS, systematic); no residual shows it."
     )
+    scale_uncertainty_percent: float | None = Field(
+        None,
+        description="The image's millimetres are right to this with 95 %: 1.96 times the standard uncertainties of the "
+        "phantom's size, of R/SDD and of what the residual shows, in quadrature, and half the phantom's aspect. "
+        "Null: an answer of an earlier version.",
+    )
     predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")
     handedness: Handedness
     rotation: Rotation
@@ -210,8 +231,14 @@ class CalibrationResult(Contract):
         "Null: an answer of an earlier version, which did not report it.",
     )
     verdict: Verdict = Field(
-        description="pass: the predicted ray error's upper_95 is within the scanner's tolerance, and nothing speaks "
-        "against the answer. watch: only its RMS is, or a reason asks for a look. fail: neither."
+        description="pass: the predicted ray error's upper_95 and scale_uncertainty_percent are within the scanner's "
+        "tolerances, and nothing speaks against the answer. watch: only the ray error's RMS is, or the scale is not, "
+        "or a reason asks for a look. fail: not even the RMS is, or the fit did not converge."
+    )
+    rays_verdict: Verdict | None = Field(
+        None,
+        description="The verdict on the rays alone, whether they are right among themselves up to a common scale. "
+        "Null: an answer of an earlier version.",
     )
     reasons: list[str]
     scanner: ScannerConstants

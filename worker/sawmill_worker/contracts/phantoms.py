@@ -8,7 +8,7 @@ from pydantic import Field, field_validator
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape, TrueAxis
 
 # The smallest body that can be drawn, and the largest density against wood's.
 SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2, LARGEST_DENSITY = 0.1, 0.01, 1000.0
@@ -21,6 +21,7 @@ DrawnShape = Annotated[Shape, Field(discriminator="kind")]
 
 
 SizeTolerance = Annotated[float, Field(ge=0, lt=0.1)]
+SizeTolerancePercent = Annotated[float, Field(ge=0, lt=10)]
 
 
 class PhantomDrawing(Contract):
@@ -31,6 +32,9 @@ class PhantomDrawing(Contract):
     size_tolerance: SizeTolerance = Field(
         STANDARD_SIZE_TOLERANCE,
         description="Relative standard uncertainty of the stated size; the scanner's scale inherits it.",
+    )
+    true_axis: TrueAxis | None = Field(
+        None, description="Axis along which the size is right, where the phantom may differ along the other."
     )
 
 

@@ -9,6 +9,7 @@ from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDev
 from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import Theta
 
 
@@ -18,6 +19,9 @@ class PlanOptions(Contract):
     views: Annotated[int, Field(ge=3, le=3600)] = Field(360, description="Equidistant, over a full turn.")
     noise: Annotated[float, Field(gt=0, le=1)] = Field(
         0.02, description="Standard deviation of the noise against the RMS of the phantom's sinogram."
+    )
+    size_tolerance_percent: SizeTolerancePercent | None = Field(
+        None, description="Relative standard uncertainty of the phantom's size, in per cent. By default its drawing's."
     )
 
 
@@ -48,6 +52,11 @@ class PlanResult(Contract):
     predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")
     scale_uncertainty_mm: float = Field(description="What R inherits from the phantom's size tolerance beside it.")
     scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.")
+    scale_uncertainty_percent: float | None = Field(
+        None,
+        description="The image's millimetres will be right to this with 95 %: from the size tolerance and the noise of "
+        "R/SDD. Null: a plan of an earlier version.",
+    )
     noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.")
     views_cut_off: int = Field(description="Views whose shadow reaches an end of the detector; 0 is right.")
     phantom: str

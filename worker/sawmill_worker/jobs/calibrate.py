@@ -110,6 +110,7 @@ def _load(
         input_sha256=scan.sha256,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
+        scale_tolerance_percent=scanner.tolerances.scale_percent,
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
     )

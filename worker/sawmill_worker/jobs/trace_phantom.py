@@ -1,6 +1,5 @@
 """Trace a phantom's picture to outlines in mm."""
 
-from dataclasses import replace
 from typing import Any
 
 from sawmill_worker.jobs.attempt import Attempt
@@ -16,9 +15,8 @@ def run(attempt: Attempt) -> dict[str, Any]:
     asked = store.phantoms.picture(phantom_id)
     attempt.report_stage(0.1, "trace")
     picture = read_picture(store.files.upload(attempt.job.kind, phantom_id))
-    traced = trace(picture, asked.width_mm, name=asked.name)
-    phantom = replace(traced, size_tolerance=max(asked.size_tolerance, traced.size_tolerance))
-    return from_phantom(phantom).model_dump(mode="json")
+    traced = trace(picture, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
+    return from_phantom(traced).model_dump(mode="json")
 
 
 def needs(_: Attempt) -> Needs:

@@ -55,7 +55,9 @@ def record_end_without_result(session: Session, kind: JobKind, subject_id: str, 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:
     # A schedule never takes over a scanner that has moved: that is the technician's to see and to accept.
     moved = calibration.schedule_id is not None and (result["comparison"] or {}).get("within_tolerance") is False
-    if calibration.activate and result["verdict"] == "pass" and not moved:
+    # An uncertain scale makes an image larger or smaller and blurs nothing: the rays decide.
+    rays = result["rays_verdict"] or result["verdict"]
+    if calibration.activate and rays == "pass" and not moved:
         asker = f"schedule {calibration.schedule_id}" if calibration.schedule_id else "the request"
-        reason = f"verdict pass; {asker} asked for activation on pass"
+        reason = f"the rays pass; {asker} asked for activation on pass"
         activate(session, calibration.scanner_id, calibration.id, reason, now)

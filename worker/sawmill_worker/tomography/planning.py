@@ -36,7 +36,7 @@ class Plan:
     predicted_ray_error : PredictedRayError
         From noise alone.
     scale : ScaleUncertainty
-        From the phantom's size tolerance beside it.
+        Of the image's millimetres, from the phantom's size tolerance and the covariance.
     views_cut_off : int
         Views whose shadow reaches an end of the detector.
     """
@@ -84,7 +84,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
         frame_deviation=frame_deviation(frame, covariance),
         theta_deviation=None if of_theta is None else np.sqrt(np.diag(of_theta)),
         predicted_ray_error=predicted_ray_error(scanner, frame, covariance, radius_mm=log_radius_mm),
-        scale=scale_uncertainty(scanner, frame, phantom, log_radius_mm),
+        scale=scale_uncertainty(scanner, frame, phantom, covariance, log_radius_mm),
         views_cut_off=int(np.count_nonzero(np.any(sinogram[:, [0, -1]] != 0.0, axis=1))),
     )
 

@@ -7,19 +7,20 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE
 
 # In pixels: a contour this close to a circle is one; a polygon may cut corners by so much before its sides are fitted.
 CIRCLE_RMS = 0.4
 CORNER_CUT = 1.5
-# Relative standard uncertainty of a traced size that is not the picture's pixels.
-SIZE_TOLERANCE = 0.001
 # Corners of the outline within this many pixels are left out when a side is fitted: contouring rounds them.
 NEAR_CORNER = 3.0
 LEAST_AREA = 25.0
 MOST_SHAPES = 200
 
 
-def trace(picture: NDArray[np.floating], width_mm: float, *, name: str) -> Phantom:
+def trace(
+    picture: NDArray[np.floating], width_mm: float, *, name: str, size_tolerance: float = STANDARD_SIZE_TOLERANCE
+) -> Phantom:
     """Outline the bright parts of a drawing.
 
     Parameters
@@ -28,6 +29,8 @@ def trace(picture: NDArray[np.floating], width_mm: float, *, name: str) -> Phant
         Grey values; bright is wood. A row is +x, a column is +y, the centre is the origin.
     width_mm : float
         Width of the picture, along its columns, in mm.
+    size_tolerance : float
+        Relative standard uncertainty of the drawn size; the picture's pixels may make it larger.
 
     Returns
     -------
@@ -64,14 +67,14 @@ def trace(picture: NDArray[np.floating], width_mm: float, *, name: str) -> Phant
         raise PhantomError(f"the picture shows {len(shapes)} outlines, more than {MOST_SHAPES}: give a clean drawing")
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
-    return Phantom(name, tuple(shapes), _size_tolerance(shapes, pixel))
+    return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)))
 
 
-def _size_tolerance(shapes: list[Shape], pixel: float) -> float:
+def _pixel_tolerance(shapes: list[Shape], pixel: float) -> float:
     """Two opposite sides, each somewhere in its pixel, leave their distance uncertain by pixel / sqrt(6)."""
     outlines = np.concatenate(Phantom("outlines", tuple(shapes)).outlines())
     extent = float(np.ptp(outlines, axis=0).mean())
-    return max(SIZE_TOLERANCE, pixel / math.sqrt(6.0) / extent)
+    return pixel / math.sqrt(6.0) / extent
 
 
 def _area(outline: FloatArray) -> float:

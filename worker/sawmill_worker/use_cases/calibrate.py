@@ -53,6 +53,7 @@ class CalibrationInput:
     input_sha256: str
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
+    scale_tolerance_percent: float = 0.5
     from_counts: bool = False
     remarks: tuple[str, ...] = ()
     views: NDArray[np.intp] | None = None
@@ -153,7 +154,7 @@ def _search_callback(on_progress: ProgressCallback, begun: float) -> SearchCallb
 def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:
     return CalibrationTask(
         scanner=given.scanner,
-        phantom=to_phantom(given.drawing),
+        phantom=to_phantom(given.drawing, chosen.size_tolerance_percent),
         sinogram=given.sinogram,
         angles_rad=given.angles_rad,
         bounds=given.bounds,
@@ -162,6 +163,8 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
         rays_per_cell=chosen.rays_per_cell,
         log_radius_mm=given.log_radius_mm,
         tolerance_mm=given.tolerance_mm,
+        scale_tolerance_percent=given.scale_tolerance_percent,
+        true_axis=chosen.true_axis or given.drawing.true_axis,
         from_counts=given.from_counts,
         without=frozenset(chosen.without),
     )
@@ -181,6 +184,7 @@ def calibration_result(
         unconstrained_source_distance_mm=calibration.source_distance.unconstrained_mm,
         scale_uncertainty_mm=calibration.scale.source_distance_mm,
         scale_ray_error_mm=calibration.scale.ray_error_mm,
+        scale_uncertainty_percent=calibration.scale.percent_95,
         handedness=calibration.handedness,
         rotation=calibration.rotation,
         hypotheses=_hypotheses(calibration.alternatives),
@@ -191,6 +195,7 @@ def calibration_result(
         adjustments=[*given.remarks, *calibration.adjustments],
         status=judgement.status,
         verdict=judgement.verdict,
+        rays_verdict=judgement.rays_verdict,
         reasons=[*moved, *judgement.reasons],
         scanner=given.scanner,
         phantom=given.drawing.name,

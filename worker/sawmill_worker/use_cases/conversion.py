@@ -33,9 +33,10 @@ def from_predicted(predicted: PredictedRayError, radius_mm: float) -> calibratio
     )
 
 
-def to_phantom(drawing: PhantomDrawing) -> Phantom:
-    """The body that a drawing shows."""
-    return Phantom(drawing.name, tuple(drawing.shapes), drawing.size_tolerance)
+def to_phantom(drawing: PhantomDrawing, size_tolerance_percent: float | None = None) -> Phantom:
+    """The body that a drawing shows, with the drawing's size tolerance unless another is given."""
+    tolerance = drawing.size_tolerance if size_tolerance_percent is None else size_tolerance_percent / 100.0
+    return Phantom(drawing.name, tuple(drawing.shapes), tolerance)
 
 
 def from_phantom(phantom: Phantom) -> PhantomDrawing:

@@ -28,7 +28,8 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
     """Plan; errors of `sawmill_worker.tomography` pass through."""
     angles_rad = (np.arange(options.views) + 0.5) * 2.0 * np.pi / options.views
     fan = FanBeamGeometry(given.scanner, given.theta, angles_rad)
-    planned = plan(fan, to_phantom(given.drawing), noise=options.noise, log_radius_mm=given.log_radius_mm)
+    phantom = to_phantom(given.drawing, options.size_tolerance_percent)
+    planned = plan(fan, phantom, noise=options.noise, log_radius_mm=given.log_radius_mm)
     return PlanResult(
         theta=given.theta,
         source_frame=fan.frame,
@@ -37,6 +38,7 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
         predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, given.log_radius_mm),
         scale_uncertainty_mm=planned.scale.source_distance_mm,
         scale_ray_error_mm=planned.scale.ray_error_mm,
+        scale_uncertainty_percent=planned.scale.percent_95,
         noise_mm=planned.noise,
         views_cut_off=planned.views_cut_off,
         phantom=given.drawing.name,

@@ -45,6 +45,7 @@ from sawmill_worker.vocabulary.phantoms import (
     Point,
     Polygon,
     Shape,
+    TrueAxis,
 )
 from sawmill_worker.vocabulary.progress import Progress, ProgressCallback
 
@@ -84,6 +85,7 @@ __all__ = [
     "SourceFrame",
     "Theta",
     "ThetaBounds",
+    "TrueAxis",
     "Verdict",
     "Weighting",
     "angle_difference",

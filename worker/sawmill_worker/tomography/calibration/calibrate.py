@@ -47,10 +47,10 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
     bars = error_bars(task.scanner, frame, theta, found.scatter, residual, radius_mm)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
-    scale = scale_uncertainty(task.scanner, frame, task.phantom, radius_mm)
+    scale = scale_uncertainty(task.scanner, frame, task.phantom, bars.covariance.values, radius_mm)
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(found.fit, source_distance, bars, alternatives, residual, scale, in_bounds)
-    judgement = judge(evidence, Limits(task.tolerance_mm, task.scanner.source_to_cor_mm))
+    judgement = judge(evidence, Limits(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm))
     left_over = found.data.sinogram - found.model
     ended = time.perf_counter()
     return Calibration(

@@ -6,11 +6,9 @@ from dataclasses import dataclass, replace
 
 from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
 from sawmill_worker.tomography.calibration.movement import likely_cause
+from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame, angle_difference
 from sawmill_worker.tomography.ray_error import RayError, ray_error, scale_deviation
-
-# Of a normal distribution: 95 % lie within this number of standard deviations of its mean.
-TWO_SIDED_95 = 1.96
 
 
 @dataclass(frozen=True)

@@ -6,19 +6,19 @@ from enum import Enum
 
 from sawmill_worker.tomography.calibration.alternatives import Alternatives
 from sawmill_worker.tomography.calibration.error_bars import ErrorBars
-from sawmill_worker.tomography.calibration.faults.structure import Place
+from sawmill_worker.tomography.calibration.faults.structure import Place, Structure
 from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
-from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
+from sawmill_worker.tomography.calibration.scale import ScaleSource, ScaleUncertainty
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
 from sawmill_worker.vocabulary import CalibrationStatus, Verdict
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
-# What the residual holds beside noise, as a share of the sinogram: above the first it is reported, above the second the
-# model is not the scan's and the calibration is to be watched (benchmarks/misspecified.py).
-REPORTED, STRUCTURED = 0.001, 0.005
+# What the residual holds beside noise is reported above this share of the sinogram. It takes no pass away: what it does
+# to the rays is in the error bars, and they decide.
+REPORTED = 0.001
 # Error bars larger by more than this factor than white noise makes them are large because of the model.
 MODEL_DOMINATED = 2.0
 # A change during the scan is reported where it puts the rays off by more than this share of the tolerance: a model that
@@ -28,23 +28,44 @@ UNSTEADY = 0.1
 # A free source distance that is less than source_to_cor_mm by more standard deviations is no noise.
 CONTRADICTION = 4.0
 
+# Where a residual lies, and what leaves one there: each cause with its remedy, since the place alone cannot tell them.
 CAUSES = {
     Place.VIEWS: "in few views, as when the log moves or an exposure fails: look at these views and repeat the scan",
     Place.CELLS: "in single cells, the same in every view, as from flat fields of few frames or cells of unequal "
     "gain: take more flat frames, or have rings removed",
-    Place.EDGES: "at the phantom's edges, as from a drawing that is not its shape (a coarse picture, worn corners): "
-    "measure the phantom and draw it anew",
-    Place.SHADOW: "inside the phantom's shadow, as from wood that is not uniform (a knot, moisture), beam hardening, "
-    "or rows that show something else: use a sound phantom, and check the rows",
+    Place.EDGES: "at the phantom's edges, which has several causes: a detector that lags or a turntable that turns "
+    "during the exposure (turn slower, expose shorter), angles that jitter (look at the drive and its encoder), a "
+    "surface as the saw left it or worn corners (plane it), a drawing that is not its shape (measure it, draw it anew)",
+    Place.SHADOW: "inside the phantom's shadow, which has several causes: wood that is not uniform (use one without "
+    "knots, evenly dry), scatter and beam hardening (collimate and filter the beam), flat fields that no longer fit "
+    "(take new ones), rows that show something else (check the rows)",
+}
+SCALE_CURES = {
+    ScaleSource.SIZE: "most of it is the phantom's size tolerance, so measure the phantom and give a smaller one "
+    "(size_tolerance of its drawing, or size_tolerance_percent)",
+    ScaleSource.NOISE: "most of it is the error of R/SDD, so use more views, more rows, a longer exposure or a larger "
+    "phantom",
+    ScaleSource.RESIDUAL: "most of it is what the model leaves of the sinogram, as another reason states",
+    ScaleSource.ASPECT: "the phantom's two directions differ from its drawing's, so measure it along both and draw it "
+    "anew, or give the direction that is right (true_axis)",
 }
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """How far a calibration may be relied on, reasons worst first."""
+    """How far a calibration may be relied on, reasons worst first.
+
+    Attributes
+    ----------
+    verdict : Verdict
+        Whether the rays are right among themselves and the image's millimetres are right.
+    rays_verdict : Verdict
+        The first of these questions alone.
+    """
 
     status: CalibrationStatus
     verdict: Verdict
+    rays_verdict: Verdict
     reasons: tuple[str, ...]
 
 
@@ -53,6 +74,7 @@ class Limits:
     """What is allowed, and the scanner's known r_S."""
 
     tolerance_mm: float
+    scale_percent: float
     source_to_cor_mm: float
 
 
@@ -67,6 +89,12 @@ class Evidence:
     residual: ResidualAnalysis
     scale: ScaleUncertainty
     theta_in_bounds: bool
+
+    @property
+    def structure(self) -> Structure | None:
+        """What the residual holds beside noise, where it is enough to be reported."""
+        structure = self.residual.structure
+        return structure if structure is not None and structure.share > REPORTED else None
 
     def change(self, limits: Limits) -> Unsteadiness | None:
         """The change during the scan, where it matters."""
@@ -84,11 +112,18 @@ class Degree(Enum):
 
 @dataclass(frozen=True)
 class Remark:
-    """A reason, and the status that an answer has because of it, if it is one."""
+    """A reason, and the status that an answer has because of it, if it is one.
+
+    Attributes
+    ----------
+    of_scale : bool
+        It speaks of the image's millimetres alone: the rays may be right among themselves.
+    """
 
     degree: Degree
     reason: str
     status: CalibrationStatus | None = None
+    of_scale: bool = False
 
 
 def judge(evidence: Evidence, limits: Limits) -> Judgement:
@@ -98,17 +133,26 @@ def judge(evidence: Evidence, limits: Limits) -> Judgement:
 
 def combined(remarks: list[Remark]) -> Judgement:
     """The judgement of all remarks."""
-    degrees = {remark.degree for remark in remarks}
-    verdict: Verdict = "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
+    rays = [remark for remark in remarks if not remark.of_scale]
     status = next((remark.status for remark in remarks if remark.status is not None), CalibrationStatus.CALIBRATED)
     reasons = tuple(remark.reason for degree in Degree for remark in remarks if remark.degree is degree)
-    return Judgement(status, verdict, reasons)
+    return Judgement(status, _worst(remarks), _worst(rays), reasons)
+
+
+def _worst(remarks: list[Remark]) -> Verdict:
+    degrees = {remark.degree for remark in remarks}
+    return "fail" if Degree.FAIL in degrees else "watch" if Degree.WATCH in degrees else "pass"
 
 
 def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
     if not evidence.fit.converged:
         identifiable = evidence.error_bars.psi_identifiable
-        cure = "repeat it with more views or another seed" if identifiable else "use a phantom with corners"
+        cure = (
+            "compare the report's residual with the drawing for what the drawing does not have, check the rows, and "
+            "use more views if there are few"
+            if identifiable
+            else "use a phantom with corners"
+        )
         yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
 
 
@@ -182,7 +226,8 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    of_the_model = evidence.error_bars.deviation_ratio > MODEL_DOMINATED or evidence.change(limits) is not None
+    change, structured = evidence.change(limits), evidence.structure is not None
+    of_the_model = change is not None or (structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED)
     cure = (
         "the model does not fit the scan, as another reason states, and more views alone will not help"
         if of_the_model
@@ -198,10 +243,10 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
 
 def _structured_residual(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     """What the model leaves of the sinogram, unless a change during the scan explains it."""
-    structure = evidence.residual.structure
-    if structure is not None and structure.share > REPORTED and evidence.change(limits) is None:
+    structure = evidence.structure
+    if structure is not None and evidence.change(limits) is None:
         yield Remark(
-            Degree.WATCH if structure.share > STRUCTURED else Degree.NOTE,
+            Degree.NOTE,
             f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
             f"it {CAUSES[structure.place]}",
         )
@@ -224,13 +269,14 @@ def _source_shift(evidence: Evidence, _: Limits) -> Iterator[Remark]:
 
 
 def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    error_mm = evidence.scale.ray_error_mm
-    if error_mm > limits.tolerance_mm:
+    """Whether the image's millimetres are known well enough: no residual shows a common scale."""
+    scale = evidence.scale
+    if scale.percent_95 > limits.scale_percent:
         yield Remark(
-            Degree.NOTE,
-            f"the phantom's stated size tolerance alone leaves the rays uncertain by {error_mm:.3f} mm "
-            f"RMS, which no residual shows, where {limits.tolerance_mm:.3f} mm is allowed: measure the phantom and "
-            "state a smaller size_tolerance",
+            Degree.WATCH,
+            f"the image's millimetres are known to {scale.percent_95:.2g} % (95 %) where {limits.scale_percent:.2g} % "
+            f"is allowed: {SCALE_CURES[scale.largest]}",
+            of_scale=True,
         )
 
 

@@ -12,7 +12,7 @@ from sawmill_worker.tomography.calibration.refusals import refuse_unusable
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
+from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
 
 class Hypothesis(NamedTuple):
@@ -42,6 +42,10 @@ class CalibrationTask:
         Radius of the disc around the COR in which ray errors are measured.
     tolerance_mm : float
         The largest ray error that passes.
+    scale_tolerance_percent : float
+        The largest uncertainty of the scale, 95 %, that passes.
+    true_axis : "x" or "y", or None
+        Along which axis of its drawing the phantom's size is known to be right; None: along either as well.
     from_counts : bool
         Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
     without : frozenset of Adjustment
@@ -58,6 +62,8 @@ class CalibrationTask:
     rays_per_cell: int | None = None
     log_radius_mm: float = 150.0
     tolerance_mm: float = 0.1
+    scale_tolerance_percent: float = 0.5
+    true_axis: TrueAxis | None = None
     from_counts: bool = False
     without: frozenset[Adjustment] = frozenset()
 
