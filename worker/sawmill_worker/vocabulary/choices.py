@@ -84,6 +84,7 @@ class Adjustment(StrEnum):
 
     FAULTY_CELLS = "faulty-cells"
     CORRUPT_VIEWS = "corrupt-views"
+    METAL = "metal"
     INTENSITY_AVERAGING = "intensity-averaging"
     BLUR = "blur"
     OUTLIERS = "outliers"

@@ -92,6 +92,14 @@ def fit_hypotheses(task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[F
     return _one_of_each_angle(fitted)
 
 
+def by_hypothesis(ranked: Sequence[RankedFit]) -> dict[Hypothesis, list[Fit]]:
+    """The fits of each hypothesis, in their order."""
+    fits: dict[Hypothesis, list[Fit]] = {}
+    for hypothesis, fit in ranked:
+        fits.setdefault(hypothesis, []).append(fit)
+    return fits
+
+
 def alternatives_of(ranked: Sequence[RankedFit], independent_samples: float) -> Alternatives:
     """What competes with the first of these fits."""
     reports: dict[Hypothesis, HypothesisReport] = {}

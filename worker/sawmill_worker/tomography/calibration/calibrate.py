@@ -2,22 +2,27 @@
 
 import math
 import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.alternatives import RankedFit, alternatives_of, fit_hypotheses
+from sawmill_worker.tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_worker.tomography.calibration.calibration import Calibration, Timing, choose_theta
 from sawmill_worker.tomography.calibration.error_bars import error_bars
 from sawmill_worker.tomography.calibration.faults.adjustments import adjust
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
+from sawmill_worker.tomography.calibration.faults.metal import Metal, find_metal
+from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.source_distance import with_theta
-from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.robust import noise_of_differences
+from sawmill_worker.vocabulary import Adjustment
 
 # A sinogram with less than this share of its power above white noise shows nothing.
 LEAST_SIGNAL = 0.02
@@ -33,13 +38,21 @@ def calibrate(task: CalibrationTask, *, seed: int = 7, progress: SearchCallback 
     """
     started = time.perf_counter()
     found = search(task, seed, progress)
+    if not found.report.converged or task.screening.hidden is not None:
+        known, _ = _without_metal(task, found.fits)
+        if known is not task:
+            task, found = known, search(known, seed, progress)
     return conclude(task, found, started=started, searched=time.perf_counter())
 
 
 def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, searched: float) -> Calibration:
     """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
     ranked = fit_hypotheses(task, basins.fits)
+    known, metal = _without_metal(task, by_hypothesis(ranked))
+    if known is not task:
+        task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked))
     best = _found(task, ranked)
+    sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     found, source_distance = with_theta(task, adjust(best, task.without))
     refined = time.perf_counter()
     frame, radius_mm = found.fit.frame, task.log_radius_mm
@@ -65,11 +78,24 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
         scale=scale,
         error_bars=bars,
         alternatives=alternatives,
-        adjustments=(*task.screening.adjustments, *found.adjustments),
+        adjustments=(*task.screening.adjustments, *sentences, *found.adjustments),
         judgement=judgement,
         search=basins.report,
         timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
     )
+
+
+def _without_metal(task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]]) -> tuple[CalibrationTask, Metal | None]:
+    """The task that knows which samples see metal, and the metal, from fits to some of the samples.
+
+    The same task where there is none and none was suspected.
+    """
+    if Adjustment.METAL in task.without or not fits:
+        return task, None
+    hypothesis, (best, *_) = min(fits.items(), key=lambda item: item[1][0].relative_residual)
+    of_all = task if task.screening.hidden is None else replace(task, metal=np.zeros(task.sinogram.shape, bool))
+    metal = find_metal(task.phantoms[hypothesis.handedness], of_all.full_data(hypothesis.rotation), best)
+    return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 
 def _found(task: CalibrationTask, ranked: list[RankedFit]) -> AdjustedFit:

@@ -1,12 +1,14 @@
 """What is asked of a calibration: the scan of the phantom, and what is known of the scanner."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.calibration.faults.narrow_peaks import narrow_peaks
 from sawmill_worker.tomography.calibration.faults.screening import Screening, screen
 from sawmill_worker.tomography.calibration.refusals import refuse_unusable
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
@@ -50,6 +52,8 @@ class CalibrationTask:
         Whether the line integrals were made from counts: then each cell averaged intensities, not paths.
     without : frozenset of Adjustment
         Which adjustments to faults of the scan are switched off.
+    metal : (views, cells) bool or None
+        Samples that see metal; None where that is not known yet.
     """
 
     scanner: Scanner
@@ -66,6 +70,7 @@ class CalibrationTask:
     true_axis: TrueAxis | None = None
     from_counts: bool = False
     without: frozenset[Adjustment] = frozenset()
+    metal: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
         """Refuse data that do not belong together."""
@@ -88,12 +93,16 @@ class CalibrationTask:
 
     @cached_property
     def screening(self) -> Screening:
-        """Which cells and views have a usable signal."""
-        return screen(
+        """Which cells, views and samples have a usable signal of the phantom."""
+        usable = screen(
             self.sinogram,
             cells=Adjustment.FAULTY_CELLS not in self.without,
             views=Adjustment.CORRUPT_VIEWS not in self.without,
         )
+        hidden = self.metal
+        if hidden is None and Adjustment.METAL not in self.without:
+            hidden = narrow_peaks(usable.bridged(self.sinogram), usable.views, self.scanner.detector_pitch_mm)
+        return usable if hidden is None else replace(usable, hidden=hidden)
 
     def full_data(self, rotation: Rotation) -> SinogramData:
         """All views and cells, as this sense of rotation reads them; what has no usable signal has weight 0."""

@@ -1,6 +1,6 @@
-"""Cells and views without a usable signal, found before anything is fitted.
+"""Cells, views and samples without a usable signal, found before anything is fitted.
 
-Their samples get no weight; for the search, cells are bridged from their neighbours and views left out.
+They get no weight; for the search, cells and samples are bridged from their neighbours and views left out.
 """
 
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.bridging import bridge
+from sawmill_worker.tomography.bridging import bridge, bridge_samples
 from sawmill_worker.tomography.faulty_cells import faulty_cells
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -25,17 +25,23 @@ class Screening:
     ----------
     cells : (cells,) bool
     views : (views,) bool
+    hidden : (views, cells) bool or None
+        Samples that see something else than the phantom; None where none does.
     """
 
     cells: NDArray[np.bool_]
     views: NDArray[np.bool_]
+    hidden: NDArray[np.bool_] | None = None
 
     @cached_property
     def weights(self) -> FloatArray | None:
         """(views, cells) float64, 0 where nothing may be used; None where everything may."""
-        if self.cells.all() and self.views.all():
+        if self.cells.all() and self.views.all() and self.hidden is None:
             return None
-        return np.outer(self.views, self.cells).astype(np.float64)
+        weights = np.outer(self.views, self.cells).astype(np.float64)
+        if self.hidden is not None:
+            weights[self.hidden] = 0.0
+        return weights
 
     @property
     def adjustments(self) -> tuple[str, ...]:
@@ -48,11 +54,13 @@ class Screening:
         return tuple(sentences)
 
     def bridged(self, sinogram: FloatArray) -> FloatArray:
-        """The sinogram with the cells left out interpolated along the detector."""
-        if self.cells.all():
+        """The sinogram with the cells and samples left out interpolated along the detector."""
+        if self.cells.all() and self.hidden is None:
             return sinogram
         filled = sinogram.copy()
         bridge(filled, ~self.cells)
+        if self.hidden is not None:
+            bridge_samples(filled, self.hidden | ~self.cells)
         return filled
 
 

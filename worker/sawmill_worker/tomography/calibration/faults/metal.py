@@ -1,0 +1,228 @@
+"""Metal in the phantom, as screws, nails and brackets: its rays are starved, and no model of wood explains them.
+
+What a fitted model leaves is projected back. Metal is where the rays of all views are weaker than wood makes them, by
+many times what wood of that size takes. Every sample that sees it is then left out.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
+
+from sawmill_worker.tomography.calibration.faults._metal_numba import back_projected
+from sawmill_worker.tomography.calibration.fit import Fit, refine
+from sawmill_worker.tomography.calibration.forward_model import modelled
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, rotate
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.robust import robust_deviation
+from sawmill_worker.vocabulary import Handedness
+
+Samples = NDArray[np.bool_]
+
+# Fewer views show no body by its shadows.
+FEWEST_VIEWS = 8
+# All of the phantom is looked at in these steps, in about this number of views, smoothed over what a step sees.
+COARSE_MM, COARSE_VIEWS, SMOOTHED_MM = 4.0, 40, 5.0
+# No sample counts for more than this share of the phantom's depth: another piece of metal may lie on the ray.
+CLIPPED = 0.25
+# Places that stand out from the others by this number of robust standard deviations, and no more than this number of
+# them, are looked at in millimetres, so far around each.
+STANDS_OUT, MOST_PLACES, AROUND_MM = 6.0, 24, 14
+# A median over the views that is this number of its standard deviations is no chance.
+CHANCE = 6.0
+# Metal takes as much as this length of wood, and more than this multiple of what wood of its size takes: steel takes 15
+# to 40 times as much, a knot up to 2 (benchmarks/metal.py).
+LEAST_WOOD_MM, DENSER = 8.0, 3.0
+# What belongs to a piece of metal, as a share of what it takes where it takes most.
+BODY = 0.25
+# Cells left out beside its shadow: these, and more as long as what the model leaves there is this number of its
+# standard deviations.
+BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
+# What covers more of the samples is no metal in a phantom.
+MOST_SAMPLES = 0.25
+# The first fit was still pulled by the metal.
+ROUNDS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Metal:
+    """Metal in a phantom.
+
+    Attributes
+    ----------
+    samples : (views, cells) bool
+        Those that see it.
+    places_mm : tuple of (float, float)
+        The middle of each piece in the image frame, x and y.
+    """
+
+    samples: Samples
+    places_mm: tuple[tuple[float, float], ...]
+
+    def sentence(self, handedness: Handedness, position_mm: tuple[float, float]) -> str:
+        """What was found and done, places as in the drawing of a phantom that is seen so, at this position."""
+        side = 1.0 if handedness is Handedness.AS_DRAWN else -1.0
+        drawn = ((x - position_mm[0], side * (y - position_mm[1])) for x, y in self.places_mm)
+        places = ", ".join(f"({x:.0f}, {y:.0f})" for x, y in drawn)
+        return (
+            f"metal in the phantom at (x, y) = {places} mm of its drawing: the {self.samples.mean():.1%} of the "
+            "samples that see it were left out"
+        )
+
+
+def find_metal(phantom: Phantom, data: SinogramData, fit: Fit) -> Metal | None:
+    """Metal in a phantom, from a fit to a scan with it.
+
+    Parameters
+    ----------
+    phantom : Phantom
+        As it is seen.
+    data : SinogramData
+        With the samples that see metal, so that they are compared with the model of the fit.
+    fit : Fit
+        To samples of which some or none see metal.
+    """
+    found: Metal | None = None
+    for _ in range(ROUNDS):
+        metal = _Search(phantom, data, fit).metal()
+        if metal is None:
+            break
+        samples_before = 0 if found is None else int((found.samples ^ metal.samples).sum())
+        settled = found is not None and samples_before < 0.02 * metal.samples.sum()
+        found = metal
+        if settled:
+            break
+        weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
+        again = refine(phantom, replace(data, weights=weights), fit.frame, position_mm=fit.position_mm)
+        if again is None:
+            break
+        fit = again
+    return found
+
+
+class _Search:
+    """The residual of a fit, and the object's points that it is projected back to."""
+
+    def __init__(self, phantom: Phantom, data: SinogramData, fit: Fit) -> None:
+        self._phantom, self._data, self._fit = phantom, data, fit
+        # Of wood, per mm.
+        self._wood = fit.gain * max(shape.density for shape in phantom.shapes)
+        self._radius_mm = math.ceil(phantom.radius_mm + math.hypot(*fit.position_mm))
+
+    def metal(self) -> Metal | None:
+        if len(self._data.sinogram) < FEWEST_VIEWS:
+            return None
+        suspects = self._suspects()
+        if not len(suspects):
+            return None
+        residual = self._residual(slice(None))
+        size = 2 * self._radius_mm + 1
+        body = np.zeros((size, size), bool)
+        for suspect in suspects:
+            points = self._piece(residual, suspect)
+            body[tuple((points + self._radius_mm).T)] = True
+        samples = self._samples(residual, np.argwhere(body) - self._radius_mm)
+        if not body.any() or samples.mean() > MOST_SAMPLES:
+            return None
+        pieces, count = label(maximum_filter(body, 3))
+        middles = (np.argwhere(body & (pieces == one)).mean(axis=0) - self._radius_mm for one in range(1, count + 1))
+        return Metal(samples, tuple((float(x), float(y)) for x, y in middles))
+
+    def _residual(self, views: slice) -> NDArray[np.float32]:
+        """What the model leaves, without what cells have in common in all views; 0 where nothing may be used."""
+        data = self._data
+        weights = None if data.weights is None else data.weights[views]
+        part = replace(data, sinogram=data.sinogram[views], angles_rad=data.angles_rad[views], weights=weights)
+        residual = (part.sinogram - modelled(self._phantom, part, self._fit)).astype(np.float32)
+        residual -= np.median(residual, axis=0)
+        if weights is not None:
+            residual[weights == 0.0] = 0.0
+        return residual
+
+    def _suspects(self) -> NDArray[np.intp]:
+        """Points (points, 2) mm of the image frame where the views' residuals add up."""
+        views = slice(None, None, max(1, len(self._data.sinogram) // COARSE_VIEWS))
+        frame, cells = self._fit.frame, self._data.cells
+        residual = self._residual(views)
+        smooth = uniform_filter1d(residual, max(1, round(SMOOTHED_MM * frame.magnification / cells.width_mm)), axis=1)
+        clipped = CLIPPED * self._wood * 2.0 * self._phantom.radius_mm
+        steps = math.ceil(self._radius_mm / COARSE_MM)
+        axis = np.arange(-steps, steps + 1) * COARSE_MM
+        points = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+        image = np.empty(len(points))
+        along = np.array(
+            [
+                frame.source_distance_mm,
+                frame.source_to_detector_mm,
+                frame.cor_column_mm,
+                math.cos(frame.tilt_rad),
+                math.sin(frame.tilt_rad),
+            ]
+        )
+        turns = self._data.angles_rad[views] + frame.psi_rad
+        back_projected(smooth, turns, points, along, cells.first_border_mm, cells.width_mm, clipped, image)
+        inside = np.hypot(*points.T) <= self._radius_mm
+        image -= np.median(image[inside])
+        least = max(STANDS_OUT * robust_deviation(image[inside]), 0.25 * LEAST_WOOD_MM * self._wood)
+        square = np.where(inside, image, -np.inf).reshape(axis.size, axis.size)
+        peaks = np.argwhere((square > least) & (square == maximum_filter(square, 3)))
+        highest = np.argsort(square[tuple(peaks.T)])[::-1][:MOST_PLACES]
+        return np.rint(axis[peaks[highest]]).astype(np.intp)
+
+    def _piece(self, residual: NDArray[np.float32], suspect: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The points (points, 2) mm of the metal around a suspect; none where it is none."""
+        reach = np.arange(-AROUND_MM, AROUND_MM + 1)
+        points = np.stack(np.meshgrid(*(suspect[:, None] + reach), indexing="ij"), -1)
+        flat = points.reshape(-1, 2)
+        seen = self._seen(residual, flat)
+        taken = np.median(seen, axis=0)
+        at = int(taken.argmax())
+        noise = 1.25 * robust_deviation(seen[:, at] - taken[at]) / math.sqrt(len(seen))
+        most = float(taken[at])
+        pieces, _ = label((taken > 0.5 * most).reshape(points.shape[:2]))
+        area = int((pieces == pieces.flat[at]).sum())
+        wood = self._wood * max(LEAST_WOOD_MM, DENSER * 2.0 * math.sqrt(area / math.pi))
+        if most < max(wood, CHANCE * noise) or np.hypot(*flat[at]) > self._radius_mm:
+            return np.zeros((0, 2), np.intp)
+        pieces, _ = label((taken > BODY * most).reshape(points.shape[:2]))
+        kept = flat[pieces.ravel() == pieces.flat[at]]
+        return kept[np.abs(kept).max(axis=1) <= self._radius_mm]
+
+    def _columns(self, points_mm: NDArray[np.intp]) -> FloatArray:
+        """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
+        frame, cells = self._fit.frame, self._data.cells
+        turns = self._data.angles_rad + frame.psi_rad
+        x, y = rotate(-turns[:, None], *points_mm.T)
+        depth = (y + frame.source_distance_mm) * math.cos(frame.tilt_rad) - x * math.sin(frame.tilt_rad)
+        u = frame.cor_column_mm + frame.source_to_detector_mm * x / depth
+        columns: FloatArray = (u - cells.first_border_mm) / cells.width_mm
+        return columns
+
+    def _seen(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> NDArray[np.float32]:
+        """The residual (views, points) at the rays through these points; 0 beside the detector."""
+        cell = np.floor(self._columns(points_mm)).astype(np.intp)
+        beside = (cell < 0) | (cell >= residual.shape[1])
+        seen = np.take_along_axis(residual, np.where(beside, 0, cell), axis=1)
+        seen[beside] = 0.0
+        return seen
+
+    def _samples(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> Samples:
+        """The samples that see a body of these points, a millimetre each, and those beside it that it blurs into."""
+        views, cells = residual.shape
+        half = 0.7 * self._fit.frame.magnification / self._data.cells.width_mm + BESIDE
+        columns = self._columns(points_mm)
+        change = np.zeros((views, cells + 1), np.int32)
+        view = np.broadcast_to(np.arange(views)[:, None], columns.shape)
+        np.add.at(change, (view, np.clip(np.floor(columns - half), 0, cells).astype(np.intp)), 1)
+        np.add.at(change, (view, np.clip(np.ceil(columns + half), 0, cells).astype(np.intp)), -1)
+        samples: Samples = change[:, :-1].cumsum(axis=1) > 0
+        for _ in range(MOST_BESIDE):
+            wider = maximum_filter1d(samples, 3, axis=1)
+            beside = residual[wider & ~samples]
+            if beside.size == 0 or beside.mean() < LEFT_BESIDE * beside.std() / math.sqrt(beside.size):
+                break
+            samples = wider
+        return samples
