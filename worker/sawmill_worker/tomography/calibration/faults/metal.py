@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
 
 from sawmill_worker.tomography.calibration.faults._metal_numba import back_projected
@@ -33,11 +34,11 @@ CLIPPED = 0.25
 STANDS_OUT, MOST_PLACES, AROUND_MM = 6.0, 24, 14
 # A median over the views that is this number of its standard deviations is no chance.
 CHANCE = 6.0
-# Metal takes as much as this length of wood, and more than this multiple of what wood of its size takes: steel takes 15
-# to 40 times as much, a knot up to 2 (benchmarks/metal.py).
-LEAST_WOOD_MM, DENSER = 8.0, 3.0
-# What belongs to a piece of metal, as a share of what it takes where it takes most.
-BODY = 0.25
+# Metal takes as much as this length of wood, and is denser by more than this multiple of the wood, in an image of this
+# resolution: steel is 15 to 40 times as dense, a knot up to 2 (benchmarks/metal.py).
+LEAST_WOOD_MM, DENSER, FINEST_MM = 8.0, 2.5, 3.0
+# What belongs to a piece of metal, as a share of its highest density.
+BODY = 0.3
 # Cells left out beside its shadow: these, and more as long as what the model leaves there is this number of its
 # standard deviations.
 BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
@@ -121,8 +122,9 @@ class _Search:
         residual = self._residual(slice(None))
         size = 2 * self._radius_mm + 1
         body = np.zeros((size, size), bool)
+        filtered = self._filtered(residual)
         for suspect in suspects:
-            points = self._piece(residual, suspect)
+            points = self._piece(residual, filtered, suspect)
             body[tuple((points + self._radius_mm).T)] = True
         samples = self._samples(residual, np.argwhere(body) - self._radius_mm)
         if not body.any() or samples.mean() > MOST_SAMPLES:
@@ -172,24 +174,40 @@ class _Search:
         highest = np.argsort(square[tuple(peaks.T)])[::-1][:MOST_PLACES]
         return np.rint(axis[peaks[highest]]).astype(np.intp)
 
-    def _piece(self, residual: NDArray[np.float32], suspect: NDArray[np.intp]) -> NDArray[np.intp]:
+    def _piece(
+        self, residual: NDArray[np.float32], filtered: NDArray[np.float32], suspect: NDArray[np.intp]
+    ) -> NDArray[np.intp]:
         """The points (points, 2) mm of the metal around a suspect; none where it is none."""
         reach = np.arange(-AROUND_MM, AROUND_MM + 1)
-        points = np.stack(np.meshgrid(*(suspect[:, None] + reach), indexing="ij"), -1)
-        flat = points.reshape(-1, 2)
-        seen = self._seen(residual, flat)
-        taken = np.median(seen, axis=0)
-        at = int(taken.argmax())
-        noise = 1.25 * robust_deviation(seen[:, at] - taken[at]) / math.sqrt(len(seen))
-        most = float(taken[at])
-        pieces, _ = label((taken > 0.5 * most).reshape(points.shape[:2]))
-        area = int((pieces == pieces.flat[at]).sum())
-        wood = self._wood * max(LEAST_WOOD_MM, DENSER * 2.0 * math.sqrt(area / math.pi))
-        if most < max(wood, CHANCE * noise) or np.hypot(*flat[at]) > self._radius_mm:
-            return np.zeros((0, 2), np.intp)
-        pieces, _ = label((taken > BODY * most).reshape(points.shape[:2]))
-        kept = flat[pieces.ravel() == pieces.flat[at]]
-        return kept[np.abs(kept).max(axis=1) <= self._radius_mm]
+        points = np.stack(np.meshgrid(*(suspect[:, None] + reach), indexing="ij"), -1).reshape(-1, 2)
+        points = points[np.hypot(*points.T) <= self._radius_mm]
+        cells = self._cells(points)
+        density = np.take_along_axis(filtered, cells, axis=1).mean(axis=0)
+        at = int(density.argmax())
+        seen = residual[np.arange(len(residual)), cells[:, at]]
+        taken = float(np.median(seen))
+        noise = 1.25 * robust_deviation(seen - taken) / math.sqrt(len(seen))
+        if density[at] < DENSER * self._wood or taken < max(LEAST_WOOD_MM * self._wood, CHANCE * noise):
+            return points[:0]
+        square = np.zeros((reach.size, reach.size))
+        place = tuple((points - suspect + AROUND_MM).T)
+        square[place] = density
+        pieces = label(square > BODY * density[at])[0][place]
+        return points[pieces == pieces[at]]
+
+    def _filtered(self, residual: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The residual (views, cells) through the ramp of parallel rays in 1 / mm: its mean over the views is a density.
+
+        Kak and Slaney ch. 3, equation 61, with a Hann window, at the scale of the centre of rotation.
+        """
+        step_mm = self._data.cells.width_mm / self._fit.frame.magnification
+        size = next_fast_len(2 * residual.shape[1], real=True)
+        per_mm = rfftfreq(size, step_mm)
+        window = np.where(per_mm < 1.0 / FINEST_MM, 0.5 + 0.5 * np.cos(math.pi * FINEST_MM * per_mm), 0.0)
+        depth = 2.0 * self._phantom.radius_mm * self._wood
+        spectrum = rfft(np.clip(residual, -depth, depth), size, axis=1) * (math.pi * per_mm * window).astype(np.float32)
+        filtered: NDArray[np.float32] = irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
+        return filtered
 
     def _columns(self, points_mm: NDArray[np.intp]) -> FloatArray:
         """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
@@ -201,13 +219,10 @@ class _Search:
         columns: FloatArray = (u - cells.first_border_mm) / cells.width_mm
         return columns
 
-    def _seen(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> NDArray[np.float32]:
-        """The residual (views, points) at the rays through these points; 0 beside the detector."""
-        cell = np.floor(self._columns(points_mm)).astype(np.intp)
-        beside = (cell < 0) | (cell >= residual.shape[1])
-        seen = np.take_along_axis(residual, np.where(beside, 0, cell), axis=1)
-        seen[beside] = 0.0
-        return seen
+    def _cells(self, points_mm: NDArray[np.intp]) -> NDArray[np.intp]:
+        """The cell in which each view sees each point (views, points); the last one beside the detector."""
+        cells: NDArray[np.intp] = np.floor(self._columns(points_mm)).astype(np.intp)
+        return np.clip(cells, 0, self._data.cells.count - 1)
 
     def _samples(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> Samples:
         """The samples that see a body of these points, a millimetre each, and those beside it that it blurs into."""

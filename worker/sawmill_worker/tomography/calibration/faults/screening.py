@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.bridging import bridge, bridge_samples
+from sawmill_worker.tomography.bridging import bridge, bridged_samples
 from sawmill_worker.tomography.faulty_cells import faulty_cells
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -59,9 +59,7 @@ class Screening:
             return sinogram
         filled = sinogram.copy()
         bridge(filled, ~self.cells)
-        if self.hidden is not None:
-            bridge_samples(filled, self.hidden | ~self.cells)
-        return filled
+        return filled if self.hidden is None else np.asarray(bridged_samples(filled, self.hidden), np.float64)
 
 
 def screen(sinogram: FloatArray, *, cells: bool = True, views: bool = True) -> Screening:
