@@ -85,7 +85,9 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     )
 
 
-def _without_metal(task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]]) -> tuple[CalibrationTask, Metal | None]:
+def _without_metal(
+    task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]]
+) -> tuple[CalibrationTask, Metal | None]:
     """The task that knows which samples see metal, and the metal, from fits to some of the samples.
 
     The same task where there is none and none was suspected.

@@ -16,7 +16,7 @@ from sawmill_worker.tomography.calibration.faults._metal_numba import back_proje
 from sawmill_worker.tomography.calibration.fit import Fit, refine
 from sawmill_worker.tomography.calibration.forward_model import modelled
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, rotate
+from sawmill_worker.tomography.geometry import FloatArray, rotate
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.robust import robust_deviation
 from sawmill_worker.vocabulary import Handedness
@@ -114,6 +114,7 @@ class _Search:
         self._radius_mm = math.ceil(phantom.radius_mm + math.hypot(*fit.position_mm))
 
     def metal(self) -> Metal | None:
+        """The metal that this fit's residual shows."""
         if len(self._data.sinogram) < FEWEST_VIEWS:
             return None
         suspects = self._suspects()
@@ -172,10 +173,11 @@ class _Search:
         square = np.where(inside, image, -np.inf).reshape(axis.size, axis.size)
         peaks = np.argwhere((square > least) & (square == maximum_filter(square, 3)))
         highest = np.argsort(square[tuple(peaks.T)])[::-1][:MOST_PLACES]
-        return np.rint(axis[peaks[highest]]).astype(np.intp)
+        suspects: NDArray[np.intp] = np.rint(axis[peaks[highest]]).astype(np.intp)
+        return suspects
 
     def _piece(
-        self, residual: NDArray[np.float32], filtered: NDArray[np.float32], suspect: NDArray[np.intp]
+        self, residual: NDArray[np.float32], filtered: FloatArray, suspect: NDArray[np.intp]
     ) -> NDArray[np.intp]:
         """The points (points, 2) mm of the metal around a suspect; none where it is none."""
         reach = np.arange(-AROUND_MM, AROUND_MM + 1)
@@ -188,15 +190,16 @@ class _Search:
         taken = float(np.median(seen))
         noise = 1.25 * robust_deviation(seen - taken) / math.sqrt(len(seen))
         if density[at] < DENSER * self._wood or taken < max(LEAST_WOOD_MM * self._wood, CHANCE * noise):
-            return points[:0]
+            return np.zeros((0, 2), np.intp)
         square = np.zeros((reach.size, reach.size))
         place = tuple((points - suspect + AROUND_MM).T)
         square[place] = density
         pieces = label(square > BODY * density[at])[0][place]
-        return points[pieces == pieces[at]]
+        piece: NDArray[np.intp] = points[pieces == pieces[at]]
+        return piece
 
-    def _filtered(self, residual: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The residual (views, cells) through the ramp of parallel rays in 1 / mm: its mean over the views is a density.
+    def _filtered(self, residual: NDArray[np.float32]) -> FloatArray:
+        """The residual (views, cells) through the ramp of parallel rays, 1/mm: its mean over the views is a density.
 
         Kak and Slaney ch. 3, equation 61, with a Hann window, at the scale of the centre of rotation.
         """
@@ -205,8 +208,8 @@ class _Search:
         per_mm = rfftfreq(size, step_mm)
         window = np.where(per_mm < 1.0 / FINEST_MM, 0.5 + 0.5 * np.cos(math.pi * FINEST_MM * per_mm), 0.0)
         depth = 2.0 * self._phantom.radius_mm * self._wood
-        spectrum = rfft(np.clip(residual, -depth, depth), size, axis=1) * (math.pi * per_mm * window).astype(np.float32)
-        filtered: NDArray[np.float32] = irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
+        spectrum = rfft(np.clip(residual, -depth, depth), size, axis=1) * (math.pi * per_mm * window)
+        filtered: FloatArray = irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
         return filtered
 
     def _columns(self, points_mm: NDArray[np.intp]) -> FloatArray:
@@ -221,8 +224,9 @@ class _Search:
 
     def _cells(self, points_mm: NDArray[np.intp]) -> NDArray[np.intp]:
         """The cell in which each view sees each point (views, points); the last one beside the detector."""
-        cells: NDArray[np.intp] = np.floor(self._columns(points_mm)).astype(np.intp)
-        return np.clip(cells, 0, self._data.cells.count - 1)
+        cells = np.floor(self._columns(points_mm)).astype(np.intp)
+        on_detector: NDArray[np.intp] = np.clip(cells, 0, self._data.cells.count - 1)
+        return on_detector
 
     def _samples(self, residual: NDArray[np.float32], points_mm: NDArray[np.intp]) -> Samples:
         """The samples that see a body of these points, a millimetre each, and those beside it that it blurs into."""
