@@ -71,7 +71,7 @@ def test_an_impossible_noise_is_refused(geometry, noise):
 
 def test_counts_come_back_as_line_integrals_within_their_photon_noise(geometry, log_slices):
     photons = 30_000.0
-    stack = simulate_stack(log_slices, geometry, photons=photons, frames=200, seed=909)
+    stack = simulate_stack(log_slices, geometry, photons=photons, fields=200, seed=909)
     assert stack.counts.shape == (24, 2, 768)
     assert stack.counts.dtype == np.uint16
     back = line_integrals(*(a.astype(np.float32) for a in (stack.counts, stack.flats, stack.darks))).stack
@@ -79,7 +79,7 @@ def test_counts_come_back_as_line_integrals_within_their_photon_noise(geometry, 
     for row, body in enumerate(log_slices):
         truth = analytic.project(body, cells, geometry.frame, geometry.angles_rad)
         signal = photons * np.exp(-truth)
-        # Photon noise, and the electronics' five counts; flats and darks of 200 frames add next to nothing.
+        # Photon noise, and the electronics' five counts; 200 flat and dark fields add next to nothing.
         pull = (back[:, row] - truth) / np.sqrt(1.0 / signal + 25.0 / signal**2)
         # 18 432 samples; gains differ by 3 %, so by 1.5 % the noise; the rim's partial volume pulls single cells.
         assert np.median(np.abs(pull)) / 0.6745 == pytest.approx(1.0, abs=0.03)
@@ -89,7 +89,7 @@ def test_counts_come_back_as_line_integrals_within_their_photon_noise(geometry, 
 def test_partial_volume_raises_the_transmission(geometry):
     """The mean intensity over a cell is at least that of the mean line integral (Jensen), and more at steep edges."""
     body = Phantom("steep", (*(Disc((x, 0.0), 1.0, 2.0) for x in range(-60, 61, 6)),))
-    stack = simulate_stack([body], geometry, photons=50_000.0, frames=200, seed=910)
+    stack = simulate_stack([body], geometry, photons=50_000.0, fields=200, seed=910)
     back = line_integrals(*(a.astype(np.float32) for a in (stack.counts, stack.flats, stack.darks))).stack[:, 0]
     mean = analytic.project(body, DetectorCells.of(geometry.scanner), geometry.frame, geometry.angles_rad)
     steep = (mean > 0.5) & (mean < 3.0)
@@ -98,11 +98,11 @@ def test_partial_volume_raises_the_transmission(geometry):
 
 def test_air_gives_the_stated_photons_and_dark_the_stated_level(geometry):
     air = Phantom("next to nothing", (Disc((0.0, 0.0), 1.0, 1e-9),))
-    stack = simulate_stack([air], geometry, photons=20_000.0, dark_level=300.0, seed=911)
+    stack = simulate_stack([air], geometry, photons=20_000.0, seed=911)
     # Gains of 3 % over 768 cells: 0.1 %.
-    assert stack.flats.mean() == pytest.approx(20_300.0, rel=0.005)
-    assert stack.counts.mean() == pytest.approx(20_300.0, rel=0.005)
-    assert stack.darks.mean() == pytest.approx(300.0, abs=0.5)
+    assert stack.flats.mean() == pytest.approx(20_200.0, rel=0.005)
+    assert stack.counts.mean() == pytest.approx(20_200.0, rel=0.005)
+    assert stack.darks.mean() == pytest.approx(200.0, abs=0.5)
 
 
 def test_more_photons_than_sixteen_bits_hold_are_refused(geometry, log_slices):

@@ -15,8 +15,7 @@ from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, log_slices
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.physics.stack import simulate_physics_stack
-from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_worker.tomography.simulate import simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
@@ -139,7 +138,7 @@ def _counted(
     """The scan of wood, by way of a file of counts: it is read as a scanner's is."""
     wood = [body.of_density(SAPWOOD_PER_MM) for body in slices]
     with input_errors(), TemporaryDirectory(prefix="sawmill-") as folder:
-        stack = simulate_physics_stack(wood, geometry, physics, photons=photons, seed=seed)
+        stack = simulate_stack(wood, geometry, physics, photons=photons, seed=seed)
         path = Path(folder) / "scan.h5"
         write_raw_scan(
             path,

@@ -25,7 +25,6 @@ from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.physics.stack import simulate_physics_stack
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
 from sawmill_worker.vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
@@ -83,7 +82,7 @@ def write_bad_day(path: Path, views: int) -> None:
     """A row of the L-shaped phantom on a bad day at the mill, as an NXtomo file."""
     wood = L_SHAPE.of_density(DRY_WOOD_PER_MM).moved(3.0, -2.0)
     geometry = FanBeamGeometry(SCANNER, THETA, full_turn(views))
-    _write_stack(path, views, simulate_physics_stack([wood], geometry, BAD_DAY, seed=SEED))
+    _write_stack(path, views, simulate_stack([wood], geometry, BAD_DAY, seed=SEED))
 
 
 def _write_stack(path: Path, views: int, stack: SimulatedStack) -> None:

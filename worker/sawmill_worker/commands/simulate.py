@@ -13,8 +13,7 @@ from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Phantom
-from sawmill_worker.tomography.physics.stack import simulate_physics_stack
-from sawmill_worker.tomography.simulate import simulate_rows, simulate_stack
+from sawmill_worker.tomography.simulate import UNEQUAL_CELLS, simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
@@ -41,10 +40,8 @@ def simulate_scan(
     turned = rotation.apply(angles_rad)
     fan = FanBeamGeometry(scanner, theta, turned)
     if data is DataKind.COUNTS:
-        if physics is None:
-            stack = simulate_stack(slices, fan, photons=photons, seed=seed)
-        else:
-            stack = simulate_physics_stack(slices, fan, read_physics(physics), photons=photons, seed=seed)
+        effects = UNEQUAL_CELLS if physics is None else read_physics(physics)
+        stack = simulate_stack(slices, fan, effects, photons=photons, seed=seed)
         write_raw_scan(
             output,
             counts=stack.counts,

@@ -1,4 +1,4 @@
-"""Simulated scans from analytic projections: never through the discrete projector that reconstructs them."""
+"""Simulated scans, line integrals or counts: never through the discrete projector that reconstructs them."""
 
 import math
 from dataclasses import dataclass
@@ -10,8 +10,13 @@ from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.physics.detector import FIELDS
+from sawmill_worker.tomography.physics.simulate import simulate_physics
+from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
 
 RAYS_PER_CELL = 8
+# Of every detector, where nothing else is asked for: gains that differ by 3 %.
+UNEQUAL_CELLS = Physics(detector=DetectorEffects(gain_spread=0.03))
 
 
 def simulate_sinogram(
@@ -64,36 +69,37 @@ class SimulatedStack:
 def simulate_stack(
     slices: list[Phantom],
     geometry: FanBeamGeometry,
+    physics: Physics = UNEQUAL_CELLS,
     *,
     photons: float = 30_000.0,
-    dark_level: float = 200.0,
-    frames: int = 10,
+    fields: int = FIELDS,
     seed: int,
 ) -> SimulatedStack:
-    """Counts of a stack of cross-sections whose densities are attenuation per mm.
+    """Counts of a stack of cross-sections whose densities are attenuation per mm, with what a mill adds.
 
-    The detector sums intensity over each cell: exp(-p) is averaged over the rays, not p. Air gives `photons` counts
-    (below 2**16 less the dark level), cell gains differ by 3 %, photon noise is Poisson, dark noise Gaussian.
+    The detector sums intensity over each cell: exp(-p) is averaged over the rays, not p. Air gives `photons` counts,
+    photon noise is Poisson, dark noise Gaussian. The rows share the motion and the tube; each has its own cells.
+
+    Raises
+    ------
+    GeometryError, PhantomError
+        As `simulate_physics`.
     """
-    if photons + dark_level > 60_000.0:
-        raise GeometryError(f"photons {photons:g} and dark_level {dark_level:g} do not fit 16 bits: 60000 in all")
-    rng = np.random.default_rng(seed)
-    scanner = geometry.scanner
-    views, cells, rows = geometry.angles_rad.size, scanner.num_detector_pixels, len(slices)
-    gain = 1.0 + 0.03 * rng.standard_normal((rows, cells)).clip(-3.0, 3.0)
-    fine = DetectorCells(
-        DetectorCells.of(scanner).first_border_mm, scanner.detector_pitch_mm / RAYS_PER_CELL, cells * RAYS_PER_CELL
+    rows = [
+        simulate_physics(
+            body,
+            geometry.scanner,
+            geometry.frame,
+            geometry.angles_rad,
+            physics,
+            photons=photons,
+            fields=fields,
+            seed=seed,
+            row=row,
+        )
+        for row, body in enumerate(slices)
+    ]
+    counts, flats, darks = (
+        np.stack(images, axis=1) for images in zip(*((row.counts, row.flats, row.darks) for row in rows), strict=True)
     )
-
-    def expose(mean: FloatArray) -> NDArray[np.uint16]:
-        electronic = dark_level + 5.0 * rng.standard_normal(mean.shape)
-        return np.rint(rng.poisson(mean) + electronic).clip(0, 65535).astype(np.uint16)
-
-    counts = np.empty((views, rows, cells), np.uint16)
-    for row, body in enumerate(slices):
-        integrals = analytic.project(body, fine, geometry.frame, geometry.angles_rad, rays_per_cell=1)
-        transmission = np.exp(-integrals).reshape(views, cells, RAYS_PER_CELL).mean(axis=2)
-        counts[:, row] = expose(photons * gain[row] * transmission)
-    flats = np.stack([expose(photons * gain) for _ in range(frames)])
-    darks = np.stack([expose(np.zeros((rows, cells))) for _ in range(frames)])
     return SimulatedStack(counts, flats, darks)

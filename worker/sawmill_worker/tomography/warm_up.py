@@ -45,6 +45,14 @@ def _slices() -> None:
     fbp(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), sinogram[1:])
 
 
+def _simulated_counts() -> None:
+    # Imported by this part alone, as the next.
+    from sawmill_worker.tomography.simulate import simulate_stack  # noqa: PLC0415
+
+    geometry, _ = _scan(4)
+    simulate_stack([L_SHAPE.of_density(0.01)], geometry, seed=0)
+
+
 def _iterative_methods() -> None:
     # Imported by this part alone: a calibration does not wait for it.
     from sawmill_worker.tomography.cauchy_map import cauchy_map  # noqa: PLC0415
@@ -60,7 +68,12 @@ def _iterative_methods() -> None:
 
 
 PARTS: Mapping[str, Callable[[], None]] = MappingProxyType(
-    {"slices": _slices, "calibration": _calibration, "iterative methods": _iterative_methods}
+    {
+        "slices": _slices,
+        "calibration": _calibration,
+        "iterative methods": _iterative_methods,
+        "simulated counts": _simulated_counts,
+    }
 )
 
 

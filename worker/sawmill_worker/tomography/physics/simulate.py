@@ -7,7 +7,7 @@ import numpy as np
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.physics.body import Body, stand
-from sawmill_worker.tomography.physics.detector import FIELDS, Converter, Counts, signal, spoil, tube_output
+from sawmill_worker.tomography.physics.detector import DARK_LEVEL, FIELDS, Converter, Counts, signal, spoil, tube_output
 from sawmill_worker.tomography.physics.motion import Motion, move
 from sawmill_worker.tomography.physics.transmission import transmission
 from sawmill_worker.vocabulary.physics import Physics
@@ -52,6 +52,7 @@ def simulate_physics(
     effects: Physics = NOTHING,
     *,
     photons: float = 30_000.0,
+    fields: int = FIELDS,
     seed: int,
     row: int = 0,
 ) -> MillScan:
@@ -65,6 +66,8 @@ def simulate_physics(
         What the scanner reports, as its sense of rotation reads them.
     photons : float
         In air, a cell and view.
+    fields : int
+        Number of flat fields, and of dark ones.
     seed : int
         Of everything random. Rows of one stack share the wood, the motion and the tube.
     row : int
@@ -76,8 +79,11 @@ def simulate_physics(
         If the phantom reaches the source, or counts do not fit 16 bits.
     """
     collected = photons * effects.beam.row_share
-    if effects.detector.bits == 16 and effects.detector.air_of_full_scale is None and collected > LARGEST_COUNTS:
-        raise GeometryError(f"{collected:g} photons do not fit 16 bits at a count each: {LARGEST_COUNTS:g} in all")
+    a_count_each = effects.detector.bits == 16 and effects.detector.air_of_full_scale is None
+    if a_count_each and collected + DARK_LEVEL > LARGEST_COUNTS:
+        raise GeometryError(
+            f"{collected:g} photons and a dark level of {DARK_LEVEL:g} do not fit 16 bits: {LARGEST_COUNTS:g} in all"
+        )
     body = stand(phantom, effects.wood, _stream(seed, _WOOD))
     motion = move(angles_rad, effects.motion, _stream(seed, _MOTION))
     tube = tube_output(angles_rad.size, effects, _stream(seed, _TUBE))
@@ -86,7 +92,7 @@ def simulate_physics(
     cells, noise = scanner.num_detector_pixels, _stream(seed, _NOISE, row)
     converter = Converter.of(effects.detector, collected, cells, _stream(seed, _CELLS, row))
     exposed = converter.expose(collected * received, noise)
-    flats, darks = (converter.expose(np.full((FIELDS, cells), level), noise) for level in (collected, 0.0))
+    flats, darks = (converter.expose(np.full((fields, cells), level), noise) for level in (collected, 0.0))
     counts = spoil(exposed, converter, effects.detector, _stream(seed, _SPOILT, row))
     return MillScan(counts, flats.astype(np.uint16), darks.astype(np.uint16), received, frame, body, motion)
 
