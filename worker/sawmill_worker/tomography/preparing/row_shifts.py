@@ -21,9 +21,14 @@ WHOLE_SCATTER, WHOLE_FURTHEST = 0.12, 0.4
 # Rows: a shift less certain than this blurs more than it corrects (benchmarks/preparing.py).
 MOST_UNCERTAIN = 0.3
 # Views have the place of a whole row within this number of their standard deviations; or, where at least half of the
-# views share one place, within this number of rows: shifts are found to 0.07 rows, and resampling a view that stands
-# where it should costs more than it corrects (benchmarks/lost_rows.py).
+# views are whole rows apart, within this number of rows: shifts are found to 0.07 rows, and resampling a view that
+# stands where it should costs more than it corrects (benchmarks/lost_rows.py).
 SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
+# Departures of neighbouring rows belong together, so that shifts scatter more than estimated, by this factor where no
+# views share a place and show it; beside it, interpolation between rows adds an error (benchmarks/lost_rows.py).
+UNSEEN_INFLATION, BETWEEN_ROWS = 2.0, 0.03
+# A step of the row sums is the end of a body where it is this many times the median step (benchmarks/lost_rows.py).
+JUMP = 12.0
 
 
 class RowsError(ValueError):
@@ -39,7 +44,8 @@ class RowShifts:
     rows : (views,) float64
         Row i of view k shows what row i + rows[k] of the scan is: 0 for most of the views that have all rows.
     standard_deviation : (views,) float64
-        Of each, in rows, before they were taken as whole.
+        Of each, in rows, before they were taken as whole: as large as the scatter of the views that share a place
+        shows it to be.
     whole : bool
         Whether they turned out to be whole numbers and were rounded.
     """
@@ -60,14 +66,20 @@ class RowShifts:
         off = apart - np.rint(apart)
         whole = bool(off.std() < WHOLE_SCATTER and np.abs(off).max() < WHOLE_FURTHEST)
         if whole:
+            standard_deviation = standard_deviation * _inflation(off, standard_deviation)
             rows = np.rint(apart)
-            rows -= np.rint(_origin(rows, present)[0])
+            rows -= _origin(rows, present)
             return cls(_within(rows, present), standard_deviation, whole)
-        origin, shared = _origin(shifts, present)
-        rows = shifts - origin
+        rows = shifts - _origin(shifts, present)
+        off = rows - np.rint(rows)
+        sharing = np.abs(off) <= SAME_PLACE
+        shared = bool(sharing.sum() >= MOST_VIEWS * sharing.size)
+        inflation = _inflation(off[sharing], standard_deviation[sharing]) if shared else UNSEEN_INFLATION
+        standard_deviation = standard_deviation * inflation
         same = np.maximum(SAME_PLACE if shared else 0.0, SAME_DEVIATIONS * standard_deviation)
-        settled = np.abs(rows - np.rint(rows)) <= same
+        settled = np.abs(off) <= same
         rows = _within(np.where(settled, np.rint(rows), rows), present)
+        standard_deviation = np.hypot(standard_deviation, np.where(settled, 0.0, BETWEEN_ROWS))
         return cls(rows, standard_deviation, whole)
 
     def lost(self, present: Rows) -> bool:
@@ -80,13 +92,19 @@ class RowShifts:
         return self.whole and bool((first + self.rows).min() >= 0 and (last + self.rows).max() < present.shape[1])
 
 
-def _origin(shifts: FloatArray, present: Rows) -> tuple[float, bool]:
-    """The shift that most of the views with most rows share, and whether those are most of all views."""
+def _origin(shifts: FloatArray, present: Rows) -> float:
+    """The shift that most of the views with most rows share."""
     count = present.sum(axis=1)
     longest = shifts[count == count.max()]
     near = np.abs(longest[:, None] - longest) <= SAME_PLACE
-    sharing = longest[near[near.sum(axis=1).argmax()]]
-    return float(np.median(sharing)), sharing.size >= MOST_VIEWS * shifts.size
+    return float(np.median(longest[near[near.sum(axis=1).argmax()]]))
+
+
+def _inflation(errors: FloatArray, standard_deviation: FloatArray) -> float:
+    """How much larger the errors of shifts that are known are, root mean square, than was estimated; at least 1."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = errors / standard_deviation
+    return max(1.0, float(np.sqrt(np.mean(ratios[np.isfinite(ratios)] ** 2)))) if np.isfinite(ratios).any() else 1.0
 
 
 def _within(rows: FloatArray, present: Rows) -> FloatArray:
@@ -139,6 +157,26 @@ def _resampled(image: Stack, at: FloatArray) -> Stack:
     for tap in range(4):
         out += weights[:, tap, None].astype(np.float32) * image[taps[:, tap]]
     return out
+
+
+def jumps_between(profile: FloatArray) -> Rows:
+    """Where row sums (rows,), NaN where there are none, jump from a row to the next: where one body ends."""
+    steps = np.abs(np.diff(profile, append=profile[-1]))
+    return np.asarray(steps > JUMP * np.nanmedian(steps), bool)
+
+
+def row_weights(fraction: FloatArray, jumps: Rows) -> tuple[FloatArray, FloatArray]:
+    """Weights of the four rows round a fraction of a row, and their derivatives, as `cubic_weights`.
+
+    Where a body ends between the two rows beside the fraction, a detector's row that shows some of both shows them by
+    their shares: linear interpolation, which a cubic is off by up to 0.05 rows.
+    """
+    weights, slopes = cubic_weights(fraction)
+    nothing, one = np.zeros_like(fraction), np.ones_like(fraction)
+    linear = np.stack([nothing, 1.0 - fraction, fraction, nothing], axis=-1)
+    linear_slopes = np.stack([nothing, -one, one, nothing], axis=-1)
+    where = jumps[..., None]
+    return np.where(where, linear, weights), np.where(where, linear_slopes, slopes)
 
 
 def cubic_weights(fraction: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -6,6 +6,7 @@ profile of sums is the others' profile, shifted.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.fft
@@ -18,6 +19,8 @@ from sawmill_worker.tomography.preparing.row_shifts import (
     Stack,
     check_certain,
     cubic_weights,
+    jumps_between,
+    row_weights,
 )
 from sawmill_worker.tomography.present_rows import Rows
 
@@ -146,6 +149,11 @@ class _Profile:
     present: Rows
     origin: int
 
+    @cached_property
+    def jumps(self) -> Rows:
+        """Where the profile jumps from a row (rows,) to the next one."""
+        return jumps_between(np.where(self.present, self.mass, np.nan))
+
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -222,8 +230,8 @@ def _fit(values: FloatArray, present: Rows, shifts: FloatArray, reference: _Prof
     below = np.floor(at).astype(np.intp)
     taps = np.clip(below[..., None] + np.arange(-1, 3), 0, reference.mass.size - 1)
     inside = present & (below >= 1) & (below + 2 < reference.mass.size) & reference.present[taps].all(axis=2)
-    weights, slopes = cubic_weights(at - below)
     around = reference.mass[taps]
+    weights, slopes = row_weights(at - below, reference.jumps[np.clip(below, 0, reference.mass.size - 1)])
     level = float(reference.mass[reference.present].mean())
     terms = np.stack(
         [
@@ -283,7 +291,8 @@ def _mean(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _
     weights, _ = cubic_weights(at - below)
     sampled = (weights * np.where(inside, levelled[view, clipped], 0.0)).sum(axis=2)
     count = there.sum(axis=0)
-    profile = np.where(there, sampled, 0.0).sum(axis=0) / np.maximum(count, 1)
+    # Unlike the mean, the median of views of which most share a place keeps the end of a body sharp.
+    profile = np.ma.filled(np.ma.median(np.ma.masked_array(sampled, ~there), axis=0), 0.0)
     return _Profile(profile, count >= max(1, len(values) // 2), origin)
 
 
