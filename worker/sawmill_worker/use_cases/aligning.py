@@ -95,7 +95,7 @@ class Views:
         for block, first in self.blocks():
             for view, image in enumerate(block, start=first):
                 if shifts.rows[view] != 0.0:
-                    image[...] = shifted(image, self.present[view], shifts.rows[view])
+                    image[...] = shifted(image, self.present[view], shifts.rows[view], shifts.ends)
                     moved[view] = present_rows(image)
             self.data[first : first + len(block)] = block
             del block, image  # before the next one is read

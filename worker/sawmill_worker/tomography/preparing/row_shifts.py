@@ -5,7 +5,8 @@ everywhere in it. `shifts_by_mass` and `shifts_by_features` find the shifts.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,9 @@ SAME_DEVIATIONS, SAME_PLACE, MOST_VIEWS = 2.0, 0.15, 0.5
 # Departures of neighbouring rows belong together, so that shifts scatter more than estimated, by this factor where no
 # views share a place and show it; beside it, interpolation between rows adds an error (benchmarks/lost_rows.py).
 UNSEEN_INFLATION, BETWEEN_ROWS = 2.0, 0.03
-# A step of the row sums is the end of a body where it is this many times the median step (benchmarks/lost_rows.py).
-JUMP = 12.0
+# A step of the row sums is the end of a body where it is this many times the two before, the two after and the median
+# (benchmarks/lost_rows.py).
+JUMP = 4.0
 
 
 class RowsError(ValueError):
@@ -48,19 +50,25 @@ class RowShifts:
         shows it to be.
     whole : bool
         Whether they turned out to be whole numbers and were rounded.
+    ends : (n,) integers
+        The last rows of bodies along the log, as of a phantom before it: the next row shows another.
     """
 
     rows: FloatArray
     standard_deviation: FloatArray
     whole: bool
+    ends: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, np.intp))
 
     @classmethod
-    def of(cls, shifts: FloatArray, standard_deviation: FloatArray, present: Rows) -> "RowShifts":
-        """From shifts with any origin, of views with the rows `present` (views, rows).
+    def of(
+        cls, shifts: FloatArray, standard_deviation: FloatArray, present: Rows, ends: NDArray[np.intp] | None = None
+    ) -> "RowShifts":
+        """From shifts and ends of bodies with any origin, of views with the rows `present` (views, rows).
 
         Taken as whole rows where they are whole rows apart; where some are not, those whose place is that of a whole
         row are.
         """
+        ends = np.zeros(0, np.intp) if ends is None else ends
         common = float(np.angle(np.exp(2j * np.pi * shifts).mean()) / (2.0 * np.pi))
         apart = shifts - common
         off = apart - np.rint(apart)
@@ -69,7 +77,8 @@ class RowShifts:
             standard_deviation = standard_deviation * _inflation(off, standard_deviation)
             rows = np.rint(apart)
             rows -= _origin(rows, present)
-            return cls(_within(rows, present), standard_deviation, whole)
+            rows = _within(rows, present)
+            return cls(rows, standard_deviation, whole, _moved(ends, shifts, rows))
         rows = shifts - _origin(shifts, present)
         off = rows - np.rint(rows)
         sharing = np.abs(off) <= SAME_PLACE
@@ -80,7 +89,7 @@ class RowShifts:
         settled = np.abs(off) <= same
         rows = _within(np.where(settled, np.rint(rows), rows), present)
         standard_deviation = np.hypot(standard_deviation, np.where(settled, 0.0, BETWEEN_ROWS))
-        return cls(rows, standard_deviation, whole)
+        return cls(rows, standard_deviation, whole, _moved(ends, shifts, rows))
 
     def lost(self, present: Rows) -> bool:
         """Whether each view, of the rows `present` (views, rows), is moved to rows that the detector has.
@@ -90,6 +99,11 @@ class RowShifts:
         """
         first, last = _ends(present)
         return self.whole and bool((first + self.rows).min() >= 0 and (last + self.rows).max() < present.shape[1])
+
+
+def _moved(ends: NDArray[np.intp], shifts: FloatArray, rows: FloatArray) -> NDArray[np.intp]:
+    """Ends of bodies as the shifts counted them, counted as the rows are."""
+    return np.rint(ends + np.median(rows - shifts)).astype(np.intp)
 
 
 def _origin(shifts: FloatArray, present: Rows) -> float:
@@ -132,19 +146,24 @@ def check_certain(standard_deviation: FloatArray, why: str) -> None:
         )
 
 
-def shifted(image: Stack, present: NDArray[np.bool_], shift: float) -> Stack:
+def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArray[np.intp] | None = None) -> Stack:
     """A view's image (rows, cells) with the rows `present` (rows,), moved along the log: NaN where it has no row.
 
-    A whole shift moves rows; another resamples them by cubic convolution, the view's first and last rows repeated.
+    A whole shift moves rows; another resamples them by cubic convolution, the first and last rows repeated. A row that
+    shows the end of a body and the next one shows neither: each side of it, by `ends`, is resampled by itself.
     """
-    rows, out = np.arange(len(image), dtype=np.float64), np.full_like(image, np.nan)
+    out = np.full_like(image, np.nan)
     first, last = int(present.argmax()), len(present) - 1 - int(present[::-1].argmax())
-    at: FloatArray = rows - shift
-    there = (at >= first - 1e-9) & (at <= last + 1e-9)
     if float(shift).is_integer():
-        out[there] = image[at[there].astype(np.intp)]
-    else:
-        out[there] = _resampled(image[first : last + 1], at[there] - first)
+        low, high = max(first + int(shift), 0), min(last + int(shift), len(image) - 1)
+        out[low : high + 1] = image[low - int(shift) : high + 1 - int(shift)]
+        return out
+    at: FloatArray = np.arange(len(image), dtype=np.float64) - shift
+    mixed = [int(np.rint(end + 0.5 - shift)) for end in ([] if ends is None else ends.tolist())]
+    borders = [first - 1, *(row for row in mixed if first < row < last), last + 1]
+    for before, after in pairwise(borders):
+        there = (at >= before + 1) & (at <= after - 1)
+        out[there] = _resampled(image[before + 1 : after], at[there] - before - 1)
     return out
 
 
@@ -161,8 +180,11 @@ def _resampled(image: Stack, at: FloatArray) -> Stack:
 
 def jumps_between(profile: FloatArray) -> Rows:
     """Where row sums (rows,), NaN where there are none, jump from a row to the next: where one body ends."""
-    steps = np.abs(np.diff(profile, append=profile[-1]))
-    return np.asarray(steps > JUMP * np.nanmedian(steps), bool)
+    steps = np.pad(np.abs(np.diff(np.nan_to_num(profile, nan=np.nanmedian(profile)))), (2, 3))
+    beside = np.max([steps[offset : offset + profile.size] for offset in (0, 1, 3, 4)], axis=0)
+    middle = steps[2 : profile.size + 2]
+    there = np.isfinite(profile) & np.isfinite(np.append(profile[1:], np.nan))
+    return np.asarray(there & (middle > JUMP * np.maximum(beside, np.median(middle))), bool)
 
 
 def row_weights(fraction: FloatArray, jumps: Rows) -> tuple[FloatArray, FloatArray]:

@@ -111,7 +111,8 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         if np.abs(step).max() < SETTLED:
             break
     check_certain(fit.standard_deviation, "the log varies too little along its length for the noise")
-    return RowShifts.of(shifts, fit.standard_deviation, present)
+    ends = np.flatnonzero(reference.jumps) + reference.origin
+    return RowShifts.of(shifts, fit.standard_deviation, present, ends)
 
 
 def _depth(first: FloatArray, present: Rows, shifts: FloatArray, angles_rad: FloatArray) -> FloatArray:
