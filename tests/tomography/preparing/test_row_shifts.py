@@ -116,6 +116,31 @@ class TestByMass:
         assert np.sqrt(np.mean(error**2)) < 0.1
         assert np.abs(error).max() < 0.25
 
+    @pytest.mark.parametrize("board", [0, 12])
+    @pytest.mark.parametrize("fractions", [False, True])
+    def test_the_standard_deviations_hold(self, sparse, board, fractions):
+        # A board before the log, of half its mass, ends between two rows; a third of the views moved along the log by
+        # parts of a row, which mix two of them as a detector's row does.
+        stack = noisy(sparse[0], 41)
+        stack[:, :board] = noisy(0.5 * sparse[0][:, 50:51].repeat(board, axis=1), 42)
+        rng = np.random.default_rng(43)
+        lost, truth = np.full_like(stack, np.nan), np.zeros(60)
+        for view in range(60):
+            part = rng.uniform(0.2, 0.8) if fractions and view % 3 == 0 else 0.0
+            top = int(rng.integers(1, 7)) if view % 3 == 1 else 0
+            between = (1.0 - part) * stack[view, :-1] + part * stack[view, 1:]
+            lost[view, : between.shape[0] - top], truth[view] = between[top:], top + part
+        found = shifts_by_mass(moments(lost), sparse[1])
+        assert found.whole is not fractions
+        # Those that did not move by parts are not resampled.
+        np.testing.assert_array_equal(found.rows[truth == 0.0], 0.0)
+        np.testing.assert_array_equal(found.rows[1::3], truth[1::3])
+        errors = (found.rows - truth) / found.standard_deviation
+        assert np.sqrt(np.mean(errors**2)) < 1.5
+        if fractions:
+            assert np.abs(found.rows - truth).max() < 0.25
+            assert 0.02 < np.median(found.standard_deviation[::3]) < 0.15
+
     def test_the_slices_are_as_good_as_without_the_loss(self, sparse):
         clean, angles = sparse
         stack = noisy(clean, 17)
@@ -218,6 +243,17 @@ class TestAligned:
         assert not shifts.whole
         np.testing.assert_array_equal(shifts.rows[[0, 1, 2, 3, 6]], truth[[0, 1, 2, 3, 6]])
         np.testing.assert_allclose(shifts.rows, truth, atol=0.05)
+
+    def test_a_row_that_shows_the_end_of_a_board_and_the_log_behind_it_shows_neither(self):
+        image = np.full((20, 1), 5.0, np.float32)
+        image[8:] = np.sin(0.3 * np.arange(8, 20))[:, None]
+        # The detector's rows half a row further on: row 7 is half of the board.
+        between = np.append(0.5 * (image[:-1] + image[1:]), image[-1:], axis=0)
+        mended = shifted(between, np.ones(20, bool), 0.5, np.array([7]))[:, 0]
+        assert np.flatnonzero(np.isnan(mended)).tolist() == [0, 7, 8]
+        np.testing.assert_array_equal(mended[1:7], 5.0)
+        # Linear interpolation there and back costs 0.3 squared over 8 of a wave; its ends repeat the last row.
+        np.testing.assert_allclose(mended[10:-1], image[10:-1, 0], atol=0.02)
 
     def test_fractions_are_resampled_to_what_stands_between(self):
         rows = np.arange(40.0)
