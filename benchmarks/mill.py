@@ -9,11 +9,11 @@ n and the seed alone. Results are appended to a file of JSON lines; an interrupt
 
 The columns: `effect`, the median ray error of the plain fit without remedies on noise-free data; median true ray error
 and bound (`upper_95`), mm, up to a common scale; the share in which the bound holds, a star where 95 % are refuted at
-1 % (one-sided binomial test); verdicts; wrong passes (above 0.1 mm, or a wrong hypothesis) and the 95 % upper limit of
-their share of all passes; the share passed of scans whose true error is below 0.05 mm; for one effect above 0.05 mm the
-share in which it is named alone or among three causes, for clean scans the share that names none; median true error and
-bound of the scale, %, and how often that bound holds; median seconds of one calibration in one thread; refusals and
-crashes.
+1 % (one-sided binomial test); verdicts; wrong passes of the rays (above 0.1 mm, or a wrong hypothesis) and the 95 %
+upper limit of their share of all passes; the share passed of scans whose true error is below 0.05 mm; for one effect
+above 0.05 mm the share in which it is named alone or among three causes, for clean scans the share that names none;
+median true error and bound of the scale, %, and how often that bound holds; median seconds of one calibration in one
+thread; refusals and crashes.
 """
 
 import argparse
@@ -81,8 +81,9 @@ def _answer(scan: StudyScan, found: Calibration) -> dict[str, Any]:
         "rms_mm": found.error_bars.predicted_ray_error.rms_mm,
         "right_hypothesis": (found.handedness, found.rotation) == (setting.handedness, setting.rotation),
         "scale_error_percent": 100.0 * true.scale_change,
-        "scale_uncertainty_percent": 196.0 * found.task.phantom.size_tolerance,
+        "scale_uncertainty_percent": found.scale.percent_95,
         "verdict": found.judgement.verdict,
+        "rays_verdict": found.judgement.rays_verdict,
         "adjustments": list(found.adjustments),
         "reasons": list(found.judgement.reasons),
     }

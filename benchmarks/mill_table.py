@@ -39,6 +39,7 @@ class Outcome:
     scale_error_percent: float = math.nan
     scale_uncertainty_percent: float = math.nan
     verdict: str = ""
+    rays_verdict: str = ""
     adjustments: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
     seconds: float = math.nan
@@ -75,8 +76,8 @@ class Outcome:
 
     @property
     def wrong(self) -> bool:
-        """Passed, and it should not have been."""
-        return self.passed and (self.error_mm > TOLERANCE_MM or not self.right_hypothesis)
+        """The rays passed, and should not have."""
+        return self.rays_verdict == "pass" and (self.error_mm > TOLERANCE_MM or not self.right_hypothesis)
 
     @property
     def named(self) -> frozenset[str]:
@@ -123,7 +124,7 @@ def row(name: str, outcomes: list[Outcome]) -> str:
     errors, bounds = [one.error_mm for one in answered], [one.upper_95_mm for one in answered]
     scales = [abs(one.scale_error_percent) for one in answered]
     scale_bounds = [one.scale_uncertainty_percent for one in answered]
-    passes, wrong = sum(one.passed for one in answered), sum(one.wrong for one in answered)
+    passes, wrong = sum(one.rays_verdict == "pass" for one in answered), sum(one.wrong for one in answered)
     effects = [one.plain_mm for one in answered]
     good = [one.passed for one in answered if one.error_mm < GOOD_MM]
     verdicts = [_share([one.verdict == verdict for one in answered]) for verdict in ("pass", "watch", "fail")]

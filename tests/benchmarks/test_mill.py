@@ -86,6 +86,7 @@ def _outcome(**changes):
         "scale_error_percent": -0.1,
         "scale_uncertainty_percent": 0.3,
         "verdict": "pass",
+        "rays_verdict": "pass",
         "adjustments": ["the turntable wobbles once a turn, by 0.5 mm, which was fitted"],
         "reasons": [],
         "seconds": 0.1,
@@ -99,7 +100,7 @@ def _outcome(**changes):
         ({}, False),
         ({"error_mm": 0.11}, True),
         ({"right_hypothesis": False}, True),
-        ({"error_mm": 0.11, "verdict": "watch"}, False),
+        ({"error_mm": 0.11, "verdict": "watch", "rays_verdict": "watch"}, False),
     ],
 )
 def test_a_wrong_pass_is_one_beyond_the_tolerance_or_of_a_wrong_hypothesis(changes, wrong):
