@@ -289,6 +289,7 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks(sections(README)["The command line"], "sh"),
         *blocks((ROOT / "docs/http.md").read_text(), "sh"),
         *blocks((ROOT / "docs/export.md").read_text(), "sh"),
+        *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
     # `make` is looked at below, a cluster's commands and compose's token in test_compose.py.

@@ -24,7 +24,7 @@ from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
 pytestmark = pytest.mark.slow
 
@@ -109,7 +109,9 @@ def test_a_calibration_is_compared_with_the_active_one(store, ingested, attempt,
     assert "turns the other way" in result["comparison"]["reason"]
 
 
-def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt, ask, sinogram, scanner, theta):
+def test_a_partial_turn_has_an_image_by_total_variation_and_a_report(
+    store, ingested, attempt, ask, sinogram, scanner, theta
+):
     angles = np.deg2rad(np.arange(0.0, 200.0, 4.0))
     scan = ingested(sinogram(angles)[:, None], "0:4")
     store.calibrations.accept(ask(scan_id=scan.id))
@@ -118,9 +120,15 @@ def test_a_partial_turn_has_no_image_and_still_a_report(store, ingested, attempt
     error = ray_error(scanner, theta.source_frame(859.46), result.source_frame)
     assert error.rms_mm < 0.05
     record = calibration_file.read_calibration(calibrating.output / "result.h5")
-    assert not record.arrays["phantom_image"].any()
+    arrays = CalibrationArrays.of(record.arrays)
+    assert arrays.phantom_image_method is ReconstructionMethod.TOTAL_VARIATION
+    # x > 0 holds the L's long leg, x < 0 and y < 0 nothing.
+    pixel = arrays.phantom_field_mm / 256
+    leg, nothing = (arrays.phantom_image[round(128 + mm / pixel), round(128 - 60.0 / pixel)] for mm in (60.0, -60.0))
+    assert leg == pytest.approx(1.0, abs=0.15)
+    assert nothing == pytest.approx(0.0, abs=0.15)
     assert "log_after" not in record.arrays
-    with Image.open(io.BytesIO(overlay_png(result, CalibrationArrays.of(record.arrays)))) as picture:
+    with Image.open(io.BytesIO(overlay_png(result, arrays))) as picture:
         assert min(picture.size) > 300
 
 

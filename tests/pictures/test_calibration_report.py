@@ -142,6 +142,13 @@ def test_one_picture_of_a_log_stands_alone(answer, arrays):
     assert near(middle, (0, 0, 0)) > 0.5 * middle.shape[0] * middle.shape[1]
 
 
+def test_an_image_by_another_method_says_so_in_its_title(answer, arrays):
+    by_fbp = pixels(overlay(answer, arrays))
+    named = pixels(overlay(answer, arrays | {"phantom_image_method": np.array(b"total_variation")}))
+    assert named.shape != by_fbp.shape or (named != by_fbp).any()
+    assert overlay(answer, arrays) == overlay(answer, arrays | {"phantom_image_method": np.array(b"fbp")})
+
+
 def test_same_input_same_bytes(answer, arrays):
     assert overlay(answer, arrays) == overlay(answer, arrays)
 

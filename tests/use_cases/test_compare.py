@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
-from sawmill_worker.contracts.calibrations import CalibrationOptions
+from sawmill_worker.contracts.calibrations import CalibrationOptions, PredictedRayError
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.compare import compared, geometry_of
 
@@ -47,6 +48,18 @@ def test_a_knocked_detector_is_reported_in_millimetres(calibration, watched, the
     assert change.ray_change_mm > 0.5
     assert not change.within_tolerance
     assert f"the COR moved {expected:+.2f} mm on the detector" in change.reason
+
+
+@pytest.mark.parametrize(("stated_mm", "counted_mm"), [(None, 50.0), (100.0, 100.0)])
+def test_rays_are_compared_in_the_scanner_s_disc_else_in_the_active_calibration_s(
+    calibration, watched, theta, scanner, stated_mm, counted_mm
+):
+    error = PredictedRayError(rms=0, max=0, upper_95=0, radius_mm=50)
+    active = calibration().model_copy(update={"predicted_ray_error_mm": error})
+    new = calibration(replace(theta, detector_tilt=theta.detector_tilt + 0.02))
+    change = compare(active, new, watched().model_copy(update={"log_radius_mm": stated_mm}))
+    expected = ray_error(scanner, active.source_frame, new.source_frame, radius_mm=counted_mm)
+    assert change.ray_change_mm == pytest.approx(expected.rms_mm)
 
 
 @pytest.mark.parametrize("ray_change_mm", [0.5, 1e3])

@@ -244,7 +244,7 @@ def calibrate(
     *,
     tolerance_mm: float = 0.1,
     scale_tolerance_percent: float = 0.5,
-    log_radius_mm: float = 150.0,
+    log_radius_mm: float | None = None,
     on_progress: ProgressCallback = unreported,
     **options: object,
 ) -> Calibration:
@@ -257,8 +257,8 @@ def calibrate(
         The calibration passes where its predicted ray error is below this with 95 %.
     scale_tolerance_percent : float
         And where the image's millimetres are right to this with 95 %.
-    log_radius_mm : float
-        Of the disc in which ray errors are counted.
+    log_radius_mm : float, optional
+        Of the disc in which ray errors are counted; by default the phantom's, at most 150 mm.
     **options
         As docs/http.md lists them for a calibration: `method`, `seed`, `handedness`, `rotation`, `rows`, `views`,
         `without`, `rays_per_cell`, `size_tolerance_percent`, `true_axis`, `paper`.

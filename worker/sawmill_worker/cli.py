@@ -70,6 +70,7 @@ def calibrate(
     options: Annotated[CalibrationOptions, Flags(rows=shared.ROWS)],
     phantom_width_mm: shared.PhantomWidth = None,
     tolerance_scale_percent: Annotated[float, option(Tolerances, "scale_percent")] = 0.5,
+    log_radius_mm: Annotated[float | None, option(ScannerSpec, "log_radius_mm")] = None,
     report: Annotated[Path | None, shared.picture("Write a report picture.")] = None,
     as_json: shared.JsonFlag = False,
 ) -> None:
@@ -88,6 +89,7 @@ def calibrate(
             options,
             source_to_cor_mm=source_to_cor_mm,
             scale_tolerance_percent=tolerance_scale_percent,
+            log_radius_mm=log_radius_mm,
             picture=report,
             on_progress=progress,
         )
@@ -312,8 +314,8 @@ def plan(
         list[int] | None, typer.Option(min=3, help="Views over a full turn; may be repeated. 20 and 360 by default.")
     ] = None,
     noise: Annotated[float, option(PlanOptions, "noise")] = 0.02,
-    log_radius_mm: Annotated[float, option(ScannerSpec, "log_radius_mm")] = 150.0,
     size_tolerance_percent: Annotated[float | None, option(PlanOptions, "size_tolerance_percent")] = None,
+    log_radius_mm: Annotated[float | None, option(ScannerSpec, "log_radius_mm")] = None,
     phantom_width_mm: shared.PhantomWidth = None,
     as_json: shared.JsonFlag = False,
 ) -> None:

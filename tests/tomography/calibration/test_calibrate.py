@@ -256,6 +256,16 @@ def test_another_scanner_is_calibrated_with_its_own_constants(scan, full_turn, p
     assert found.judgement.verdict == "pass"
 
 
+def test_a_small_phantom_is_judged_in_the_disc_that_held_it(scan, full_turn):
+    """Rays that never met it are none of its answer, unless a larger log is stated."""
+    scanner, theta, scale, _ = OTHER_SCANNERS["one in a laboratory"]
+    task = scan(L_SHAPE.scaled(scale), full_turn(20), seed=1113, theta=theta, scanner=scanner)
+    own, stated = calibrate(task), calibrate(replace(task, log_radius_mm=60.0))
+    assert own.radius_mm == own.seen.radius_mm == pytest.approx(scale * L_SHAPE.radius_mm, abs=5.0)
+    assert stated.radius_mm == 60.0
+    assert own.error_bars.predicted_ray_error.rms_mm < stated.error_bars.predicted_ray_error.rms_mm
+
+
 @both_phantoms
 def test_irregular_angles_in_any_order_and_of_any_turn_are_the_views_own(scan, theta, phantom):
     rng = np.random.default_rng(1114)

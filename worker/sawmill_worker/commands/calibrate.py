@@ -19,6 +19,7 @@ def calibrate_scan(
     *,
     source_to_cor_mm: float,
     scale_tolerance_percent: float,
+    log_radius_mm: float | None,
     picture: Path | None,
     on_progress: ProgressCallback,
 ) -> CalibrationResult:
@@ -36,6 +37,7 @@ def calibrate_scan(
         drawing=drawing,
         input_sha256=used.sha256,
         scale_tolerance_percent=scale_tolerance_percent,
+        log_radius_mm=log_radius_mm,
         from_counts=used.counts,
         views=mean.views,
     )

@@ -17,7 +17,7 @@ def plan_phantoms(
     *,
     scanner: ScannerConstants,
     theta: Theta,
-    log_radius_mm: float,
+    log_radius_mm: float | None,
 ) -> list[PlanResult]:
     """Each phantom at each number of views, the phantoms in the order in which they were given."""
     given = [PlanInput(drawing_of(phantom), scanner, theta, log_radius_mm) for phantom in phantoms]

@@ -7,6 +7,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from sawmill_worker.vocabulary import ReconstructionMethod
+
 
 @dataclass(frozen=True)
 class LogImages:
@@ -35,6 +37,8 @@ class CalibrationArrays:
         The phantom with the geometry found, in units of its drawing's density; all 0 where there is no image.
     phantom_field_mm : float
         Side of that image.
+    phantom_image_method : ReconstructionMethod
+        What it was made with: FBP, or total variation where the views do not go all round.
     phantom_outlines_mm : (point, 2) float64
         The drawing's outlines where the phantom stood, each closed, a row of NaN between two.
     search_history : (step, 2) float64
@@ -51,6 +55,7 @@ class CalibrationArrays:
     phantom_field_mm: float
     phantom_outlines_mm: NDArray[np.float64]
     search_history: NDArray[np.float64]
+    phantom_image_method: ReconstructionMethod = ReconstructionMethod.FBP
     log: LogImages | None = None
 
     @classmethod
@@ -73,5 +78,12 @@ class CalibrationArrays:
             phantom_field_mm=float(arrays["phantom_field_mm"]),
             phantom_outlines_mm=arrays["phantom_outlines_mm"],
             search_history=arrays["search_history"],
+            phantom_image_method=_method(arrays),
             log=log,
         )
+
+
+def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
+    """By its name; an earlier version had FBP alone."""
+    name = arrays.get("phantom_image_method")
+    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))

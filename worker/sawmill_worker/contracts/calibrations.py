@@ -18,6 +18,7 @@ from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import (
+    LARGEST_ASSUMED_LOG_RADIUS_MM,
     STANDARD_SIZE_TOLERANCE,
     Adjustment,
     CalibrationMethod,
@@ -250,6 +251,12 @@ class CalibrationResult(Contract):
     software_version: str
     input_sha256: str
     comparison: Comparison | None = None
+
+    @property
+    def radius_mm(self) -> float:
+        """Of the disc in which ray errors are counted with this geometry, where its scanner names none."""
+        predicted = self.predicted_ray_error_mm
+        return LARGEST_ASSUMED_LOG_RADIUS_MM if predicted is None else predicted.radius_mm
 
 
 class CalibrationFile(CalibrationResult):

@@ -40,8 +40,10 @@ class ScannerSpec(Contract):
         None, description="Where theta is searched; null: wherever the phantom can be seen."
     )
     tolerances: Tolerances = Tolerances()
-    log_radius_mm: PositiveMm = Field(
-        150.0, description="Radius of the largest log: the disc in which ray errors are counted."
+    log_radius_mm: PositiveMm | None = Field(
+        None,
+        description="Radius of the largest log: the disc around the rotation centre in which ray errors are counted. "
+        "Null: that of the smallest which holds the phantom where it stood, at most 150 mm.",
     )
     handedness: Handedness | None = Field(None, description="Null: every calibration tries both.")
     rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")

@@ -18,6 +18,7 @@ from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded
 from sawmill_worker.pictures.parameter_panels import draw_frame_pairs, draw_theta_and_twin
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 WIDTH_IN = 14.0
 LINE_IN = 0.27
@@ -27,6 +28,12 @@ VERDICTS = {
     "pass": ("#2e7d32", "The geometry is known well enough to be used."),
     "watch": ("#b26a00", "There is a geometry, but look at it before it is used."),
     "fail": (ALARM, "This geometry must not be used."),
+}
+# What a reader must know of the phantom's image.
+BY_METHOD = {
+    ReconstructionMethod.TOTAL_VARIATION: (
+        "\n(total variation, since the views do not go all round:\nedges along no ray of theirs are guessed)"
+    )
 }
 
 
@@ -113,7 +120,7 @@ def _draw_found(part: SubFigure, result: CalibrationResult, arrays: CalibrationA
 
 def _draw_phantom(figure: FigureBase, ax: Axes, arrays: CalibrationArrays) -> None:
     image = arrays.phantom_image
-    ax.set_title("the phantom, reconstructed with the geometry found")
+    ax.set_title("the phantom, reconstructed with the geometry found" + BY_METHOD.get(arrays.phantom_image_method, ""))
     draw_phantom(figure, ax, image, arrays.phantom_field_mm, arrays.phantom_outlines_mm)
     if not image.any():
         ax.text(

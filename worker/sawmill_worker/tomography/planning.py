@@ -11,6 +11,7 @@ from sawmill_worker.tomography.calibration.covariance import frame_deviation, th
 from sawmill_worker.tomography.calibration.elimination import reduce
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_worker.tomography.log_radius import counted_radius_mm
 from sawmill_worker.tomography.phantom import Phantom, PhantomError
 from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error
 
@@ -33,6 +34,8 @@ class Plan:
         Standard deviations of (psi, R, SDD, u_c, tau, M).
     theta_deviation : (5,) float64 or None
         Standard deviations of theta; None where the source shift is not resolved.
+    radius_mm : float
+        Of the disc in which ray errors are counted.
     predicted_ray_error : PredictedRayError
         From noise alone.
     scale : ScaleUncertainty
@@ -45,12 +48,13 @@ class Plan:
     covariance: FloatArray
     frame_deviation: FloatArray
     theta_deviation: FloatArray | None
+    radius_mm: float
     predicted_ray_error: PredictedRayError
     scale: ScaleUncertainty
     views_cut_off: int
 
 
-def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float = 150.0) -> Plan:
+def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radius_mm: float | None = None) -> Plan:
     """The precision that this phantom gives, standing on the rotation centre, at these views.
 
     Parameters
@@ -59,6 +63,8 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
         The scanner with its nominal theta, and the views.
     noise : float
         Standard deviation of the noise against the RMS of the phantom's sinogram: 0.02 is 2 %.
+    log_radius_mm : float or None
+        Of the disc in which ray errors are counted; None takes the phantom's.
 
     Raises
     ------
@@ -77,14 +83,16 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
         raise PhantomError(f"the phantom {phantom.name!r} casts no shadow on the detector of this geometry")
     grams = analytic.gram(phantom, cells, frame, geometry.angles_rad, sinogram)
     covariance = sigma * sigma * _inverse(phantom, grams)[:5, :5]
+    radius_mm = counted_radius_mm(log_radius_mm, phantom)
     of_theta = theta_covariance(scanner, frame, geometry.theta, covariance)
     return Plan(
         noise=sigma,
         covariance=covariance,
         frame_deviation=frame_deviation(frame, covariance),
         theta_deviation=None if of_theta is None else np.sqrt(np.diag(of_theta)),
-        predicted_ray_error=predicted_ray_error(scanner, frame, covariance, radius_mm=log_radius_mm),
-        scale=scale_uncertainty(scanner, frame, phantom, covariance, log_radius_mm),
+        radius_mm=radius_mm,
+        predicted_ray_error=predicted_ray_error(scanner, frame, covariance, radius_mm=radius_mm),
+        scale=scale_uncertainty(scanner, frame, phantom, covariance, radius_mm),
         views_cut_off=int(np.count_nonzero(np.any(sinogram[:, [0, -1]] != 0.0, axis=1))),
     )
 

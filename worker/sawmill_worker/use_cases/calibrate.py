@@ -51,7 +51,7 @@ class CalibrationInput:
     bounds: ThetaBounds | None
     drawing: PhantomDrawing
     input_sha256: str
-    log_radius_mm: float = 150.0
+    log_radius_mm: float | None = None
     tolerance_mm: float = 0.1
     scale_tolerance_percent: float = 0.5
     from_counts: bool = False
@@ -180,7 +180,7 @@ def calibration_result(
         theta=calibration.theta,
         theta_twin=calibration.theta_twin,
         source_frame=calibration.frame,
-        **_with_error_bars(calibration.frame, bars, given.log_radius_mm),
+        **_with_error_bars(calibration.frame, bars, calibration.radius_mm),
         unconstrained_source_distance_mm=calibration.source_distance.unconstrained_mm,
         scale_uncertainty_mm=calibration.scale.source_distance_mm,
         scale_ray_error_mm=calibration.scale.ray_error_mm,

@@ -22,8 +22,7 @@ def geometry_of(result: CalibrationResult) -> CalibratedGeometry:
 def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: StoredScanner) -> Comparison:
     """What changed since the active calibration, by the scanner's constants and tolerances."""
     tolerances = scanner.tolerances
-    limits = ChangeLimits(
-        tolerances.ray_change_mm, tolerances.angle_change_deg, scanner.log_radius_mm, tolerances.scale_percent
-    )
+    radius_mm = scanner.log_radius_mm or active.radius_mm
+    limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, radius_mm, tolerances.scale_percent)
     change = compare(scanner.constants, geometry_of(active), new, limits)
     return Comparison(calibration_id=active.id, **vars(change))

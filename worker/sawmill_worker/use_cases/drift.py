@@ -24,9 +24,6 @@ from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.present_rows import rows_of_all
 from sawmill_worker.use_cases.failures import refused
 
-# Of the disc in which rays are counted where the calibration names none.
-LOG_RADIUS_MM = 150.0
-
 
 @dataclass(frozen=True, eq=False)
 class DriftInput:
@@ -76,8 +73,8 @@ def run_drift(given: DriftInput) -> DriftResult:
     """Pair opposite rays and compare; errors of `sawmill_worker.tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
-    scanner, calibrated, predicted = known.scanner, known.source_frame, known.predicted_ray_error_mm
-    radius_mm = given.log_radius_mm or (LOG_RADIUS_MM if predicted is None else predicted.radius_mm)
+    scanner, calibrated = known.scanner, known.source_frame
+    radius_mm = given.log_radius_mm or known.radius_mm
     fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)

@@ -14,6 +14,7 @@ from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.present_rows import filled
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.
@@ -58,7 +59,7 @@ def log_images(
     log: LogRow, given: CalibrationInput, found: CalibratedGeometry, active: CalibratedGeometry | None
 ) -> LogImages | None:
     """The log with the geometry found, and with the active calibration's; None where the views do not go all round."""
-    field = 2.0 * MARGIN * given.log_radius_mm
+    field = 2.0 * MARGIN * (given.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
     after = _image(log, given, found, field)
     if after is None:
         return None

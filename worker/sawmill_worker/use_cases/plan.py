@@ -21,7 +21,7 @@ class PlanInput:
     drawing: PhantomDrawing
     scanner: ScannerConstants
     theta: Theta
-    log_radius_mm: float = 150.0
+    log_radius_mm: float | None = None
 
 
 def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
@@ -35,7 +35,7 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
         source_frame=fan.frame,
         standard_deviation=from_deviation(planned.theta_deviation, planned.frame_deviation),
         covariance=planned.covariance.tolist(),
-        predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, given.log_radius_mm),
+        predicted_ray_error_mm=from_predicted(planned.predicted_ray_error, planned.radius_mm),
         scale_uncertainty_mm=planned.scale.source_distance_mm,
         scale_ray_error_mm=planned.scale.ray_error_mm,
         scale_uncertainty_percent=planned.scale.percent_95,

@@ -39,6 +39,7 @@ from sawmill_worker.vocabulary.geometry import (
 )
 from sawmill_worker.vocabulary.phantoms import (
     BUILT_IN_OUTLINES,
+    LARGEST_ASSUMED_LOG_RADIUS_MM,
     STANDARD_SIZE_TOLERANCE,
     CoordinateMm,
     Disc,
@@ -52,6 +53,7 @@ from sawmill_worker.vocabulary.progress import Progress, ProgressCallback
 __all__ = [
     "AS_CONTRACT",
     "BUILT_IN_OUTLINES",
+    "LARGEST_ASSUMED_LOG_RADIUS_MM",
     "LARGEST_MM",
     "STANDARD_SIZE_TOLERANCE",
     "TAU",

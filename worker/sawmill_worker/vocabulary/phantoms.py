@@ -14,6 +14,8 @@ from sawmill_worker.vocabulary.geometry import AS_CONTRACT, LARGEST_MM
 STANDARD_SIZE_TOLERANCE = 0.0015
 # An axis of a phantom's drawing.
 TrueAxis = Literal["x", "y"]
+# Of the largest log where nobody stated it: ray errors are counted further out only where a larger one is stated.
+LARGEST_ASSUMED_LOG_RADIUS_MM = 150.0
 _DENSITY = {"description": "Adds to what lies beneath: 1 is wood, -1 cuts a hole into wood."}
 
 

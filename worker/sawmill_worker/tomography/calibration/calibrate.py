@@ -55,7 +55,8 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
     found, source_distance = with_theta(task, adjust(best, task.without))
     refined = time.perf_counter()
-    frame, radius_mm = found.fit.frame, task.log_radius_mm
+    frame = found.fit.frame
+    radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, found.fit.position_mm)
     residual = analyse_residual(found, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
     bars = error_bars(task.scanner, frame, theta, found.scatter, residual, radius_mm)

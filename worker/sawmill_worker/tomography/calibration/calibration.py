@@ -85,6 +85,11 @@ class Calibration:
         return self.task.phantoms[self.handedness].moved(*self.fit.position_mm)
 
     @property
+    def radius_mm(self) -> float:
+        """Of the disc in which ray errors are counted."""
+        return self.task.radius_mm(self.handedness, self.fit.position_mm)
+
+    @property
     def geometry(self) -> "CalibratedGeometry":
         """What is compared with another calibration, and used to reconstruct."""
         covariance = None if self.error_bars is None else self.error_bars.covariance.values

@@ -234,7 +234,7 @@ def _answer(
         model=model,
         residual=residual,
         source_distance=SourceDistance(frame.source_distance_mm),
-        scale=scale_uncertainty(task.scanner, frame, task.phantom, None, task.log_radius_mm),
+        scale=scale_uncertainty(task.scanner, frame, task.phantom, None, task.radius_mm(handedness, (0.0, 0.0))),
         error_bars=None,
         alternatives=Alternatives(tuple(hypotheses)),
         adjustments=(),

@@ -13,6 +13,7 @@ from sawmill_worker.tomography.calibration.faults.screening import Screening, sc
 from sawmill_worker.tomography.calibration.refusals import refuse_unusable
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
+from sawmill_worker.tomography.log_radius import counted_radius_mm
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
@@ -40,8 +41,8 @@ class CalibrationTask:
         None tries both.
     rays_per_cell : int or None
         Rays per cell in the model; None averages over the cell, as a real detector does.
-    log_radius_mm : float
-        Radius of the disc around the COR in which ray errors are measured.
+    log_radius_mm : float or None
+        Radius of the largest log, the disc around the COR in which ray errors are measured; None takes the phantom's.
     tolerance_mm : float
         The largest ray error that passes.
     scale_tolerance_percent : float
@@ -64,7 +65,7 @@ class CalibrationTask:
     handedness: Handedness | None = None
     rotation: Rotation | None = None
     rays_per_cell: int | None = None
-    log_radius_mm: float = 150.0
+    log_radius_mm: float | None = None
     tolerance_mm: float = 0.1
     scale_tolerance_percent: float = 0.5
     true_axis: TrueAxis | None = None
@@ -79,6 +80,10 @@ class CalibrationTask:
         refuse_unusable(self.scanner, sinogram, angles)
         object.__setattr__(self, "sinogram", sinogram)
         object.__setattr__(self, "angles_rad", angles)
+
+    def radius_mm(self, handedness: Handedness, position_mm: tuple[float, float]) -> float:
+        """Of the disc in which ray errors are measured, with the phantom as it was found."""
+        return counted_radius_mm(self.log_radius_mm, self.phantoms[handedness].moved(*position_mm))
 
     @cached_property
     def phantoms(self) -> dict[Handedness, Phantom]:
