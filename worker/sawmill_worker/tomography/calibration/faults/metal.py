@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
 
+from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.faults._metal_numba import back_projected
 from sawmill_worker.tomography.calibration.fit import Fit, refine
-from sawmill_worker.tomography.calibration.forward_model import modelled
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, rotate
 from sawmill_worker.tomography.phantom import Phantom
@@ -136,13 +136,19 @@ class _Search:
 
     def _residual(self, views: slice) -> NDArray[np.float32]:
         """What the model leaves, without what cells have in common in all views; 0 where nothing may be used."""
-        data = self._data
-        weights = None if data.weights is None else data.weights[views]
-        part = replace(data, sinogram=data.sinogram[views], angles_rad=data.angles_rad[views], weights=weights)
-        residual = (part.sinogram - modelled(self._phantom, part, self._fit)).astype(np.float32)
+        data, fit = self._data, self._fit
+        shadow = analytic.project(
+            self._phantom,
+            data.cells,
+            fit.frame,
+            data.angles_rad[views],
+            position_mm=fit.position_mm,
+            rays_per_cell=data.rays_per_cell,
+        )
+        residual = (data.sinogram[views] - fit.gain * shadow - fit.offset).astype(np.float32)
         residual -= np.median(residual, axis=0)
-        if weights is not None:
-            residual[weights == 0.0] = 0.0
+        if data.weights is not None:
+            residual[data.weights[views] == 0.0] = 0.0
         return residual
 
     def _suspects(self) -> NDArray[np.intp]:
