@@ -138,7 +138,7 @@ EFFECTS: Mapping[str, Drawn] = {
     "blur": Drawn(0.2, 3.0, _either(_field("detector", "blur_mm"), _field("beam", "focal_blur_mm"))),
     "exposure": Drawn(0.1, 1.0, _field("motion", "exposure_steps")),
     "tube": Drawn(0.002, 0.05, _either(_field("beam", "drift_share", signed=True), _field("beam", "flicker_share"))),
-    "past the end": Drawn(0.01, 0.3, _field("beam", "past_end_share")),
+    "past the end": Drawn(0.01, 0.2, _field("beam", "past_end_share")),
     "thin row": Drawn(0.1, 0.8, _field("beam", "row_share")),
     "lag": Drawn(0.003, 0.05, _field("detector", "lag_share")),
     "flat field": Drawn(
