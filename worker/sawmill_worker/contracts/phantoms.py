@@ -1,9 +1,11 @@
 """Phantoms: polygons and discs in mm, or a picture and its width."""
 
+import math
+from datetime import date
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Any, Self
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.jobs import JobKind
@@ -20,8 +22,49 @@ ROUNDING = 1e-9
 DrawnShape = Annotated[Shape, Field(discriminator="kind")]
 
 
-SizeTolerance = Annotated[float, Field(ge=0, lt=0.1)]
-SizeTolerancePercent = Annotated[float, Field(ge=0, lt=10)]
+LARGEST_SIZE_TOLERANCE = 0.1
+SizeTolerance = Annotated[float, Field(ge=0, lt=LARGEST_SIZE_TOLERANCE)]
+SizeTolerancePercent = Annotated[float, Field(ge=0, lt=100 * LARGEST_SIZE_TOLERANCE)]
+
+
+class SizeMeasurement(Contract):
+    """A length of a phantom, as it was measured."""
+
+    what: Name = Field(
+        description="x or y: the drawing's extent along that axis. Any other words: another length.", examples=["x"]
+    )
+    measured_mm: PositiveMm
+    standard_uncertainty_mm: PositiveMm = Field(description="Of the measured length.")
+    nominal_mm: PositiveMm | None = Field(None, description="What it was meant to be.")
+    measured_on: date | None = None
+    instrument: Name | None = Field(None, examples=["caliper 12"])
+    moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
+        None, description="Of the wood when it was measured, against its dry weight."
+    )
+    expires_on: date | None = Field(None, description="After this day an answer asks for a new measurement.")
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard uncertainty as a share of the length."""
+        return self.standard_uncertainty_mm / self.measured_mm
+
+    @model_validator(mode="after")
+    def _is_precise_enough(self) -> Self:
+        if self.relative_uncertainty >= LARGEST_SIZE_TOLERANCE:
+            msg = (
+                f"standard_uncertainty_mm {self.standard_uncertainty_mm:g} of measured_mm {self.measured_mm:g} must be "
+                f"less than {LARGEST_SIZE_TOLERANCE:.0%} of it"
+            )
+            raise ValueError(msg)
+        return self
+
+
+def _measured_tolerance(known: dict[str, Any]) -> float:
+    """What the measurements of a drawing say of its size, where it states no tolerance: RMS of their uncertainties."""
+    measured: list[SizeMeasurement] = known.get("measurements", [])
+    if not measured:
+        return STANDARD_SIZE_TOLERANCE
+    return math.hypot(*(each.relative_uncertainty for each in measured)) / math.sqrt(len(measured))
 
 
 class PhantomDrawing(Contract):
@@ -29,9 +72,13 @@ class PhantomDrawing(Contract):
 
     name: Name = Field(examples=["our cross"])
     shapes: list[DrawnShape] = Field(min_length=1, max_length=200)
+    measurements: list[SizeMeasurement] = Field(
+        [], max_length=100, description="Where its size comes from; the shapes are drawn as measured."
+    )
     size_tolerance: SizeTolerance = Field(
-        STANDARD_SIZE_TOLERANCE,
-        description="Relative standard uncertainty of the stated size; the scanner's scale inherits it.",
+        default_factory=_measured_tolerance,
+        description="Relative standard uncertainty of the stated size; the scanner's scale inherits it. By default the "
+        f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
     )
     true_axis: TrueAxis | None = Field(
         None, description="Axis along which the size is right, where the phantom may differ along the other."

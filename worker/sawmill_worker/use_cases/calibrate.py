@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any
 
@@ -26,6 +27,7 @@ from sawmill_worker.use_cases.conversion import (
     from_predicted,
     to_phantom,
 )
+from sawmill_worker.use_cases.size_measurements import measurement_reasons
 from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
@@ -196,7 +198,7 @@ def calibration_result(
         status=judgement.status,
         verdict=judgement.verdict,
         rays_verdict=judgement.rays_verdict,
-        reasons=[*moved, *judgement.reasons],
+        reasons=[*moved, *judgement.reasons, *measurement_reasons(given.drawing, datetime.now(tz=UTC).date())],
         scanner=given.scanner,
         phantom=given.drawing.name,
         views=int(given.angles_rad.size),
