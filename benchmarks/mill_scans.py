@@ -1,8 +1,9 @@
 """The scans of the mill's study: random scanners and phantoms, and the effects with the sizes that a mill has.
 
-A size is drawn evenly in the logarithm, from about the smallest that moves the rays of a plain fit by 0.01 mm to the
-largest that a mill would let pass. All scans have cells whose gains differ by 3 %, ten flats and darks, and a phantom
-whose size is off by the stated 0.15 % (standard deviation).
+A size is drawn evenly in the logarithm, up to the largest that a mill would let pass. The smallest moves the rays of a
+plain fit by about 0.01 mm, or less, in the median scan (column `effect` of the study's table). All scans have cells
+whose gains differ by 3 %, ten flats and darks, and a phantom whose size is off by the stated 0.15 % (standard
+deviation).
 """
 
 import math
@@ -125,7 +126,7 @@ def _screws(size: float, rng: np.random.Generator) -> Fields:
 
 DIRECTED = ("wobble_towards_deg", "wobble_phase_deg")
 EFFECTS: Mapping[str, Drawn] = {
-    "hardening": Drawn(0.03, 0.35, _field("beam", "energy_spread")),
+    "hardening": Drawn(0.05, 0.35, _field("beam", "energy_spread")),
     "scatter": Drawn(
         0.01,
         0.2,
@@ -136,11 +137,11 @@ EFFECTS: Mapping[str, Drawn] = {
         ),
     ),
     "blur": Drawn(0.2, 3.0, _either(_field("detector", "blur_mm"), _field("beam", "focal_blur_mm"))),
-    "exposure": Drawn(0.1, 1.0, _field("motion", "exposure_steps")),
-    "tube": Drawn(0.002, 0.05, _either(_field("beam", "drift_share", signed=True), _field("beam", "flicker_share"))),
-    "past the end": Drawn(0.01, 0.2, _field("beam", "past_end_share")),
+    "exposure": Drawn(0.2, 1.0, _field("motion", "exposure_steps")),
+    "tube": Drawn(0.005, 0.05, _either(_field("beam", "drift_share", signed=True), _field("beam", "flicker_share"))),
+    "past the end": Drawn(0.005, 0.2, _field("beam", "past_end_share")),
     "thin row": Drawn(0.1, 0.8, _field("beam", "row_share")),
-    "lag": Drawn(0.003, 0.05, _field("detector", "lag_share")),
+    "lag": Drawn(0.005, 0.05, _field("detector", "lag_share")),
     "flat field": Drawn(
         0.003,
         0.03,
@@ -155,19 +156,19 @@ EFFECTS: Mapping[str, Drawn] = {
     "slip": Drawn(0.1, 5.0, _slip),
     "wobble once": Drawn(0.05, 1.0, _field("motion", "wobble_once_mm", towards=DIRECTED)),
     "wobble twice": Drawn(0.05, 1.0, _field("motion", "wobble_twice_mm", towards=DIRECTED)),
-    "creep": Drawn(0.05, 1.0, _field("motion", "creep_mm", towards=("creep_towards_deg",))),
+    "creep": Drawn(0.08, 1.0, _field("motion", "creep_mm", towards=("creep_towards_deg",))),
     "encoder": Drawn(0.02, 0.5, _field("motion", "encoder_deg", towards=("encoder_phase_deg",))),
-    "angle jitter": Drawn(0.01, 0.2, _field("motion", "angle_jitter_deg")),
-    "pace": Drawn(0.01, 0.5, _field("motion", "pace_percent", signed=True)),
+    "angle jitter": Drawn(0.05, 0.2, _field("motion", "angle_jitter_deg")),
+    "pace": Drawn(0.03, 0.5, _field("motion", "pace_percent", signed=True)),
     "aspect": Drawn(
-        0.02, 0.5, _either(_field("wood", "aspect_percent", signed=True), _field("wood", "shear_percent", signed=True))
+        0.1, 0.5, _either(_field("wood", "aspect_percent", signed=True), _field("wood", "shear_percent", signed=True))
     ),
-    "tilted plane": Drawn(0.5, 4.0, _field("wood", "plane_tilt_deg", towards=("plane_tilt_towards_deg",))),
+    "tilted plane": Drawn(1.5, 4.0, _field("wood", "plane_tilt_deg", towards=("plane_tilt_towards_deg",))),
     "corners": Drawn(1.0, 10.0, _field("wood", "corner_radius_mm")),
-    "roughness": Drawn(0.05, 0.5, _field("wood", "roughness_mm")),
+    "roughness": Drawn(0.1, 0.5, _field("wood", "roughness_mm")),
     "rings": Drawn(0.1, 0.3, _field("wood", "ring_contrast")),
-    "knots": Drawn(0.1, 0.5, _knots),
-    "density slope": Drawn(0.3, 5.0, _field("wood", "density_slope_percent", towards=("density_slope_towards_deg",))),
+    "knots": Drawn(0.15, 0.5, _knots),
+    "density slope": Drawn(0.4, 5.0, _field("wood", "density_slope_percent", towards=("density_slope_towards_deg",))),
     "screws": Drawn(0.51, 4.49, _screws),
 }
 # Exposed over no more than this: a mill that stops for each view has few of them.
