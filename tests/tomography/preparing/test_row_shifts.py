@@ -191,6 +191,16 @@ class TestByFeatures:
         assert shifts.whole
         np.testing.assert_array_equal(shifts.rows, truth - truth.min())
 
+    def test_a_board_before_the_log_does_not_mislead(self, dense):
+        stack, angles = dense
+        stack = noisy(stack, 24)
+        # The same in all its rows, and half as dense again as any knot makes a row.
+        stack[:, :12] = noisy(1.5 * dense[0][:, 50:51].repeat(12, axis=1), 25)
+        lost, truth = lose_rows(stack, 26)
+        shifts = shifts_by_features(lost, angles)
+        assert shifts.whole
+        np.testing.assert_array_equal(shifts.rows, truth - truth.min())
+
     def test_views_too_far_apart_share_nothing_and_are_refused(self, dense):
         lost, _ = lose_rows(dense[0][:16], 22)
         with pytest.raises(RowsError, match=r"no two views share enough features .* align the rows by their profile"):

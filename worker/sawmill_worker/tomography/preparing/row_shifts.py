@@ -86,10 +86,10 @@ class RowShifts:
         inflation = _inflation(off[sharing], standard_deviation[sharing]) if shared else UNSEEN_INFLATION
         standard_deviation = standard_deviation * inflation
         same = np.maximum(SAME_PLACE if shared else 0.0, SAME_DEVIATIONS * standard_deviation)
-        settled = np.abs(off) <= same
+        settled = np.abs(off) <= np.minimum(same, WHOLE_FURTHEST)
         rows = _within(np.where(settled, np.rint(rows), rows), present)
         standard_deviation = np.hypot(standard_deviation, np.where(settled, 0.0, BETWEEN_ROWS))
-        return cls(rows, standard_deviation, whole, _moved(ends, shifts, rows))
+        return cls(rows, standard_deviation, bool(settled.all()), _moved(ends, shifts, rows))
 
     def lost(self, present: Rows) -> bool:
         """Whether each view, of the rows `present` (views, rows), is moved to rows that the detector has.

@@ -8,13 +8,14 @@ shifts along the log the one with most inliers is taken, as RANSAC does, with ev
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain
+from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts, Stack, check_certain, jumps_between
 from sawmill_worker.tomography.present_rows import Rows, present_rows
 
 FEWEST_ROWS = 32
@@ -31,16 +32,23 @@ AGREEING_ROWS, FEWEST_AGREEING, SHARE_AGREEING = 0.5, 6, 0.15
 NEIGHBOURS, FURTHEST_RAD = 2, math.radians(20.0)
 # Pairs whose shifts scatter about whole numbers by less lost whole rows; rounding keeps errors from adding up.
 WHOLE_SCATTER = 0.22
+# Rows by which a match may be off from the end of a body, which is known to half of one (benchmarks/lost_rows.py).
+MOST_APART = 0.5
+WHAT_FOR = (
+    "features are for logs with knots or bark, from views at most "
+    f"{math.degrees(FURTHEST_RAD) / 2.0:.0f} degrees apart, 2 where they are noisy"
+)
 # A pair that differs from the others by more rows than this loses weight.
 CONTRADICTING, ROUNDS = 0.25, 10
 
 
 @dataclass(frozen=True, eq=False)
 class _Features:
-    """Of one view of some cells and rows: positions (n, 2) as cell and row, descriptors (n, 128)."""
+    """Of one view: positions (n, 2) as cell and row, descriptors (n, 128), and the last rows of bodies."""
 
     cells: int
     present: Rows
+    ends: NDArray[np.intp]
     at: NDArray[np.float32]
     descriptors: NDArray[np.float32]
 
@@ -81,18 +89,31 @@ def _features(detector: "cv2.Feature2D", view: int, image: Stack) -> _Features:
     rows = np.flatnonzero(there)
     if rows.size < FEWEST_ROWS:
         raise RowsError(f"view {view} has {rows.size} rows; features need at least {FEWEST_ROWS}")
-    points, descriptors = detector.detectAndCompute(_grey(image[rows]), None)
+    shown = image[rows]
+    ends = np.flatnonzero(_jumps(shown))
+    points, descriptors = detector.detectAndCompute(_grey(shown, ends), None)
     if not points:
-        return _Features(cells, there, np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
+        return _Features(cells, there, ends + rows[0], np.zeros((0, 2), np.float32), np.zeros((0, 128), np.float32))
     at = np.asarray(cv2.KeyPoint.convert(points), np.float32) + np.array([0.0, rows[0]], np.float32)
-    return _Features(cells, there, at, np.asarray(descriptors, np.float32))
+    return _Features(cells, there, ends + rows[0], at, np.asarray(descriptors, np.float32))
 
 
-def _grey(image: Stack) -> NDArray[np.uint8]:
-    """What varies along the log (rows, cells), as grey from 0 to 255: outline and rings are the same in all rows."""
-    varying = cv2.GaussianBlur(image - np.median(image, axis=0), (0, 0), SMOOTHING)
-    low, high = np.quantile(varying, [0.001, 0.999])
+def _grey(image: Stack, ends: NDArray[np.intp]) -> NDArray[np.uint8]:
+    """What varies along the log (rows, cells), as grey from 0 to 255: outline and rings are the same in all rows.
+
+    Median and greys are those of the longest body: a phantom before a log differs from it by more than any knot.
+    """
+    runs = [slice(first, last) for first, last in pairwise([0, *(ends + 1).tolist(), len(image)])]
+    body = max(runs, key=lambda run: run.stop - run.start)
+    varying = cv2.GaussianBlur(image - np.median(image[body], axis=0), (0, 0), SMOOTHING)
+    low, high = np.quantile(varying[body], [0.001, 0.999])
     return np.asarray(np.clip((varying - low) * (255.0 / max(high - low, 1e-30)), 0.0, 255.0), np.uint8)
+
+
+def _jumps(image: Stack) -> Rows:
+    """Where the rows of an image (rows, cells) jump from one to the next, but for their gain: a body ends."""
+    steps = np.diff(image, axis=0).std(axis=1, dtype=np.float64)
+    return jumps_between(np.append(0.0, np.cumsum(steps)))
 
 
 def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
@@ -107,8 +128,25 @@ def _neighbours(angles_rad: FloatArray) -> list[tuple[int, int]]:
 
 
 def _matched(features: list[_Features], first: int, second: int) -> _Pair | None:
-    """The shift that most matches agree on; None where too few do."""
+    """The shift that most matches agree on, where the body that ends in both views does not contradict; or that one's.
+
+    None where there is neither.
+    """
     one, other = features[first], features[second]
+    matched, ended = _by_matches(one, other), _by_ends(one, other)
+    agrees = matched is None or ended is None or abs(matched[0] - ended[0]) <= MOST_APART
+    found = (matched or ended) if agrees else ended
+    return None if found is None else _Pair(first, second, *found)
+
+
+def _by_ends(one: _Features, other: _Features) -> tuple[float, float] | None:
+    """Shift and standard deviation from the end of a body, which is known to a row."""
+    if one.ends.size != 1 or other.ends.size != 1:
+        return None
+    return float(one.ends[0] - other.ends[0]), 1.0 / math.sqrt(12.0)
+
+
+def _by_matches(one: _Features, other: _Features) -> tuple[float, float] | None:
     if min(len(one.at), len(other.at)) < FEWEST_AGREEING:
         return None
     best = [
@@ -128,14 +166,16 @@ def _matched(features: list[_Features], first: int, second: int) -> _Pair | None
         return None
     # The window of agreement limits the precision: a handful of equal shifts proves no more.
     spread = max(float(inliers.std()), AGREEING_ROWS / 4.0)
-    return _Pair(first, second, float(inliers.mean()), spread / math.sqrt(inliers.size))
+    return float(inliers.mean()), spread / math.sqrt(inliers.size)
 
 
 def _solved(pairs: list[_Pair], present: Rows) -> RowShifts:
     """Least squares over all pairs; the common origin is free."""
     views = len(present)
     if not pairs:
-        raise RowsError("no two views share enough features to be aligned: align the rows by their profile")
+        raise RowsError(
+            f"no two views share enough features to be aligned: {WHAT_FOR}; align the rows by their profile"
+        )
     ends = np.array([(pair.first, pair.second) for pair in pairs])
     _check_connected(ends, views)
     incidence = np.zeros((len(pairs), views))
@@ -166,6 +206,6 @@ def _check_connected(ends: NDArray[np.int_], views: int) -> None:
     if names.size > 1:
         alone = int(np.flatnonzero(group == names[sizes.argmin()])[0])
         raise RowsError(
-            f"view {alone} shares too few features with its neighbours to be aligned with them: align the rows by "
-            "their profile"
+            f"view {alone} shares too few features with its neighbours to be aligned with them: {WHAT_FOR}; align the "
+            "rows by their profile"
         )
