@@ -16,7 +16,7 @@ class ScheduleSpec(Contract):
     cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
     enabled: bool = True
     on_pass: Literal["report", "activate"] = Field(
-        "report", description="What to do with a calibration that passes and has not moved."
+        "report", description="What to do with a calibration whose rays_verdict is pass and which has not moved."
     )
     options: CalibrationOptions = CalibrationOptions()
 
