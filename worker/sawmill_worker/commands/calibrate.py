@@ -7,6 +7,7 @@ from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationResult
 from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
+from sawmill_worker.use_cases.prepare import of_saturation
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import ProgressCallback
@@ -40,6 +41,7 @@ def calibrate_scan(
         log_radius_mm=log_radius_mm,
         from_counts=used.counts,
         views=mean.views,
+        remarks=of_saturation(used.remarks),
     )
     given, calibration = run_calibration(given, options, used.on_progress, stack=stack if scan.rows is None else None)
     result = calibration_result(calibration, given)

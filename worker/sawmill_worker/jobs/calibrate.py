@@ -19,7 +19,7 @@ from sawmill_worker.use_cases.calibration_files import calibration_arrays, write
 from sawmill_worker.use_cases.compare import compared, geometry_of
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_beside
-from sawmill_worker.use_cases.prepare import Stack
+from sawmill_worker.use_cases.prepare import Stack, of_saturation
 from sawmill_worker.use_cases.reconstruct import volume_unit
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind
@@ -113,6 +113,7 @@ def _load(
         scale_tolerance_percent=scanner.tolerances.scale_percent,
         from_counts=scan.data is DataKind.COUNTS,
         views=mean.views,
+        remarks=of_saturation(scan.remarks),
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return given, None if named else stored.line_integrals

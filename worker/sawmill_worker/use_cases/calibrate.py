@@ -125,7 +125,7 @@ def _in_phantom_rows(
     narrowed, calibration = min(found, key=lambda one: one[1].fit.relative_residual)
     first, last = narrowed.rows
     remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
-    return replace(narrowed, remarks=(remark,)), calibration
+    return replace(narrowed, remarks=(*given.remarks, remark)), calibration
 
 
 def _calibrated(

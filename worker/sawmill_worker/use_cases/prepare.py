@@ -1,7 +1,7 @@
 """From a scan as it is read to the file that every job uses: line integrals, prepared as asked, in bounded memory."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from sawmill_worker.contracts.preparing import PrepareOptions
 from sawmill_worker.files.scan_writer import RowsPresent, new_scan
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.tomography.air import DecidedAirCorrection
-from sawmill_worker.tomography.preparing.line_integrals import Exposure
+from sawmill_worker.tomography.preparing.line_integrals import SATURATION, Exposure
 from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_worker.tomography.present_rows import present_rows
 from sawmill_worker.use_cases.aligning import AlignedRows, Views, align_rows
@@ -128,6 +128,11 @@ def prepare_scan(
         return PreparedScan(written.data.shape, remarks, None if lacking is None else lacking.usable)
 
 
+def of_saturation(remarks: Collection[str]) -> tuple[str, ...]:
+    """Of the remarks on a prepared scan those that a calibration has to repeat."""
+    return tuple(remark for remark in remarks if remark.startswith(SATURATION))
+
+
 def _air_level(preparation: "_RowPreparation", aligned: AlignedRows | None) -> Stack | None:
     """(rows, detector) float32, of counts; of rows that hold samples of several detector rows it is the median."""
     level = preparation.air_level()
@@ -144,7 +149,7 @@ class _RowPreparation:
         self._exposure = None if read.flats is None else Exposure.of(read.flats, read.darks)
         self._corrections = _corrections(options, counts=read.counts)
         self._corrector = RowCorrector(self._corrections, rows, self._cells)
-        self._starved = 0
+        self._starved = self._saturated = 0
 
     @property
     def needed(self) -> bool:
@@ -154,13 +159,14 @@ class _RowPreparation:
     def apply(self, stack: Stack, first_row: int) -> None:
         """Prepare rows from `first_row` on (views, rows, detector), in place."""
         if self._exposure is not None:
+            self._saturated += self._exposure.saturated_samples(stack)
             self._starved += self._exposure.to_line_integrals(stack, first_row)
         if not self._corrections.none:
             self._corrector.correct(stack, first_row)
 
     def remarks(self) -> tuple[str, ...]:
         """What was done."""
-        of_counts = () if self._exposure is None else self._exposure.remarks(self._starved)
+        of_counts = () if self._exposure is None else self._exposure.remarks(self._starved, self._saturated)
         return of_counts if self._corrections.none else (*of_counts, *self._corrector.result().remarks)
 
     def air_level(self) -> Stack | None:

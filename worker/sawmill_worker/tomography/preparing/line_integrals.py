@@ -1,5 +1,7 @@
 """From detector counts to line integrals: flat and dark fields and the Beer-Lambert law."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +15,15 @@ Stack = NDArray[np.float32]
 LEAST_TRANSMISSION = 1e-6
 # More dead cells than this share of the detector cannot be bridged from their neighbours.
 MOST_DEAD = 0.2
+# Flats saturate where this share of their samples has their largest value: one of a converter's, or one that this many
+# times as many samples have as the value below it, and no fewer than the third: noise piles up nowhere else.
+LARGEST_VALUES = (255.0, 1023.0, 4095.0, 16383.0, 65535.0)
+PLATEAU, PILED_UP, FEWEST = 0.01, 3.0, 20
+# A cell is saturated where more than this share of its flats has the largest value: with less the mean is too small by
+# no more than a twentieth of their noise.
+SATURATED = 0.1
+# With it begins what is said of saturation, so that a calibration says it too.
+SATURATION = "saturation: "
 
 
 class CountsError(ValueError):
@@ -30,12 +41,18 @@ class Exposure:
     level : (rows, detector) float32
         Mean flat minus mean dark, in counts; 1 in dead cells.
     dead : (rows, detector) bool
-        Cells whose flat is not above their dark.
+        Cells whose flat is not above their dark, and where they are few those whose flat is saturated.
+    largest : float
+        The largest count that the detector gives, as far as the flats show; infinity where none is known.
+    saturated : int
+        The number of cells whose flats have it.
     """
 
     dark: NDArray[np.float32]
     level: NDArray[np.float32]
     dead: NDArray[np.bool_]
+    largest: float = math.inf
+    saturated: int = 0
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
@@ -54,7 +71,13 @@ class Exposure:
                 f"{int(dead.sum())} of {dead.size} detector cells have a flat field that is not above their dark "
                 "field: check that flats and darks were not exchanged"
             )
-        return cls(dark.astype(np.float32), np.where(dead, 1.0, air).astype(np.float32), dead)
+        largest, saturated = _saturation(flats)
+        saturated &= ~dead
+        bridged = dead | saturated
+        if bridged.mean() <= MOST_DEAD:
+            dead = bridged
+        level = np.where(dead, 1.0, air).astype(np.float32)
+        return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()))
 
     def same_in_all_rows(self) -> "Exposure":
         """With the mean dark signal and gain of each cell's rows: what one row differs by stays in the line integrals.
@@ -66,12 +89,21 @@ class Exposure:
         level = np.where(alive, self.level, 0.0).sum(axis=0) / np.maximum(alive.sum(axis=0), 1)
         dead = np.broadcast_to(level <= 0.0, self.dead.shape)
         dark = np.broadcast_to(self.dark.mean(axis=0), self.dark.shape)
-        return Exposure(dark, np.where(dead, np.float32(1.0), level.astype(np.float32)), dead)
+        return Exposure(dark, np.where(dead, np.float32(1.0), level.astype(np.float32)), dead, self.largest)
 
     @property
     def air_level(self) -> NDArray[np.float32]:
         """(rows, detector) float32, in counts; 0 in dead cells. With it the counts can be recovered."""
         return np.where(self.dead, np.float32(0.0), self.level)
+
+    @property
+    def bridges_saturated(self) -> bool:
+        """Whether the saturated cells are among the dead; too many of them are not."""
+        return int(self.dead.sum()) >= self.saturated
+
+    def saturated_samples(self, counts: Stack) -> int:
+        """The number of samples of any counts that have the detector's largest value."""
+        return 0 if math.isinf(self.largest) else int(np.count_nonzero(counts == np.float32(self.largest)))
 
     def to_line_integrals(self, counts: Stack, first_row: int = 0) -> int:
         """Counts (views, rows, detector) to -ln((counts - dark) / (flat - dark)), dimensionless, in place.
@@ -108,14 +140,45 @@ class Exposure:
             bridge(counts[:, row], dead[row])
         return starved
 
-    def remarks(self, starved: int) -> tuple[str, ...]:
-        """What was done; `starved` is the number of samples without signal."""
+    def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
+        """What was done; so many samples have no signal, and so many the largest count."""
         remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
         if starved:
             remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
-        if self.dead.any():
-            remarks.append(f"{int(self.dead.sum())} dead detector cells bridged from their neighbours")
-        return tuple(remarks)
+        dead = int(self.dead.sum()) - (self.saturated if self.bridges_saturated else 0)
+        if dead:
+            remarks.append(f"{dead} dead detector cells bridged from their neighbours")
+        return (*remarks, *self._of_saturation(saturated))
+
+    def _of_saturation(self, samples: int) -> Iterator[str]:
+        remedy = "lower the tube's current or the exposure until air stays below it, and take flats and scan again"
+        if self.saturated:
+            effect = (
+                "they were bridged from their neighbours"
+                if self.bridges_saturated
+                else "too many to be left out: their line integrals are too small"
+            )
+            yield (
+                f"{SATURATION}the flat fields of {self.saturated} of {self.dead.size} detector cells have the largest "
+                f"value, {self.largest:.0f}; {effect}: {remedy}"
+            )
+        elif samples:
+            yield (
+                f"{SATURATION}{samples} samples of the scan have the largest value, {self.largest:.0f}; their line "
+                f"integrals are too large: {remedy}"
+            )
+
+
+def _saturation(flats: Stack) -> tuple[float, NDArray[np.bool_]]:
+    """The detector's largest count, and the cells (rows, detector) whose flats (fields, rows, detector) have it."""
+    top = float(flats.max())
+    has_it, below = flats == top, flats[flats < top]
+    number = int(np.count_nonzero(has_it))
+    second = int(np.count_nonzero(flats == below.max())) if below.size else number
+    if number >= PLATEAU * flats.size and (top in LARGEST_VALUES or number >= max(PILED_UP * second, FEWEST)):
+        return top, has_it.mean(axis=0) > SATURATED
+    none = np.zeros(flats.shape[1:], bool)
+    return next((value for value in LARGEST_VALUES if value >= top), math.inf), none
 
 
 @dataclass(frozen=True)
@@ -140,5 +203,6 @@ class LineIntegrals:
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
     """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
+    saturated = exposure.saturated_samples(stack)
     starved = exposure.to_line_integrals(stack)
-    return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved))
+    return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved, saturated))
