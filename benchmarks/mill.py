@@ -27,7 +27,7 @@ from typing import Any
 
 import numba
 import numpy as np
-from mill_scans import EFFECTS, StudyScan
+from mill_scans import EFFECTS, LOG_RADIUS_MM, StudyScan
 from mill_table import read, table
 from rich.progress import track
 from scanners import SCANNER
@@ -74,7 +74,7 @@ def outcome(number: int, seed: int) -> dict[str, Any]:
 def _answer(scan: StudyScan, found: Calibration) -> dict[str, Any]:
     assert found.error_bars is not None
     setting = scan.setting
-    true = ray_error(SCANNER, setting.frame, found.frame)
+    true = ray_error(SCANNER, setting.frame, found.frame, radius_mm=LOG_RADIUS_MM)
     return {
         "error_mm": true.rms_mm,
         "upper_95_mm": found.error_bars.predicted_ray_error.upper_95_mm,
@@ -100,7 +100,7 @@ def effect_mm(scan: StudyScan) -> float | None:
         with_it, without = (_plain(scan, physics) for physics in (scan.physics, scan.ideal))
     except CalibrationError:
         return None
-    return ray_error(SCANNER, without.frame, with_it.frame).rms_mm
+    return ray_error(SCANNER, without.frame, with_it.frame, radius_mm=LOG_RADIUS_MM).rms_mm
 
 
 def _plain(scan: StudyScan, physics: Physics) -> Calibration:

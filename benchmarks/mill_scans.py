@@ -54,6 +54,8 @@ PHOTONS = (2_000.0, 50_000.0)
 ATTENUATION_PER_MM = (0.006, 0.018)
 GAIN_SPREAD = 0.03
 OFF_CENTRE_MM = 10.0
+# In whose disc ray errors count, whatever the phantom's reach.
+LOG_RADIUS_MM = 150.0
 # Air at the detector's ends, in cells, for its level to be seen.
 AIR = 14
 
@@ -272,7 +274,14 @@ class StudyScan:
         stack = line_integrals(*(one[:, None].astype(np.float32) for one in taken)).stack
         RowCorrector(Corrections(AirCorrection.VIEWS), 1, stack.shape[2]).correct(stack)
         lines = stack[:, 0].astype(np.float64)
-        return CalibrationTask(SCANNER, self.setting.drawing, lines, self.setting.angles_rad, from_counts=True)
+        return CalibrationTask(
+            SCANNER,
+            self.setting.drawing,
+            lines,
+            self.setting.angles_rad,
+            from_counts=True,
+            log_radius_mm=LOG_RADIUS_MM,
+        )
 
 
 def _base(rng: np.random.Generator) -> Fields:
