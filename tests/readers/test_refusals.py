@@ -578,11 +578,12 @@ class TestMat:
             (132, 2**32 - 1, "a variable of type 14 claims 4294967295 bytes"),
             (140, 2**31, "a name or shape of 2147483648 bytes"),
             (160, -6, r"the shape \(-6, 8\) is declared"),
-            (160, 5, r"\(5, 8\) values are declared and 48 stored"),
+            (160, 5, r"\(5, 8\) values are declared and 384 bytes stored"),
+            (160, 7, r"\(7, 8\) values are declared and 48 stored"),
             (164, 2**31 - 1, "at most .* are allowed or free|while the file stores only"),
             (168, (8 << 16) | 1, "an element of 4 bytes claims 8"),
             (176, 99, "numbers are stored as type 99"),
-            (180, 2**31, "a variable ends before its data do"),
+            (180, 2**31, "values are declared and 2147483648 bytes stored"),
         ],
     )
     def test_forged_words(self, file, offset, forged, sentence):

@@ -27,6 +27,7 @@ MATLAB_CLASSES = {
 }  # fmt: skip
 STORED_NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 STORED_TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+MOST_BYTES_A_VALUE = 8
 MOST_VARIABLES = 10_000
 DEEPEST_STRUCT = 8
 LONGEST_HEAD_BYTES = 2**20
@@ -103,6 +104,8 @@ def _read_data(path: Path, variable: Variable, most_bytes: int) -> tuple[Element
         stream = VariableStream(file, variable.stored_bytes, packed=variable.packed, order=order, most_bytes=most_bytes)
         stream.skip_to(variable.position)
         element = stream.element()
+        if element.data_bytes > MOST_BYTES_A_VALUE * math.prod(variable.shape):
+            raise ValueError(f"{variable.shape} values are declared and {element.data_bytes} bytes stored")
         data = stream.data(element)
         stream.check_end()
     return element, data, order
