@@ -255,6 +255,20 @@ def test_what_moved_is_named(full_turn, frame, now, noise, within, cause):
         assert f"{change.change[0]:+.2f} mm" in likely_cause(frame, change)
 
 
+def test_a_detector_that_moved_along_the_beam_changes_the_scale(full_turn, frame):
+    """The shape of the rays hardly shows it, the size of the image does: with R held it goes as 1 / SDD."""
+    farther = replace(frame, source_to_detector_mm=frame.source_to_detector_mm + 30.0)
+    fit = conjugate_fit(MILL, scan(full_turn(360), seed=8, noise=0.002), full_turn(360), frame)
+    seen = replace(fit, source_to_detector_mm=farther.source_to_detector_mm)
+    change = drift_change(MILL, frame, None, seen)
+    assert change.ray_change_mm < 0.5
+    # The rest of the change is one of shape.
+    assert change.scale_change == pytest.approx(
+        frame.source_to_detector_mm / farther.source_to_detector_mm - 1, rel=0.1
+    )
+    assert 1.96 * change.scale_deviation < abs(change.scale_change)
+
+
 def test_the_calibration_s_own_errors_count(full_turn, frame):
     fit = conjugate_fit(MILL, scan(full_turn(180)), full_turn(180), frame)
     calibrated = moved(frame, 1.0)

@@ -57,6 +57,9 @@ def print_drift(result: DriftResult) -> None:
         )
     moved = f"{result.ray_change_mm:.3f} ± {result.ray_change_uncertainty_mm:.2g} mm RMS"
     table.add_row("rays moved", "", "", moved, "", "")
+    if result.scale_change_percent is not None and result.scale_change_uncertainty_percent is not None:
+        scale = f"{result.scale_change_percent:+.3f} ± {result.scale_change_uncertainty_percent:.2g} %"
+        table.add_row("scale changed", "", "", scale, "", "")
     console = Console()
     console.print(table)
     console.print(f"- {result.reason}", highlight=False, markup=False)

@@ -60,10 +60,15 @@ class DriftResult(Contract):
     significance: DetectorDeviation = Field(description="Each change in units of its standard deviation.")
     moved: bool = Field(description="Whether any change is beyond three standard deviations.")
     ray_change_mm: float = Field(
-        description="RMS distance between the rays inside the log's disc, with what this scan cannot see unchanged; "
-        "a distance of the detector that has not significantly changed is held too."
+        description="RMS distance between the rays inside the log's disc, up to a common scale, with what this scan "
+        "cannot see unchanged; a distance of the detector that has not significantly changed is held too."
     )
     ray_change_uncertainty_mm: float = Field(description="RMS ray distance that the errors alone bring about.")
+    scale_change_percent: float | None = Field(
+        None,
+        description="Change of the image's size, which the ray change leaves out. Null: from an earlier version.",
+    )
+    scale_change_uncertainty_percent: float | None = Field(None, description="Of the change of scale, 95 %.")
     radius_mm: float = Field(description="Of the disc in which rays are compared.")
     tolerance_mm: float = Field(description="RMS ray distance up to which nothing moved.")
     within_tolerance: bool | None = Field(description="Null: the scan is too uncertain to say.")

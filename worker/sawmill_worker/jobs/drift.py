@@ -40,6 +40,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         input_sha256=scan.sha256,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.ray_change_mm,
+        tolerance_scale_percent=scanner.tolerances.scale_percent,
         remarks=mean.remarks,
     )
     return run_drift(given).model_dump(mode="json")

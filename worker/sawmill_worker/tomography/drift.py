@@ -10,7 +10,7 @@ import numpy as np
 
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
-from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error
+from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.vocabulary import Rotation
 
 # What conjugate rays see of the geometry, in the order of their vectors.
@@ -104,16 +104,20 @@ class DriftChange:
     covariance : (3, 3) float64
         Of the change: this scan's and the calibration's.
     ray_change_mm : float
-        RMS distance of the rays inside the log's disc with R and psi held; SDD too where it has not changed
-        significantly, because this scan sees it worse than the calibration does.
+        RMS distance of the rays inside the log's disc with R and psi held, a common scale taken out; SDD held too where
+        it has not changed significantly, because this scan sees it worse than the calibration does.
     ray_change_uncertainty_mm : float
         RMS ray distance that the covariance alone brings about.
+    scale_change, scale_deviation : float
+        That common scale as a share, and its standard deviation: what a changed SDD makes of the image's size.
     """
 
     change: FloatArray
     covariance: FloatArray
     ray_change_mm: float
     ray_change_uncertainty_mm: float
+    scale_change: float
+    scale_deviation: float
 
     @property
     def deviation(self) -> FloatArray:
@@ -172,11 +176,13 @@ def drift_change(
     frame_covariance = np.zeros((5, 5))
     frame_covariance[np.ix_(SEEN, SEEN)] = spread
     try:
-        rays = ray_error(scanner, calibrated, now, radius_mm=radius_mm).rms_mm
+        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
+        rays, scale = error.rms_mm, error.scale_change
     except GeometryError:  # the calibrated rays no longer meet the log
-        rays = radius_mm
+        rays, scale = radius_mm, 0.0
     uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
-    return DriftChange(change, covariance, rays, uncertainty)
+    of_scale = scale_deviation(scanner, now, frame_covariance, radius_mm=radius_mm)
+    return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
 
 
 def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult
+from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
@@ -44,6 +45,7 @@ class DriftInput:
     input_sha256: str
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
+    tolerance_scale_percent: float = 0.5
     remarks: tuple[str, ...] = ()
 
 
@@ -79,7 +81,7 @@ def run_drift(given: DriftInput) -> DriftResult:
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     turned_over = fit.rotation is not known.rotation
-    within = _within(changed, given.tolerance_mm, turned_over=turned_over)
+    within = _within(changed, given, turned_over=turned_over)
     return DriftResult(
         measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
@@ -91,6 +93,8 @@ def run_drift(given: DriftInput) -> DriftResult:
         moved=changed.moved,
         ray_change_mm=changed.ray_change_mm,
         ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
+        scale_change_percent=100.0 * changed.scale_change,
+        scale_change_uncertainty_percent=100.0 * TWO_SIDED_95 * changed.scale_deviation,
         radius_mm=radius_mm,
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
@@ -110,12 +114,14 @@ def run_drift(given: DriftInput) -> DriftResult:
     )
 
 
-def _within(changed: DriftChange, tolerance_mm: float, *, turned_over: bool) -> bool | None:
-    if turned_over:
+def _within(changed: DriftChange, given: DriftInput, *, turned_over: bool) -> bool | None:
+    # A scale that this scan hardly sees is no reason for an alarm.
+    allowed = max(given.tolerance_scale_percent / 100.0, TWO_SIDED_95 * changed.scale_deviation)
+    if turned_over or abs(changed.scale_change) > allowed:
         return False
-    if changed.ray_change_uncertainty_mm > tolerance_mm:
+    if changed.ray_change_uncertainty_mm > given.tolerance_mm:
         return None
-    return changed.ray_change_mm <= tolerance_mm
+    return changed.ray_change_mm <= given.tolerance_mm
 
 
 def _reason(given: DriftInput, changed: DriftChange, *, within: bool | None, turned_over: bool) -> str:
