@@ -84,7 +84,7 @@ def _answer(scan: StudyScan, found: Calibration) -> dict[str, Any]:
         "scale_uncertainty_percent": found.scale.percent_95,
         "verdict": found.judgement.verdict,
         "rays_verdict": found.judgement.rays_verdict,
-        "adjustments": list(found.adjustments),
+        "adjustments": [*scan.remarks, *found.adjustments],
         "reasons": list(found.judgement.reasons),
     }
 

@@ -30,7 +30,7 @@ from sawmill_worker.tomography.geometry import (
 )
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.physics.simulate import MillScan, simulate_physics
-from sawmill_worker.tomography.preparing.line_integrals import line_integrals
+from sawmill_worker.tomography.preparing.line_integrals import SATURATION, LineIntegrals, line_integrals
 from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_worker.vocabulary import AirCorrection, Handedness, Rotation
 from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
@@ -268,10 +268,20 @@ class StudyScan:
         """With its effects."""
         return self.scanned(self.physics)
 
-    def task(self) -> CalibrationTask:
-        """The counts, prepared as the product prepares them."""
+    @cached_property
+    def read(self) -> LineIntegrals:
+        """The counts as the product reads them."""
         taken = (self.recorded.counts, self.recorded.flats, self.recorded.darks)
-        stack = line_integrals(*(one[:, None].astype(np.float32) for one in taken)).stack
+        return line_integrals(*(one[:, None].astype(np.float32) for one in taken))
+
+    @property
+    def remarks(self) -> list[str]:
+        """What was read and is reported by a calibration too."""
+        return [remark for remark in self.read.remarks if remark.startswith(SATURATION)]
+
+    def task(self) -> CalibrationTask:
+        """The line integrals, their air corrected as the product corrects it."""
+        stack = self.read.stack.copy()
         RowCorrector(Corrections(AirCorrection.VIEWS), 1, stack.shape[2]).correct(stack)
         lines = stack[:, 0].astype(np.float64)
         return CalibrationTask(

@@ -71,8 +71,10 @@ class Outcome:
 
     @property
     def plain_mm(self) -> float:
-        """What the effect does to a plain fit; 0 where there is none."""
-        return self.effect_mm or 0.0
+        """What the effect does to a plain fit, which may find nothing at all; 0 where there is not one effect."""
+        if self.kind != "single":
+            return 0.0
+        return math.inf if self.effect_mm is None else self.effect_mm
 
     @property
     def wrong(self) -> bool:
