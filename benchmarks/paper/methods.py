@@ -27,6 +27,7 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
 from sawmill_worker.tomography.tikhonov import tikhonov
 from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.vocabulary import AlphaRule
 
 # The published settings of `cauchy_map` are in the unit of the published log, whose wood is about this.
 PUBLISHED_WOOD = 0.4
@@ -48,7 +49,7 @@ class Method:
 
 METHODS: Mapping[str, Method] = {
     "fbp": Method(fbp, pictures.BLACK, "-", 0.0),
-    "tikhonov": Method(tikhonov, pictures.SKY, "--", 0.02),
+    "tikhonov": Method(partial(tikhonov, rule=AlphaRule.DISCREPANCY), pictures.SKY, "--", 0.02),
     "cauchy_map": Method(cauchy_map, pictures.ORANGE, "-", 0.06),
     "cauchy_map paper": Method(partial(cauchy_map, preset="paper"), pictures.PURPLE, ":", 0.05),
     "total_variation": Method(total_variation, pictures.BLUE, "-.", 0.07),

@@ -27,7 +27,6 @@ def volume_of(tmp_path, rng):
             first_slice_mm=100.0 if row_pitch_mm else 0.0,
         ) as volume:
             volume.write(0, values)
-            volume.write_deviation(0, values / 10)
         return h5py.File(tmp_path / "volume.h5")
 
     return write
@@ -49,12 +48,11 @@ def test_each_value_lies_where_the_axes_say(volume_of, slices, row_pitch_mm):
     with volume_of(slices, row_pitch_mm) as file:
         data = file["entry/data"]
         along, x_mm, y_mm = (data[axis][()] for axis in data.attrs["axes"])
-        for name, written in (("attenuation", data["data"]), ("standard_deviation", data["data_errors"])):
-            seen = seen_by_vtk(file, name)
-            assert len(seen) == written.size
-            for (n, i, j), value in np.ndenumerate(written[()]):
-                # Places are sums of few short binary fractions, which are exact.
-                assert seen[x_mm[i], y_mm[j], along[n]] == value
+        seen, written = seen_by_vtk(file, "attenuation"), data["data"]
+        assert len(seen) == written.size
+        for (n, i, j), value in np.ndenumerate(written[()]):
+            # Places are sums of few short binary fractions, which are exact.
+            assert seen[x_mm[i], y_mm[j], along[n]] == value
 
 
 def test_its_axes_are_right_handed(volume_of):
@@ -80,4 +78,3 @@ def test_the_reader_recognises_the_group(volume_of):
         assert attributes["Type"] == b"ImageData"
         assert attributes["Version"].tolist() == [1, 0]
         assert file["VTKHDF/PointData/attenuation"].attrs["Attribute"] == b"Scalars"
-        assert "Attribute" not in file["VTKHDF/PointData/standard_deviation"].attrs

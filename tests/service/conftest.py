@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import h5py
 import httpx
 import numpy as np
 import pytest
@@ -267,11 +268,10 @@ def write_reconstruction(folder: Path) -> None:
 
 
 def write_sparse_reconstruction(folder: Path) -> None:
-    """With all that only some methods leave."""
+    """With all that only some methods leave, and the deviations that an earlier version wrote."""
     alphas = np.geomspace(1e-3, 1e3, 31)
     with new_volume(folder) as volume_file:
         volume_file.write(0, make_volume())
-        volume_file.write_deviation(0, 0.1 * make_volume())
         columns = {
             "alphas": alphas,
             "residual_norms": 1.0 + alphas,
@@ -279,6 +279,9 @@ def write_sparse_reconstruction(folder: Path) -> None:
             "gcv": 1.0 + alphas,
         }
         volume_file.note_alpha_curve({**columns, "alpha": np.array(1.0)})
+    with h5py.File(folder / "volume.h5", "r+") as file:
+        file["entry/reconstruction/data_errors"] = 0.1 * make_volume()
+        file["entry/reconstruction/data_errors"].attrs["units"] = "1/mm"
 
 
 def new_volume(folder: Path) -> AbstractContextManager[NewVolume]:

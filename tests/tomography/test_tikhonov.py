@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -37,6 +38,34 @@ def dense():
     return make
 
 
+@pytest.mark.parametrize(("views", "noise"), [(20, 0.005), (60, 0.02)])
+def test_the_default_weight_is_near_the_best(projector, views, noise):
+    """Within 5 % of the least error of five weights around it, the next of which are off by a factor of three."""
+    a = projector(48, views)
+    sinogram, truth = simulate_sinogram(LOG, a.geometry, noise=noise, seed=1207), LOG.rasterise(48, 400.0)
+    found = tikhonov(a, sinogram)
+    weights = found.parameters["alpha"][0] * np.geomspace(0.1, 10.0, 5)
+    least = min(relative_error(tikhonov(a, sinogram, weight=weight).image, truth) for weight in weights)
+    assert relative_error(found.image, truth) < 1.05 * least
+
+
+def test_cross_validation_needs_a_view_to_leave_out(projector):
+    a = projector(16, 1)
+    sinogram = simulate_sinogram(LOG, a.geometry, noise=0.02, seed=1208)
+    with pytest.raises(GeometryError, match="there is one only: give alpha"):
+        tikhonov(a, sinogram)
+    assert tikhonov(a, sinogram, rule=AlphaRule.GCV).image.any()
+
+
+def test_on_the_published_log_the_error_is_at_most_that_of_filtered_back_projection(
+    scanner, theta, full_turn, log_sinogram, log_truth
+):
+    """From all views, where the two are nearest."""
+    a = Projector(FanBeamGeometry(scanner, theta, full_turn(360)), ImageGrid(256, 400.0))
+    direct = relative_error(fbp(a, log_sinogram).image, log_truth)
+    assert relative_error(tikhonov(a, log_sinogram).image, log_truth) < direct
+
+
 @pytest.mark.parametrize("weight", [30.0, 3000.0])
 def test_it_solves_the_regularised_normal_equations(projector, dense, weight):
     a = projector(16, 9)
@@ -55,7 +84,7 @@ def test_it_solves_the_regularised_normal_equations(projector, dense, weight):
 def test_the_discrepancy_principle_explains_the_data_to_their_noise(projector):
     a = projector(64, 24)
     sinogram = simulate_sinogram(LOG, a.geometry, noise=0.03, seed=1203)
-    found = tikhonov(a, sinogram)
+    found = tikhonov(a, sinogram, rule=AlphaRule.DISCREPANCY)
     # Rays beside the image count in neither; weights are interpolated between 181 candidates.
     assert found.misfit[0] == pytest.approx(1.0, abs=0.01)
     curve = found.curves[0]

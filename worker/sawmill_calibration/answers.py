@@ -138,12 +138,9 @@ class Reconstruction:
     ----------
     volume : (slices, x, y) float32
         In `result.unit`.
-    standard_deviation : like volume, or None
-        Of each pixel, with `uncertainty=True`.
     """
 
     volume: NDArray[np.float32] = field(repr=False)
-    standard_deviation: NDArray[np.float32] | None = field(repr=False)
     result: ReconstructionResult
     field_centre_mm: tuple[float, float] = (0.0, 0.0)
 
@@ -314,7 +311,7 @@ def reconstruct(
         With a Theta: which way the angles count. A calibration carries its own.
     **options
         As docs/http.md lists them for a reconstruction: `method` (fbp by default), `size`, `field_mm`, `rows`, `views`,
-        `filter`, `alpha`, `uncertainty`, and more.
+        `filter`, `alpha`, and more.
 
     Raises
     ------
@@ -343,7 +340,7 @@ def reconstruct(
     )
     with input_errors():
         made = reconstruct_in_memory(given, chosen, on_progress)
-    return Reconstruction(made.data, made.standard_deviation, made.result, chosen.field_centre_mm)
+    return Reconstruction(made.data, made.result, chosen.field_centre_mm)
 
 
 def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) -> Drift:

@@ -57,6 +57,9 @@ OfCauchyMap = OptionOf((ReconstructionMethod.CAUCHY_MAP,))
 OfTotalVariation = OptionOf((ReconstructionMethod.TOTAL_VARIATION,))
 OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION))
 
+# Requests that an earlier version stored carry its defaults, whatever their method.
+EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY}
+
 
 class ReconstructionOptions(Contract):
     """The rows, the grid, the method and its options."""
@@ -100,7 +103,7 @@ class ReconstructionOptions(Contract):
         None, description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule."
     )
     alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
-        AlphaRule.DISCREPANCY, description="How `tikhonov` chooses alpha."
+        AlphaRule.CROSS_VALIDATION, description="How `tikhonov` chooses alpha."
     )
     sigma: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
@@ -121,15 +124,19 @@ class ReconstructionOptions(Contract):
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero."
     )
-    uncertainty: Annotated[bool, OfCauchyMap] = Field(
-        default=False, description="Of `cauchy_map`: each pixel's standard deviation as a second volume."
+    uncertainty: bool = Field(
+        default=False, description="Ignored, with a remark: each pixel's standard deviation is no longer computed."
     )
 
     @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
         for name, field in type(self).model_fields.items():
             mark = OptionOf.on(field)
-            if mark is None or self.method in mark.methods or getattr(self, name) == field.default:
+            if (
+                mark is None
+                or self.method in mark.methods
+                or getattr(self, name) in (field.default, EARLIER_DEFAULTS.get(name))
+            ):
                 continue
             owners = " or ".join(sorted(mark.methods))
             msg = f"{name} belongs to method {owners}, not {self.method.value}: leave it out or change the method"
@@ -138,7 +145,7 @@ class ReconstructionOptions(Contract):
 
     @model_validator(mode="after")
     def _agree(self) -> "ReconstructionOptions":
-        if self.alpha is not None and self.alpha_rule is not AlphaRule.DISCREPANCY:
+        if self.alpha is not None and self.alpha_rule not in {AlphaRule.CROSS_VALIDATION, AlphaRule.DISCREPANCY}:
             msg = "alpha is given, so alpha_rule has nothing to choose: give one of them"
             raise ValueError(msg)
         if self.preset is not None and (self.sigma is not None or self.beta is not None):
@@ -234,7 +241,9 @@ class ReconstructionResult(Contract):
     method: MethodReport | None = Field(
         None, description="Null for a result of an earlier version, whose method was fbp."
     )
-    has_deviation: bool = Field(default=False, description="Whether each pixel's standard deviation is in the volume.")
+    has_deviation: bool = Field(
+        default=False, description="Of an earlier version's result: each pixel's standard deviation is in the volume."
+    )
 
 
 class ReconstructionLinks(Contract):

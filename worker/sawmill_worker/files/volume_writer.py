@@ -13,7 +13,7 @@ from sawmill_worker.files import volume_layout as layout
 from sawmill_worker.files.hdf5 import whole_hdf5
 from sawmill_worker.files.nexus import PACKED, new_entry, new_group, write_mapping, write_process, write_scalar
 from sawmill_worker.files.packing import write_packed
-from sawmill_worker.files.vtk_hdf import add_values, describe_image
+from sawmill_worker.files.vtk_hdf import describe_image
 
 # Slices a chunk of the side views: about as many as are written at a time.
 SIDE_VIEW_ROWS = 64
@@ -31,15 +31,6 @@ class NewVolume:
         _write_slices(self._volume, first, slices)
         written = np.s_[first : first + len(slices)]
         self._along_x[written], self._along_y[written] = slices.max(axis=1), slices.max(axis=2)
-
-    def write_deviation(self, first: int, slices: NDArray[np.float32]) -> None:
-        """Write the standard deviation of each pixel of slices (slices, x, y)."""
-        group = self._file[layout.PLOT]
-        if layout.DEVIATION not in group:
-            errors = _new_pixels(group, layout.DEVIATION, self._volume.shape, self._volume.attrs["units"])
-            _link_to_process(errors)
-            add_values(errors, "standard_deviation")
-        _write_slices(group[layout.DEVIATION], first, slices)
 
     def note_method(self, report: Mapping[str, Any]) -> None:
         """Write down what the method did; JSON-able, the units in the names."""

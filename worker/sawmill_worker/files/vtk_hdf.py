@@ -42,11 +42,11 @@ def describe_image(
     group.attrs["Spacing"] = np.array(spacing_mm[::-1])
     group.attrs["Direction"] = np.ravel(_ALONG_Y_X_MINUS_Z)
     volume.file.create_group(_POINTS)
-    add_values(volume, name)
+    _add_values(volume, name)
     volume.file[_POINTS][name].attrs["Attribute"] = np.bytes_("Scalars")
 
 
-def add_values(values: h5py.Dataset, name: str) -> None:
+def _add_values(values: h5py.Dataset, name: str) -> None:
     """Give VTK further values (z, x, y) of the same pixels; nothing is copied."""
     source = h5py.VirtualSource(".", values.name, values.shape)
     if len(values) == 1:

@@ -63,8 +63,7 @@ def needs(attempt: Attempt) -> Needs:
     options, scan = asked.options, usable_scan(attempt.store, asked.scan_id)
     shape = shape_of(scan)
     slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)])
-    volumes = 2 if options.uncertainty else 1
-    file_bytes = int(FILE_SHARE * volumes * cost.volume_bytes(options.size, slices)) + FILE_BYTES
+    file_bytes = int(FILE_SHARE * cost.volume_bytes(options.size, slices)) + FILE_BYTES
     at_work = max(
         cost.MEMORY_BYTES,
         cost.block_bytes(shape.views, shape.detector, options.size, 1),

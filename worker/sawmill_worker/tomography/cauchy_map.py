@@ -93,7 +93,6 @@ def cauchy_map(
     noise: ArrayLike | None = None,
     preset: Literal["paper"] | None = None,
     non_negative: bool = True,
-    uncertainty: bool = False,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     on_progress: OnProgress | None = None,
@@ -123,8 +122,6 @@ def cauchy_map(
         The published settings, in place of sigma, beta, non_negative and iterations.
     non_negative : bool
         Attenuation is at least 0.
-    uncertainty : bool
-        Whether to compute each pixel's standard deviation (see `posterior_deviation`).
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
     on_progress : callable, optional
@@ -159,7 +156,6 @@ def cauchy_map(
         problem,
         iterations=iterations,
         tolerance=tolerance,
-        uncertainty=uncertainty,
         on_progress=on_progress,
     )
 
@@ -334,7 +330,6 @@ class CauchyMap(FittedMethod):
     beta: float | None = None
     preset: Literal["paper"] | None = None
     non_negative: bool = True
-    uncertainty: bool = False
 
     @property
     def is_open(self) -> bool:
@@ -379,6 +374,5 @@ class CauchyMap(FittedMethod):
             noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             preset=self.preset,
             non_negative=self.non_negative,
-            uncertainty=self.uncertainty,
             on_progress=on_progress,
         )

@@ -31,8 +31,6 @@ class Estimate:
         not. A direct method does not compute it.
     objective : (slices,) float64, optional
         What the method minimised, at the image.
-    standard_deviation : like image, optional
-        Of each pixel, where asked for.
     curves : tuple of mapping of str to (points,) float64
         One a slice: what its parameters were chosen from, by column; empty where the method has none.
     remarks : tuple of str
@@ -46,7 +44,6 @@ class Estimate:
     noise: float | None = None
     misfit: Floats | None = None
     objective: Floats | None = None
-    standard_deviation: Image | None = None
     curves: tuple[Mapping[str, Floats], ...] = ()
     remarks: tuple[str, ...] = ()
 

@@ -34,6 +34,10 @@ Curve = Mapping[str, NDArray[np.float64]]
 CHECKED_SLICES = 5
 # Slices that a fitted method reconstructs side by side: more are no faster (benchmarks/iterative.py).
 FITTED_TOGETHER = 16
+NO_UNCERTAINTY = (
+    "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
+    "(docs/reconstruction.md#the-uncertainty-map)"
+)
 # A background below this share of the noise is taken for none.
 BACKGROUND = 0.5
 # The most images that a fitted method has in memory at once.
@@ -45,10 +49,9 @@ MOST_FITTED_IMAGES = max(
 
 @dataclass(frozen=True, eq=False)
 class Slices:
-    """Slices (slices, x, y) float32 and, where asked for, each pixel's standard deviation."""
+    """Slices (slices, x, y) float32."""
 
     images: Images
-    deviation: Images | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +144,8 @@ def solver_of(name: ReconstructionMethod, task: LogTask, recommended: Recommenda
         One slice does not fit into the memory, or the slice to choose parameters from is empty.
     """
     method, findings = method_of(name, task.options), MethodFindings(name, recommended)
+    if task.options.uncertainty:
+        findings.remark(NO_UNCERTAINTY)
     if isinstance(method, DirectMethod):
         return _DirectSolver(method, task, findings)
     return _FittedSolver(name, method, task, findings)
@@ -236,7 +241,6 @@ class _FittedSolver:
         shown = lines.any(axis=(1, 2))
         size = self._task.projector.grid.size
         images = np.zeros((len(lines), size, size), np.float32)
-        deviation = np.zeros_like(images) if self._task.options.uncertainty else None
         if shown.any():
             numbers = first + np.flatnonzero(shown)
             block = self._metal(lines[shown])
@@ -247,10 +251,8 @@ class _FittedSolver:
             block.put_back(found.images, self._projector.grid)
             field = (slice(None), *self._field)
             images[shown] = found.images[field]
-            if deviation is not None and found.deviation is not None:
-                deviation[shown] = found.deviation[field]
         self._findings.add_empty(int((~shown).sum()))
-        return Slices(images, deviation)
+        return Slices(images)
 
     def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
@@ -290,7 +292,7 @@ class _FittedSolver:
         self._findings.add(found)
         if found.curves:
             self._keep_nearest_curve(numbers, found.curves, found.parameters)
-        return Slices(found.image, found.standard_deviation)
+        return Slices(found.image)
 
     def _keep_nearest_curve(
         self, numbers: NDArray[np.int64], curves: tuple[Curve, ...], parameters: Mapping[str, NDArray[np.float64]]

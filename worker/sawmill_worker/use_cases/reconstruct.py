@@ -79,12 +79,9 @@ class ReconstructedVolume:
     ----------
     data : (slices, x, y) float32
         In the result's unit.
-    standard_deviation : like data, or None
-        Of each pixel, where asked for.
     """
 
     data: NDArray[np.float32]
-    standard_deviation: NDArray[np.float32] | None
     result: ReconstructionResult
 
 
@@ -101,8 +98,7 @@ def run_reconstruction(
         The file cannot be written.
     """
     run = _Run(given, options, report)
-    volumes = 2 if options.uncertainty else 1
-    check_disk(output.parent, run.shape, volumes * cost.volume_bytes(options.size, run.slices))
+    check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     solver = run.solver()
     origin = VolumeOrigin(
         given.scanner,
@@ -119,8 +115,6 @@ def run_reconstruction(
 
         def write(start: int, block: Slices) -> None:
             volume.write(start, block.images)
-            if block.deviation is not None:
-                volume.write_deviation(start, block.deviation)
 
         result = run.reconstruct(solver, write)
         assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
@@ -136,15 +130,12 @@ def reconstruct_in_memory(
     """Reconstruct each row into arrays; as `run_reconstruction`, without a file."""
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
-    deviation = np.empty(run.shape, np.float32) if options.uncertainty else None
 
     def keep(start: int, block: Slices) -> None:
         stop = start + len(block.images)
         data[start:stop] = block.images
-        if deviation is not None and block.deviation is not None:
-            deviation[start:stop] = block.deviation
 
-    return ReconstructedVolume(data, deviation, run.reconstruct(run.solver(), keep))
+    return ReconstructedVolume(data, run.reconstruct(run.solver(), keep))
 
 
 class _Run:
@@ -248,7 +239,6 @@ class _Run:
             input_sha256=given.input_sha256,
             preparation=list(given.preparation),
             method=solver.report(),
-            has_deviation=options.uncertainty,
         )
 
 

@@ -163,10 +163,12 @@ Weighting = Literal["exact", "none"]
 class AlphaRule(StrEnum):
     """How Tikhonov's alpha is chosen where it is not given.
 
-    discrepancy: the largest alpha that explains the data to their noise (Morozov). gcv: generalised cross-validation
-    (Golub, Heath and Wahba 1979). l-curve: where residual against norm bends most sharply (Hansen 1992).
+    cross-validation: the alpha whose image predicts views that were left out best (Stone 1974). discrepancy: the
+    largest alpha that explains the data to their noise (Morozov). gcv: generalised cross-validation (Golub, Heath
+    and Wahba 1979). l-curve: where residual against norm bends most sharply (Hansen 1992).
     """
 
+    CROSS_VALIDATION = "cross-validation"
     DISCREPANCY = "discrepancy"
     GCV = "gcv"
     L_CURVE = "l-curve"

@@ -105,7 +105,7 @@ def cross_validate(
             on_iteration=counting_iterations(part_of(on_progress, index / len(starts), 1.0 / len(starts)), iterations),
         ).images
         residual = np.where(projector.crossing, (projector.forward(images) - objective.lines) / noise, 0.0)
-        in_views += _power(residual[:, fold.views], exponent)
+        in_views += power_along_detector(residual[:, fold.views], exponent)
         in_rays += np.square(residual[:, fold.rays]).sum(axis=1)
         rays += int(fold.rays.sum())
         found.append(images)
@@ -146,7 +146,7 @@ def _folds(projector: Projector) -> Iterator[_Fold]:
         yield _Fold(left_out, rays)
 
 
-def _power(residual: Floats, exponent: float) -> Floats:
+def power_along_detector(residual: Floats, exponent: float) -> Floats:
     """Sum over the views of (candidates, views, detector) of the power, weighted by |w|^exponent; (candidates,)."""
     cells = residual.shape[-1]
     power = np.square(np.abs(rfft(residual, 2 * cells, axis=-1))).sum(axis=1)

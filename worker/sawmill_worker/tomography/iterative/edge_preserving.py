@@ -16,17 +16,12 @@ from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.iterative.descent import Floats, Images
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays
 from sawmill_worker.tomography.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation
-from sawmill_worker.tomography.iterative.posterior import posterior_deviation
 from sawmill_worker.tomography.iterative.priors import Prior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, cost_of_images
 from sawmill_worker.tomography.iterative.support_region import SupportRegion, descend_from_support
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
-
-# The cost of a slice's standard deviation, in iterations on one slice of 256 x 256 pixels from 20 views
-# (benchmarks/iterative.py).
-DEVIATION_COST = 270.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +131,6 @@ def reconstruct_with_prior(
     *,
     iterations: int,
     tolerance: float,
-    uncertainty: bool = False,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
     """Choose what is open, and descend from a first image to the minimum of the objective.
@@ -145,8 +139,6 @@ def reconstruct_with_prior(
     ----------
     iterations, tolerance
         The descent ends when its last iterations lower the objective by less than this share, or are used up.
-    uncertainty : bool
-        Whether to compute each pixel's standard deviation.
     on_progress : callable, optional
         Called with the share of the work that is done, after each iteration.
     """
@@ -160,7 +152,6 @@ def reconstruct_with_prior(
         choose=0.0 if method.choose is None else method.choosing_cost,
         continuation=CONTINUATION_ITERATIONS * block_cost if continued else 0.0,
         descent=method.usual_iterations * block_cost,
-        deviation=DEVIATION_COST * len(lines) if uncertainty else 0.0,
     )
     choice = None if method.choose is None else _from_middle_slice(method.choose, problem, phases.of("choose"))
     settings = method.settings(problem, choice)
@@ -186,17 +177,6 @@ def reconstruct_with_prior(
         on_progress=phases.of("descent"),
     )
     misfit = data_misfit(problem.projector, found.images, lines, noises)
-    deviation = None
-    if uncertainty:
-        deviation = posterior_deviation(
-            problem.projector,
-            weights,
-            settings.prior,
-            found.images,
-            non_negative=non_negative,
-            on_progress=phases.of("deviation"),
-        )
-    phases.of("deviation")(1.0)
     shape = found.images.shape if problem.is_block else found.images.shape[1:]
     return Estimate(
         image=found.images.reshape(shape),
@@ -206,7 +186,6 @@ def reconstruct_with_prior(
         noise=rms_noise(noises),
         misfit=misfit,
         objective=found.values,
-        standard_deviation=None if deviation is None else deviation.reshape(shape),
         remarks=(() if method.as_published else found.remarks) + remarks_on(misfit, lines, noises),
     )
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sawmill_worker.tomography.iterative import _prior_numba as kernels
 from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices
@@ -40,10 +39,6 @@ class Prior(ABC):
     @abstractmethod
     def corner_strength(self) -> Floats:
         """Of the penalty on the corner pixel, (images,); a pure number, as the objective is."""
-
-    @abstractmethod
-    def curvature(self, index: int, ratio: NDArray[np.floating]) -> Floats:
-        """Of one image's reweighted quadratic, where 1 + |d|^2 / scale^2 is `ratio`."""
 
     def add(self, images: Images, which: Indices, gradient: Images) -> Floats:
         """Add the gradient in place and return the values (named,), of images (named, n, n)."""
@@ -93,10 +88,6 @@ class CauchyPrior(Prior):
         """That of the differences."""
         return self.strength
 
-    def curvature(self, index: int, ratio: NDArray[np.floating]) -> Floats:
-        """Stiffest over the ratio."""
-        return np.asarray(2.0 * self.strength[index] / self.scale[index] ** 2 / ratio)
-
 
 class TotalVariationPrior(Prior):
     """strength * scale * sum (sqrt(1 + |d|^2 / scale^2) - 1): convex (Rudin, Osher and Fatemi 1992, smoothed)."""
@@ -111,7 +102,3 @@ class TotalVariationPrior(Prior):
     def corner_strength(self) -> Floats:
         """Strength times scale."""
         return self.strength * self.scale
-
-    def curvature(self, index: int, ratio: NDArray[np.floating]) -> Floats:
-        """Stiffest over the root of the ratio."""
-        return np.asarray(self.strength[index] / self.scale[index] / np.sqrt(ratio))
