@@ -114,7 +114,7 @@ def main() -> None:
         found[kind].append(row)
         print(f"{kind:14s}" + "".join(f"{value:11.2f}" for value in row), flush=True)
     every = [row for rows in found.values() for row in rows]
-    for kind, rows in (*found.items(), ("all", every)):
+    for kind, rows in (*((kind, rows) for kind, rows in found.items() if rows), ("all", every)):
         print(f"mean {kind:9s}" + "".join(f"{value:11.2f}" for value in np.mean(rows, axis=0)))
 
 
