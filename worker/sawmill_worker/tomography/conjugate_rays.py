@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, seen_vector
 from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.log_movement import log_movement
 from sawmill_worker.tomography.paired_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution, Turn, fan_angles
 from sawmill_worker.tomography.view_gain import view_gain
 from sawmill_worker.vocabulary import Rotation
@@ -65,7 +66,8 @@ def _turn(even: FloatArray, first_rad: float, filled_rad: FloatArray, bridged: N
     views = len(even)
     spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
     orders = np.arange(1, spectrum.shape[1] + 1)
-    return Turn(np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)), views, filled_rad, bridged)
+    turned = np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad))
+    return Turn(turned, even.mean(axis=0), views, filled_rad, bridged)
 
 
 def conjugate_fit(
@@ -117,6 +119,7 @@ def conjugate_fit(
         ratio,
         best.rays.relative_residual,
         best.distance_sensitivity,
+        log_movement(best, rotation.apply(angles_rad), start.source_distance_mm),
         (*used.done, remark) if disagreeing else used.done,
     )
 

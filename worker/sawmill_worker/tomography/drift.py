@@ -19,6 +19,11 @@ SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
 DECISIVE_RATIO = 1.1
 # A change beyond this many standard deviations is significant.
 SIGNIFICANT = 3.0
+# A jump that is shorter is no finding (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.
+SHORTEST_JUMP_MM = 0.01
+# Chi-squared, 2 degrees of freedom, that the best of several hundred views, each tried as the one after which the log
+# stands elsewhere, reaches by chance in less than one of a thousand scans: tests/tomography/test_log_movement.py.
+CHANCE_OF_A_JUMP = 30.0
 # Chi-squared, 2 degrees of freedom, that a motion may leave unexplained with the same confidence.
 UNEXPLAINED = 11.83
 
@@ -47,6 +52,20 @@ class DriftError(ValueError):
         self.code = code
 
 
+@dataclass(frozen=True)
+class LogMovement:
+    """A jump of the log: the first view after it, its length, and its chi-squared of 2 degrees of freedom."""
+
+    view: int
+    by_mm: float
+    chi_squared: float
+
+    @property
+    def beyond_chance(self) -> bool:
+        """Whether a log that stood still would hardly look like this."""
+        return self.chi_squared > CHANCE_OF_A_JUMP and self.by_mm > SHORTEST_JUMP_MM
+
+
 @dataclass(frozen=True, eq=False)
 class ConjugateFit:
     """What pairs of opposite rays say of the detector.
@@ -66,6 +85,8 @@ class ConjugateFit:
         the view, after the blur.
     distance_sensitivity : (2,) float64
         Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
+    movement : LogMovement
+        The jump of the log that explains most of what is left, beyond chance or not.
     adjustments : tuple of str
         What was done to the scan before it was used.
     """
@@ -79,6 +100,7 @@ class ConjugateFit:
     rotation_ratio: float
     relative_residual: float
     distance_sensitivity: FloatArray
+    movement: LogMovement
     adjustments: tuple[str, ...]
 
     @property

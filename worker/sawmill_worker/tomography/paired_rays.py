@@ -42,6 +42,8 @@ class Turn:
     ----------
     spectrum : (cells, harmonics) complex128
         From the first harmonic up to below Nyquist's.
+    mean : (cells,) float64
+        The constant harmonic.
     views : int
     filled_rad : (views left out,) float64
         Angles at which there are no data, only what their neighbours suggest.
@@ -50,6 +52,7 @@ class Turn:
     """
 
     spectrum: ComplexArray
+    mean: FloatArray
     views: int
     filled_rad: FloatArray
     bridged: NDArray[np.bool_]
@@ -174,12 +177,7 @@ class Pairs:
 
     def at(self, vector: FloatArray) -> PairedRays:
         """The pairs with this geometry."""
-        fan, covered = fan_angles(self._scanner, vector)
-        turned = self._turn.spectrum * np.exp(1j * np.outer(fan, self._orders)) * covered[:, None]
-        rays, slope = self._side(turned, fan, 1.0)
-        opposite, opposite_slope = self._side(turned, fan, -1.0)
-        half_turn = np.where(self._orders % 2, -1.0, 1.0)
-        opposite, opposite_slope = half_turn * opposite, -half_turn * opposite_slope
+        rays, opposite, slope, opposite_slope = self._both_sides(vector)
         half_sum, difference = 0.5 * (rays + opposite), rays - opposite
         shifts = _shifts(vector, self.gamma), _shifts(vector, -self.gamma)
         slopes = self._slopes(half_sum, 0.5 * (slope + opposite_slope), *shifts)
@@ -196,6 +194,28 @@ class Pairs:
             self._used,
             math.sqrt(residual / signal),
         )
+
+    def sideways(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivative of the pairs' rays by gamma at fixed chi (pairs, chi), and the same blurred twice over chi.
+
+        Unlike the rays and their differences, it has the constant harmonic.
+        """
+        fan, covered = fan_angles(self._scanner, vector)
+        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
+        constant = 0.5 * (self._side(mean, fan, 1.0)[1] - self._side(mean, fan, -1.0)[1]).real
+        _, _, slope, opposite_slope = self._both_sides(vector)
+        half_sum = 0.5 * (slope + opposite_slope)
+        once, twice = self._over_chi(half_sum), self._over_chi(half_sum * self._blur**2)
+        return once + constant, (twice + constant) * self._used
+
+    def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Rays and opposite rays (pairs, harmonics) over chi, and the derivatives of both by the rays' gamma."""
+        fan, covered = fan_angles(self._scanner, vector)
+        turned = self._turn.spectrum * np.exp(1j * np.outer(fan, self._orders)) * covered[:, None]
+        rays, slope = self._side(turned, fan, 1.0)
+        opposite, opposite_slope = self._side(turned, fan, -1.0)
+        half_turn = np.where(self._orders % 2, -1.0, 1.0)
+        return rays, half_turn * opposite, slope, -half_turn * opposite_slope
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
         """(..., harmonics) as (..., views) over chi."""

@@ -1,0 +1,207 @@
+"""The log beside the phantom as a second witness for u_c and tau (docs/geometry.md#a-second-witness).
+
+The phantom's rows and, by opposite rays, the log's rows give u_c and tau independently. Answers that agree are combined
+by their covariances; where they do not, what moved during the scan decides whose are taken.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sawmill_worker.tomography.calibration.faults.unsteadiness import Unsteadiness
+from sawmill_worker.tomography.conjugate_rays import conjugate_fit
+from sawmill_worker.tomography.drift import ConjugateFit, LogMovement
+from sawmill_worker.tomography.fit_parameters import Parameter
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, to_vector
+from sawmill_worker.tomography.ray_error import predicted_ray_error
+from sawmill_worker.vocabulary import Agreement, MovedBody, Rotation
+
+# Chi-squared, 2 degrees of freedom: of two that agree, 95 % are below the first and 99.9 % below the second. Between
+# them the answers are combined and their errors widened by what they differ by (Birge 1932).
+AGREE, DISAGREE = 5.991, 13.816
+# What both see.
+BOTH = [Parameter.U_C, Parameter.TILT]
+
+
+@dataclass(frozen=True, eq=False)
+class LogAnswer:
+    """What the log's opposite rays give at the phantom's SDD.
+
+    Attributes
+    ----------
+    seen : (2,) float64
+        u_c (mm) and tau (rad).
+    covariance : (2, 2) float64
+    sdd_sensitivity : (2,) float64
+        Change of the two per mm of SDD.
+    rotation : Rotation
+        The sense in which the log turned; the calibrated one where the log does not tell.
+    movement : LogMovement
+    """
+
+    seen: FloatArray
+    covariance: FloatArray
+    sdd_sensitivity: FloatArray
+    rotation: Rotation
+    movement: LogMovement
+
+
+@dataclass(frozen=True, eq=False)
+class SecondWitness:
+    """Both answers, and what follows.
+
+    Attributes
+    ----------
+    log : LogAnswer
+    phantom_seen, phantom_covariance : (2,), (2, 2) float64
+        u_c and tau of the phantom's rows alone.
+    difference, difference_covariance : (2,), (2, 2) float64
+        The log's less the phantom's.
+    chi_squared : float
+        Of the difference, with 2 degrees of freedom.
+    ray_change_mm : float
+        RMS distance that the difference makes to the rays in the log's disc.
+    agreement : Agreement
+    moved : MovedBody or None
+        Which body moved during the scan; None where they agree.
+    vector, covariance : (5,), (5, 5) float64
+        The geometry (psi, R, SDD, u_c, tau) that follows from both.
+    """
+
+    log: LogAnswer
+    phantom_seen: FloatArray
+    phantom_covariance: FloatArray
+    difference: FloatArray
+    difference_covariance: FloatArray
+    chi_squared: float
+    ray_change_mm: float
+    agreement: Agreement
+    moved: MovedBody | None
+    vector: FloatArray
+    covariance: FloatArray
+
+
+def ask_log(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
+) -> LogAnswer:
+    """What the opposite rays of a log's sinogram (views, detector) give near the phantom's answer.
+
+    Raises
+    ------
+    DriftError
+        The views are sparse or do not go all round, or this log does not show the two.
+    """
+    fit = conjugate_fit(scanner, sinogram, angles_rad, frame, rotation)
+    sensitivity, covariance = _at_known_distance(fit)
+    seen = np.array([fit.cor_column_mm, fit.tilt_rad])
+    seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
+    turned = fit.rotation if fit.rotation_decided else rotation
+    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement)
+
+
+def compare_witnesses(
+    scanner: Scanner,
+    frame: SourceFrame,
+    covariance: FloatArray,
+    log: LogAnswer,
+    rotation: Rotation,
+    unsteadiness: Unsteadiness | None,
+    *,
+    radius_mm: float,
+) -> SecondWitness:
+    """Compare the log's answer with the phantom's, and take from each what it knows.
+
+    Parameters
+    ----------
+    frame, covariance : SourceFrame, (5, 5) float64
+        Of the phantom's rows alone.
+    unsteadiness : Unsteadiness or None
+        What the phantom's fit found to have changed during the scan.
+    radius_mm : float
+        Of the disc in which rays are compared.
+    """
+    vector = to_vector(frame)
+    sees = np.zeros((2, len(vector)))
+    sees[[0, 1], BOTH] = 1.0
+    difference = log.seen - vector[BOTH]
+    # At another SDD the log's opposite rays give another u_c and tau.
+    sees[:, Parameter.SDD] = -log.sdd_sensitivity
+    spread = sees @ covariance @ sees.T + log.covariance
+    chi_squared = float(difference @ np.linalg.solve(spread, difference))
+    agreement = _agreement(chi_squared, same_sense=log.rotation is rotation)
+    moved = _moved(log.movement, unsteadiness) if agreement is Agreement.DISAGREE else None
+    conditioned = _conditioned(vector, covariance, sees, difference, log.covariance, chi_squared, agreement, moved)
+    bias = np.zeros((len(vector), 1))
+    bias[BOTH, 0] = difference
+    change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
+    return SecondWitness(
+        log,
+        vector[BOTH],
+        covariance[np.ix_(BOTH, BOTH)],
+        difference,
+        spread,
+        chi_squared,
+        change.rms_mm,
+        agreement,
+        moved,
+        *_with_theta(scanner, *conditioned),
+    )
+
+
+def _at_known_distance(fit: ConjugateFit) -> tuple[FloatArray, FloatArray]:
+    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
+    if fit.distance_held:
+        return fit.distance_sensitivity, fit.covariance[:2, :2]
+    sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
+    return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
+
+
+def _agreement(chi_squared: float, *, same_sense: bool) -> Agreement:
+    if not same_sense or chi_squared > DISAGREE:
+        return Agreement.DISAGREE
+    return Agreement.AGREE if chi_squared <= AGREE else Agreement.STRAINED
+
+
+def _moved(log: LogMovement, phantom: Unsteadiness | None) -> MovedBody:
+    """A log whose opposite rays agree with each other stood still: then it is the phantom that moved."""
+    if not log.beyond_chance:
+        return MovedBody.PHANTOM
+    return MovedBody.LOG if phantom is None else MovedBody.BOTH
+
+
+def _conditioned(
+    vector: FloatArray,
+    covariance: FloatArray,
+    sees: FloatArray,
+    difference: FloatArray,
+    log_covariance: FloatArray,
+    chi_squared: float,
+    agreement: Agreement,
+    moved: MovedBody | None,
+) -> tuple[FloatArray, FloatArray]:
+    """The geometry and its covariance once the log is heard: the linear least squares of both (Kalman 1960)."""
+    if agreement is not Agreement.DISAGREE:
+        widened = max(1.0, chi_squared / AGREE)
+        gain = covariance @ sees.T @ np.linalg.inv(sees @ covariance @ sees.T + log_covariance)
+        return vector + gain @ difference, widened * (covariance - gain @ sees @ covariance)
+    if moved is not MovedBody.PHANTOM:
+        return vector, covariance
+    # The phantom's u_c and tau count for nothing; its other errors are as much larger as these two were.
+    own = sees @ covariance @ sees.T
+    gain = covariance @ sees.T @ np.linalg.inv(own)
+    larger = max(1.0, float(difference @ np.linalg.solve(own, difference)) / 2.0)
+    rest = larger * (covariance - gain @ sees @ covariance)
+    return vector + gain @ difference, rest + gain @ log_covariance @ gain.T
+
+
+def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The same with R = r_S where it came to be less, for which no theta exists (docs/conventions.md#theta)."""
+    deficit = scanner.source_to_cor_mm - vector[Parameter.R]
+    variance = covariance[Parameter.R, Parameter.R]
+    if deficit <= 0.0 or variance == 0.0:
+        return vector, covariance
+    gain = covariance[:, Parameter.R] / variance
+    held = covariance - np.outer(gain, covariance[Parameter.R])
+    moved = vector + gain * deficit
+    moved[Parameter.R] = scanner.source_to_cor_mm
+    return moved, held

@@ -1,0 +1,111 @@
+"""Whether the log moved while it was scanned, from its pairs of opposite rays.
+
+A log that shifts by t between two views shifts the rays after it by -(dP/ds) t . n(chi), s the distance of a ray from
+the COR and n its normal; of a pair, only where one ray was measured before and the other after. Each first view is
+tried (docs/geometry.md#a-second-witness).
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.drift import LogMovement
+from sawmill_worker.tomography.geometry import TAU, FloatArray
+from sawmill_worker.tomography.paired_rays import Solution
+
+# A jump this close to the first or the last view, as a share of the views, has too few pairs to be seen.
+MARGIN = 1 / 16
+
+
+def log_movement(solution: Solution, angles_rad: FloatArray, source_distance_mm: float) -> LogMovement:
+    """The jump that explains most of the pairs' differences.
+
+    Parameters
+    ----------
+    solution : Solution
+        Where the fit of the pairs ended.
+    angles_rad : (views,) float64
+        In the order in which they were taken, as the fit's sense of rotation reads them.
+    source_distance_mm : float
+        R, the scale of the jump.
+    """
+    jumps = _Jumps(solution, angles_rad, source_distance_mm)
+    tried = np.arange(math.ceil(MARGIN * angles_rad.size), math.floor((1.0 - MARGIN) * angles_rad.size))
+    right, least, cross = jumps.normal_equations(tried)
+    shifts = np.linalg.solve(least, right[..., None])[..., 0]
+    best = int(np.argmax(np.einsum("kj,kj->k", right, shifts)))
+    shift = shifts[best]
+    covariance = jumps.covariance(int(tried[best]), shift, least[best], cross[best])
+    chi_squared = float(shift @ np.linalg.solve(covariance, shift))
+    return LogMovement(int(tried[best]), math.hypot(*shift), chi_squared)
+
+
+class _Jumps:
+    """The pairs' differences, and what a jump of 1 mm along x or y would add to them.
+
+    Shapes are (pairs, chi). As in the fit of the geometry, instruments are derivatives blurred twice over chi, and the
+    scores of every chi are independent.
+    """
+
+    def __init__(self, solution: Solution, angles_rad: FloatArray, source_distance_mm: float) -> None:
+        pairs, rays = solution.pairs, solution.rays
+        near, opposite = (_taken(angles, angles_rad) for angles in pairs.views_of())
+        self._first, self._last, self._views = np.minimum(near, opposite), np.maximum(near, opposite), angles_rad.size
+        # The distance from the COR is s = R sin gamma.
+        by_s = 1.0 / (source_distance_mm * np.cos(pairs.gamma))[:, None]
+        chi = np.arange(near.shape[1]) * TAU / near.shape[1]
+        normal = np.sign(near - opposite) * by_s * np.stack([np.cos(chi), np.sin(chi)])[:, None, :]
+        slope, instrument = pairs.sideways(solution.vector)
+        self._difference = rays.difference
+        self._jump, self._jump_instrument = normal * slope, normal * instrument
+        self._known, self._known_instrument = rays.slopes[solution.free], rays.instruments[solution.free]
+        self._gram = np.einsum("apc,bpc->ab", self._known_instrument, self._known)
+
+    def normal_equations(self, tried: NDArray[np.intp]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of a jump at each view tried, free of what the geometry explains.
+
+        Returns
+        -------
+        right : (tried, 2), matrix : (tried, 2, 2), products with the geometry's derivatives : (tried, 2, unknowns)
+        """
+        right = self._sums(self._jump_instrument * self._difference, tried).sum(axis=-1)
+        own = self._sums(self._jump_instrument[:, None] * self._jump, tried).sum(axis=-1)
+        cross = self._sums(self._jump_instrument[:, None] * self._known, tried).sum(axis=-1)
+        back = self._sums(self._known_instrument[:, None] * self._jump, tried).sum(axis=-1)
+        # Differences have no mean over chi.
+        means = self._sums(self._jump_instrument, tried), self._sums(self._jump, tried)
+        own -= np.einsum("kip,kjp->kij", *means) / self._difference.shape[1]
+        return right, own - cross @ np.linalg.solve(self._gram, back), cross
+
+    def covariance(self, view: int, shift: FloatArray, matrix: FloatArray, cross: FloatArray) -> FloatArray:
+        """Of the shift (2, 2), robust to unequal noise (White 1980)."""
+        active = (self._first < view) & (view <= self._last)
+        explained = np.linalg.solve(self._gram, cross.T).T
+        instrument = self._jump_instrument * active - np.einsum("ja,apc->jpc", explained, self._known_instrument)
+        left = self._jump * active - np.einsum("ja,apc->jpc", explained, self._known)
+        residual = self._difference - np.einsum("j,jpc->pc", shift, left - left.mean(axis=-1, keepdims=True))
+        scores = np.einsum("jpc,pc->cj", instrument, residual)
+        bread = np.linalg.inv(matrix)
+        covariance: FloatArray = bread @ (scores.T @ scores) @ bread.T
+        return covariance
+
+    def _sums(self, values: FloatArray, tried: NDArray[np.intp]) -> FloatArray:
+        """Over chi of values (..., pairs, chi) where a jump moves one ray of a pair alone, (tried, ..., pairs)."""
+        pairs, size = len(self._first), self._views + 1
+        at = np.arange(pairs)[:, None] * size
+        begun, ended = (at + self._first + 1).ravel(), (at + self._last + 1).ravel()
+        flat = values.reshape(-1, self._first.size)
+        steps = [np.bincount(begun, row, pairs * size) - np.bincount(ended, row, pairs * size) for row in flat]
+        sums = np.cumsum(np.reshape(steps, (len(flat), pairs, size)), axis=-1)[..., tried]
+        return np.asarray(np.moveaxis(sums, -1, 0)).reshape(tried.size, *values.shape[:-1])
+
+
+def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:
+    """The number of the view nearest to each angle, in the order in which the views were taken."""
+    wrapped = np.mod(angles_rad, TAU)
+    order = np.argsort(wrapped, kind="stable")
+    turn = wrapped[order]
+    middles = 0.5 * (turn + np.append(turn[1:], turn[0] + TAU))
+    at = np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size
+    return order[at]
