@@ -10,6 +10,7 @@ from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_res
 from sawmill_worker.use_cases.prepare import of_saturation
 from sawmill_worker.use_cases.scan_rows import open_rows
 from sawmill_worker.use_cases.scan_source import ScanSource
+from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 from sawmill_worker.vocabulary import ProgressCallback
 
 
@@ -28,23 +29,27 @@ def calibrate_scan(
     drawing = drawing_of(phantom)
     with open_rows(scan, source_to_cor_mm=source_to_cor_mm, on_progress=on_progress) as used:
         stack = used.stack()
-    mean = mean_of_rows(stack)
-    given = CalibrationInput(
-        sinogram=mean.sinogram,
-        angles_rad=used.angles_rad[mean.views],
-        rows=used.rows,
-        scanner=used.scanner,
-        bounds=None,
-        drawing=drawing,
-        input_sha256=used.sha256,
-        scale_tolerance_percent=scale_tolerance_percent,
-        log_radius_mm=log_radius_mm,
-        from_counts=used.counts,
-        views=mean.views,
-        remarks=of_saturation(used.remarks),
-    )
-    given, calibration = run_calibration(given, options, used.on_progress, stack=stack if scan.rows is None else None)
-    result = calibration_result(calibration, given)
+        mean = mean_of_rows(stack)
+        given = CalibrationInput(
+            sinogram=mean.sinogram,
+            angles_rad=used.angles_rad[mean.views],
+            rows=used.rows,
+            scanner=used.scanner,
+            bounds=None,
+            drawing=drawing,
+            input_sha256=used.sha256,
+            scale_tolerance_percent=scale_tolerance_percent,
+            log_radius_mm=log_radius_mm,
+            from_counts=used.counts,
+            views=mean.views,
+            remarks=of_saturation(used.remarks),
+        )
+        named = scan.rows is not None
+        given, calibration = run_calibration(given, options, used.on_progress, stack=None if named else stack)
+        given, calibration = hear_log(
+            calibration, given, asked=options.log_rows, rows=used.usable_rows, read=used.read_row
+        )
+    result = calibration_result(calibration, given, witness=witness_of(calibration, given))
     if picture is not None:
         # Imported here because it brings the reconstruction along, for which an answer need not wait.
         from sawmill_worker.use_cases.calibration_files import report_arrays, write_report_png  # noqa: PLC0415

@@ -21,9 +21,11 @@ from sawmill_worker.vocabulary import (
     LARGEST_ASSUMED_LOG_RADIUS_MM,
     STANDARD_SIZE_TOLERANCE,
     Adjustment,
+    Agreement,
     CalibrationMethod,
     CalibrationStatus,
     Handedness,
+    MovedBody,
     PaperCorrelation,
     PaperObjective,
     PaperStop,
@@ -32,6 +34,7 @@ from sawmill_worker.vocabulary import (
     TrueAxis,
     Verdict,
     Weighting,
+    WitnessTaken,
 )
 
 
@@ -59,6 +62,11 @@ class CalibrationOptions(Contract):
         None,
         description="Detector rows A:B to average, the first included, the last not. By default the scan's phantom "
         "rows, else they are found.",
+    )
+    log_rows: Rows | None = Field(
+        None,
+        description="Detector rows A:B that show a log beside the phantom, the second witness for u_c and tilt. By "
+        "default they are looked for.",
     )
     views: Annotated[int, Field(ge=3)] | None = Field(
         None, description="Use every (total / views)-th view, each with its own angle. By default all."
@@ -186,6 +194,39 @@ class Comparison(Contract):
     reason: str
 
 
+class ColumnAndTilt(Contract):
+    """What the phantom's rows and the log's rows both show."""
+
+    cor_column_mm: float
+    tilt_rad: float
+
+
+class SecondWitness(Contract):
+    """The log beside the phantom: by opposite rays its rows give u_c and the tilt too."""
+
+    log_rows: tuple[int, int] = Field(description="First row that shows the log and the one after the last.")
+    log_rows_averaged: int = Field(description="The number of them that was averaged, evenly spaced.")
+    log: ColumnAndTilt
+    log_standard_deviation: ColumnAndTilt
+    phantom: ColumnAndTilt = Field(description="Of the phantom's rows alone.")
+    phantom_standard_deviation: ColumnAndTilt
+    difference: ColumnAndTilt = Field(description="The log's less the phantom's.")
+    difference_standard_deviation: ColumnAndTilt
+    reported: ColumnAndTilt = Field(description="What follows from both, as source_frame has it.")
+    reported_standard_deviation: ColumnAndTilt
+    chi_squared: float = Field(description="Of the difference, with 2 degrees of freedom.")
+    ray_change_mm: float = Field(description="RMS distance that the difference makes to the rays in the log's disc.")
+    agreement: Agreement = Field(
+        description="agree: chi_squared is below 5.99 (95 %). strained: below 13.8 (99.9 %), combined and widened. "
+        "disagree: above."
+    )
+    moved: MovedBody | None = Field(description="Which body moved during the scan, where one did.")
+    taken: WitnessTaken = Field(description="Whose u_c and tilt are reported; both: combined by their covariances.")
+    log_jump_mm: float = Field(description="The jump of the log that its opposite rays show, in noise or beyond it.")
+    log_jump_view: int = Field(description="The first view after it.")
+    reason: str
+
+
 class CalibrationResult(Contract):
     """The answer; also RESULT.json of the command line, which alone is enough to reconstruct."""
 
@@ -251,6 +292,11 @@ class CalibrationResult(Contract):
     software_version: str
     input_sha256: str
     comparison: Comparison | None = None
+    second_witness: SecondWitness | None = Field(
+        None,
+        description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
+        "or has fewer than 120 views.",
+    )
 
     @property
     def radius_mm(self) -> float:

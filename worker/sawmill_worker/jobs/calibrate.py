@@ -1,5 +1,6 @@
 """Calibrate a scanner with one of its scans."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,9 +19,10 @@ from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_res
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
 from sawmill_worker.use_cases.compare import compared, geometry_of
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.log_comparison import LogRow, log_images, log_row_beside
+from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
 from sawmill_worker.use_cases.prepare import Stack, of_saturation
 from sawmill_worker.use_cases.reconstruct import volume_unit
+from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 from sawmill_worker.vocabulary import DataKind
 
@@ -39,13 +41,15 @@ def run(attempt: Attempt) -> dict[str, Any]:
     scan = usable_scan(store, asked.scan_id)
     given, stack = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
     given, calibration = run_calibration(given, options, attempt.report, stack=stack)
+    usable, read = scan.usable_rows or (0, shape_of(scan).rows), _row_reader(store, scan, options)
+    given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
     active = _active(store, scanner)
     comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
-    log = _log_row(store, scan, options, given)
+    log = log_row_beside(given, usable, read)
     before = None if active is None else geometry_of(active)
     images = None if log is None else log_images(log, given, calibration.geometry, before)
-    result = calibration_result(calibration, given, comparison)
+    result = calibration_result(calibration, given, comparison, witness_of(calibration, given))
     kept = calibration_arrays(calibration, given, images)
     write_result(attempt.output, result, kept, log_unit=volume_unit(counts=given.from_counts))
     return result.model_dump(mode="json")
@@ -126,12 +130,11 @@ def _active(store: Store, scanner: StoredScanner) -> CalibrationSucceeded | None
     return active if isinstance(active, CalibrationSucceeded) else None
 
 
-def _log_row(store: Store, scan: Scan, options: CalibrationOptions, given: CalibrationInput) -> LogRow | None:
-    """A row of the scan beside the phantom's that shows a log, if there is one."""
-    shape = shape_of(scan)
-    views = chosen_views(options.views, shape.views)
+def _row_reader(store: Store, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
+    """Reads any row of the scan, (views, detector); NaN in views that lack it."""
+    views = chosen_views(options.views, shape_of(scan).views)
 
     def read(row: int) -> NDArray[np.float32]:
         return read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views).line_integrals[:, 0]
 
-    return log_row_beside(given, scan.usable_rows or (0, shape.rows), read)
+    return read

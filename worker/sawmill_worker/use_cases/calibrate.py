@@ -44,6 +44,8 @@ class CalibrationInput:
     ----------
     views : (views,) integers, or None
         The numbers of the sinogram's views among those that were read: views that lack all of the rows are left out.
+    log_rows : tuple of int
+        The rows of which the log was heard as a second witness.
     """
 
     sinogram: FloatArray
@@ -59,6 +61,7 @@ class CalibrationInput:
     from_counts: bool = False
     remarks: tuple[str, ...] = ()
     views: NDArray[np.intp] | None = None
+    log_rows: tuple[int, ...] = ()
 
     def of_rows(self, stack: NDArray[np.float32], rows: tuple[int, int]) -> "CalibrationInput":
         """With the mean over these rows of a stack (views, rows, detector), whose views are those of the sinogram."""
@@ -173,7 +176,10 @@ def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> Cali
 
 
 def calibration_result(
-    calibration: Calibration, given: CalibrationInput, comparison: contracts.Comparison | None = None
+    calibration: Calibration,
+    given: CalibrationInput,
+    comparison: contracts.Comparison | None = None,
+    witness: contracts.SecondWitness | None = None,
 ) -> contracts.CalibrationResult:
     """The answer as it crosses a boundary; a scanner that moved is the first of its reasons."""
     fit, bars, judgement = calibration.fit, calibration.error_bars, calibration.judgement
@@ -208,6 +214,7 @@ def calibration_result(
         software_version=version("sawmill-calibration"),
         input_sha256=given.input_sha256,
         comparison=comparison,
+        second_witness=witness,
     )
 
 

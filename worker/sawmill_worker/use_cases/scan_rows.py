@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from sawmill_worker.contracts.base import complaint
@@ -39,6 +40,10 @@ class ScanRows:
     read : callable
         (views, rows, detector) float32 line integrals of the rows start..stop of those asked for; NaN in every cell of
         rows that a view lacks.
+    read_row : callable
+        (views, detector) float32 of any row of the scan, asked for or not; NaN in views that lack it.
+    usable_rows : (first, after the last)
+        The rows that enough views have.
     rows, row_step
         The first row, the one after the last, and every which of them was asked for.
     on_progress : callable
@@ -46,6 +51,8 @@ class ScanRows:
     """
 
     read: Callable[[int, int], Stack]
+    read_row: Callable[[int], NDArray[np.float32]]
+    usable_rows: tuple[int, int]
     angles_rad: FloatArray
     rows: tuple[int, int]
     row_step: int
@@ -177,8 +184,13 @@ def _rows_of(
             raise refused("not-finite", f"row {row} of the scan holds values that are no finite numbers; mend it")
         return block
 
+    def read_row(row: int) -> NDArray[np.float32]:
+        return scan.rows(range(row, row + 1), views)[:, 0]
+
     return ScanRows(
         read=read,
+        read_row=read_row,
+        usable_rows=scan.usable_rows or (0, all_rows),
         angles_rad=angles_rad[views],
         rows=(rows.start, rows.stop),
         row_step=rows.step,

@@ -5,6 +5,7 @@ Science, contracts, pictures and service all import this package, and it imports
 
 from sawmill_worker.vocabulary.choices import (
     Adjustment,
+    Agreement,
     AirCorrection,
     AlphaRule,
     CalibrationMethod,
@@ -14,6 +15,7 @@ from sawmill_worker.vocabulary.choices import (
     FilterName,
     Handedness,
     MetalHandling,
+    MovedBody,
     PaperCorrelation,
     PaperObjective,
     PaperStop,
@@ -24,6 +26,7 @@ from sawmill_worker.vocabulary.choices import (
     RowAlignment,
     Verdict,
     Weighting,
+    WitnessTaken,
 )
 from sawmill_worker.vocabulary.geometry import (
     AS_CONTRACT,
@@ -58,6 +61,7 @@ __all__ = [
     "STANDARD_SIZE_TOLERANCE",
     "TAU",
     "Adjustment",
+    "Agreement",
     "AirCorrection",
     "AlphaRule",
     "CalibrationMethod",
@@ -70,6 +74,7 @@ __all__ = [
     "GeometryError",
     "Handedness",
     "MetalHandling",
+    "MovedBody",
     "PaperCorrelation",
     "PaperObjective",
     "PaperStop",
@@ -90,6 +95,7 @@ __all__ = [
     "TrueAxis",
     "Verdict",
     "Weighting",
+    "WitnessTaken",
     "angle_difference",
     "wrap_angle",
 ]

@@ -108,6 +108,26 @@ class CalibrationStatus(StrEnum):
 
 Verdict = Literal["pass", "watch", "fail"]
 
+
+class Agreement(StrEnum):
+    """Whether the phantom and the log beside it give the same u_c and tilt: within 95 %, within 99.9 %, or not."""
+
+    AGREE = "agree"
+    STRAINED = "strained"
+    DISAGREE = "disagree"
+
+
+class MovedBody(StrEnum):
+    """What moved alone during a scan, or that both did."""
+
+    PHANTOM = "phantom"
+    LOG = "log"
+    BOTH = "both"
+
+
+# Whose u_c and tilt are reported.
+WitnessTaken = Literal["both", "log", "phantom"]
+
 # Of the published search (arXiv 2206.14444).
 PaperObjective = Literal["image", "projection"]
 PaperCorrelation = Literal["unnormalised", "normalised"]

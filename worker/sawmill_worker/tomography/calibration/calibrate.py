@@ -64,7 +64,7 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
     scale = scale_uncertainty(task.scanner, frame, task.phantom, bars.covariance.values, radius_mm)
     in_bounds = task.bounds is None or task.bounds.contain(theta)
     evidence = Evidence(found.fit, source_distance, bars, alternatives, residual, scale, in_bounds)
-    judgement = judge(evidence, Limits(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm))
+    judgement = judge(evidence, Limits.of(task))
     left_over = found.data.sinogram - found.model
     ended = time.perf_counter()
     return Calibration(
@@ -81,6 +81,7 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
         alternatives=alternatives,
         adjustments=(*task.screening.adjustments, *sentences, *found.adjustments),
         judgement=judgement,
+        evidence=evidence,
         search=basins.report,
         timing=Timing(ended - started, searched - started, refined - searched, ended - refined),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from sawmill_worker.tomography.calibration.alternatives import Alternatives
 from sawmill_worker.tomography.calibration.error_bars import ErrorBars
 from sawmill_worker.tomography.calibration.fit import FittedModel
-from sawmill_worker.tomography.calibration.judgement import Judgement
+from sawmill_worker.tomography.calibration.judgement import Evidence, Judgement
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
 from sawmill_worker.tomography.calibration.search import SearchReport
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
@@ -41,6 +41,8 @@ class Calibration:
         None from a method that has none.
     adjustments : tuple of str
         What was found in the scan beyond the plain model, and what was done about it.
+    evidence : Evidence or None
+        What it was judged by; None from a method that has no error bars.
     """
 
     task: CalibrationTask
@@ -58,6 +60,7 @@ class Calibration:
     judgement: Judgement
     search: SearchReport
     timing: Timing
+    evidence: Evidence | None = None
 
     @property
     def scanner(self) -> Scanner:

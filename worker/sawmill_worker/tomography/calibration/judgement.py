@@ -1,5 +1,6 @@
 """Status, verdict and reasons: each kind of evidence is one function that yields remarks; the worst decide."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
@@ -11,8 +12,10 @@ from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Un
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
 from sawmill_worker.tomography.calibration.scale import ScaleSource, ScaleUncertainty
+from sawmill_worker.tomography.calibration.second_witness import SecondWitness
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
-from sawmill_worker.vocabulary import CalibrationStatus, Verdict
+from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.vocabulary import Agreement, CalibrationStatus, MovedBody, Verdict
 
 # Log-likelihood advantage over the next hypothesis below which the choice is not decisive.
 DECISIVE = 10.0
@@ -77,6 +80,11 @@ class Limits:
     scale_percent: float
     source_to_cor_mm: float
 
+    @classmethod
+    def of(cls, task: CalibrationTask) -> "Limits":
+        """Those of a task."""
+        return cls(task.tolerance_mm, task.scale_tolerance_percent, task.scanner.source_to_cor_mm)
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -89,6 +97,7 @@ class Evidence:
     residual: ResidualAnalysis
     scale: ScaleUncertainty
     theta_in_bounds: bool
+    witness: SecondWitness | None = None
 
     @property
     def structure(self) -> Structure | None:
@@ -162,6 +171,22 @@ def _change_during_the_scan(evidence: Evidence, limits: Limits) -> Iterator[Rema
         off_mm = evidence.residual.unsteadiness_ray_error_mm
         effect = f"this puts the rays off by {off_mm:.2g} mm, which the error bars include"
         yield Remark(Degree.WATCH, f"{_described(change)}; {effect}")
+
+
+def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    """Whether the log beside the phantom contradicts it, by more than matters."""
+    witness = evidence.witness
+    if witness is None:
+        return
+    if witness.other_sense:
+        yield Remark(
+            Degree.WATCH,
+            "the log's opposite rays agree only if the scanner turns the other way: check the sign of the angles and "
+            "from which end the phantom was seen",
+        )
+    elif witness.agreement is Agreement.DISAGREE:
+        matters = witness.ray_change_mm > UNSTEADY * limits.tolerance_mm
+        yield Remark(Degree.WATCH if matters else Degree.NOTE, _disagreement(witness))
 
 
 def _other_hypothesis(evidence: Evidence, _: Limits) -> Iterator[Remark]:
@@ -284,6 +309,7 @@ def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
 KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
     _convergence,
     _change_during_the_scan,
+    _second_witness,
     _other_hypothesis,
     _first_angle,
     _held_distance,
@@ -299,6 +325,30 @@ def _undecided(alternatives: Alternatives, relative_residual: float) -> bool:
     """Whether the best fit's log-likelihood hardly exceeds that of one with this relative residual."""
     behind = alternatives.log_likelihood_behind(relative_residual)
     return behind is not None and behind < DECISIVE
+
+
+def _disagreement(witness: SecondWitness) -> str:
+    """By how much the log contradicts the phantom, which of them is wrong, and what to do."""
+    column, tilt = witness.difference
+    differ = (
+        f"the log beside the phantom puts the COR {column:+.3f} mm and the tilt {math.degrees(tilt):+.3f} degrees from "
+        "where the phantom puts them, beyond both error bars"
+    )
+    jump = witness.log.movement
+    match witness.moved:
+        case MovedBody.LOG:
+            return (
+                f"{differ}: the log moved alone, by {jump.by_mm:.2g} mm at view {jump.view}; the phantom's were taken"
+            )
+        case MovedBody.BOTH:
+            return (
+                f"{differ}: both moved, the log by {jump.by_mm:.2g} mm at view {jump.view}: fasten the log on the "
+                "turntable and repeat the scan"
+            )
+    return (
+        f"{differ}: the log stood still, so the phantom slipped, or it is not as drawn; the log's were taken: fasten "
+        "the phantom and repeat the scan"
+    )
 
 
 def _described(change: Unsteadiness) -> str:

@@ -14,7 +14,7 @@ from sawmill_worker.tomography.drift import ConjugateFit, LogMovement
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_worker.tomography.ray_error import predicted_ray_error
-from sawmill_worker.vocabulary import Agreement, MovedBody, Rotation
+from sawmill_worker.vocabulary import Agreement, MovedBody, Rotation, WitnessTaken
 
 # Chi-squared, 2 degrees of freedom: of two that agree, 95 % are below the first and 99.9 % below the second. Between
 # them the answers are combined and their errors widened by what they differ by (Birge 1932).
@@ -53,6 +53,8 @@ class SecondWitness:
     Attributes
     ----------
     log : LogAnswer
+    other_sense : bool
+        The log turned the other way than the phantom is explained by: then it is not heard.
     phantom_seen, phantom_covariance : (2,), (2, 2) float64
         u_c and tau of the phantom's rows alone.
     difference, difference_covariance : (2,), (2, 2) float64
@@ -63,12 +65,13 @@ class SecondWitness:
         RMS distance that the difference makes to the rays in the log's disc.
     agreement : Agreement
     moved : MovedBody or None
-        Which body moved during the scan; None where they agree.
+        Which body moved during the scan, where one did. A log that moved is not heard.
     vector, covariance : (5,), (5, 5) float64
         The geometry (psi, R, SDD, u_c, tau) that follows from both.
     """
 
     log: LogAnswer
+    other_sense: bool
     phantom_seen: FloatArray
     phantom_covariance: FloatArray
     difference: FloatArray
@@ -79,6 +82,23 @@ class SecondWitness:
     moved: MovedBody | None
     vector: FloatArray
     covariance: FloatArray
+
+    @property
+    def taken(self) -> WitnessTaken:
+        """Whose u_c and tau are reported."""
+        if self.other_sense or self.moved in {MovedBody.LOG, MovedBody.BOTH}:
+            return "phantom"
+        return "both" if self.moved is None else "log"
+
+    @property
+    def reported(self) -> FloatArray:
+        """The u_c and tau that follow, (2,)."""
+        return self.vector[BOTH]
+
+    @property
+    def reported_covariance(self) -> FloatArray:
+        """Of them, (2, 2)."""
+        return self.covariance[np.ix_(BOTH, BOTH)]
 
 
 def ask_log(
@@ -128,14 +148,21 @@ def compare_witnesses(
     sees[:, Parameter.SDD] = -log.sdd_sensitivity
     spread = sees @ covariance @ sees.T + log.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
-    agreement = _agreement(chi_squared, same_sense=log.rotation is rotation)
-    moved = _moved(log.movement, unsteadiness) if agreement is Agreement.DISAGREE else None
-    conditioned = _conditioned(vector, covariance, sees, difference, log.covariance, chi_squared, agreement, moved)
+    agreement = _agreement(chi_squared)
+    moved = _moved(log.movement, unsteadiness, agreement)
+    prior = _Prior(vector, covariance, sees)
+    if log.rotation is not rotation or moved in {MovedBody.LOG, MovedBody.BOTH}:
+        conditioned = vector, covariance
+    elif moved is MovedBody.PHANTOM:
+        conditioned = prior.replaced(difference, log.covariance)
+    else:
+        conditioned = prior.combined(difference, log.covariance, max(1.0, chi_squared / AGREE))
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
     return SecondWitness(
         log,
+        log.rotation is not rotation,
         vector[BOTH],
         covariance[np.ix_(BOTH, BOTH)],
         difference,
@@ -156,42 +183,46 @@ def _at_known_distance(fit: ConjugateFit) -> tuple[FloatArray, FloatArray]:
     return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
 
 
-def _agreement(chi_squared: float, *, same_sense: bool) -> Agreement:
-    if not same_sense or chi_squared > DISAGREE:
+def _agreement(chi_squared: float) -> Agreement:
+    if chi_squared > DISAGREE:
         return Agreement.DISAGREE
     return Agreement.AGREE if chi_squared <= AGREE else Agreement.STRAINED
 
 
-def _moved(log: LogMovement, phantom: Unsteadiness | None) -> MovedBody:
-    """A log whose opposite rays agree with each other stood still: then it is the phantom that moved."""
-    if not log.beyond_chance:
-        return MovedBody.PHANTOM
-    return MovedBody.LOG if phantom is None else MovedBody.BOTH
+def _moved(log: LogMovement, phantom: Unsteadiness | None, agreement: Agreement) -> MovedBody | None:
+    """A log whose opposite rays agree with each other stood still: where the answers differ, the phantom moved."""
+    if log.beyond_chance:
+        return MovedBody.LOG if phantom is None else MovedBody.BOTH
+    return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 
-def _conditioned(
-    vector: FloatArray,
-    covariance: FloatArray,
-    sees: FloatArray,
-    difference: FloatArray,
-    log_covariance: FloatArray,
-    chi_squared: float,
-    agreement: Agreement,
-    moved: MovedBody | None,
-) -> tuple[FloatArray, FloatArray]:
-    """The geometry and its covariance once the log is heard: the linear least squares of both (Kalman 1960)."""
-    if agreement is not Agreement.DISAGREE:
-        widened = max(1.0, chi_squared / AGREE)
-        gain = covariance @ sees.T @ np.linalg.inv(sees @ covariance @ sees.T + log_covariance)
-        return vector + gain @ difference, widened * (covariance - gain @ sees @ covariance)
-    if moved is not MovedBody.PHANTOM:
-        return vector, covariance
-    # The phantom's u_c and tau count for nothing; its other errors are as much larger as these two were.
-    own = sees @ covariance @ sees.T
-    gain = covariance @ sees.T @ np.linalg.inv(own)
-    larger = max(1.0, float(difference @ np.linalg.solve(own, difference)) / 2.0)
-    rest = larger * (covariance - gain @ sees @ covariance)
-    return vector + gain @ difference, rest + gain @ log_covariance @ gain.T
+@dataclass(frozen=True, eq=False)
+class _Prior:
+    """The phantom's answer and its covariance, and how the log's answer depends on it, (2, 5)."""
+
+    vector: FloatArray
+    covariance: FloatArray
+    sees: FloatArray
+
+    def combined(
+        self, difference: FloatArray, log_covariance: FloatArray, widened: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """The linear least squares of both (Kalman 1960), all variances widened by a factor."""
+        cross = self.covariance @ self.sees.T
+        gain = cross @ np.linalg.inv(self.sees @ cross + log_covariance)
+        return self.vector + gain @ difference, widened * (self.covariance - gain @ cross.T)
+
+    def replaced(self, difference: FloatArray, log_covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The log's u_c and tau, and the rest as the phantom's rows give it with these two known.
+
+        The phantom's error bars are too small by what its u_c and tau were off by, so the rest is widened by it.
+        """
+        cross = self.covariance @ self.sees.T
+        own = self.sees @ cross
+        gain = cross @ np.linalg.inv(own)
+        widened = max(1.0, float(difference @ np.linalg.solve(own, difference)) / 2.0)
+        rest = widened * (self.covariance - gain @ cross.T)
+        return self.vector + gain @ difference, rest + gain @ log_covariance @ gain.T
 
 
 def _with_theta(scanner: Scanner, vector: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,149 @@
+"""The log beside the phantom, in counts with ten flats: agreement, a phantom that slips, a log that slips."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.calibration.calibrate import calibrate
+from sawmill_worker.tomography.calibration.second_witness import LogAnswer, compare_witnesses
+from sawmill_worker.tomography.calibration.task import CalibrationTask
+from sawmill_worker.tomography.calibration.with_log import with_log
+from sawmill_worker.tomography.drift import LogMovement
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta, to_vector
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.ray_error import ray_error
+from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_worker.vocabulary import Agreement, MovedBody, Rotation
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=256, detector_pitch_mm=4.5)
+THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
+TRUE = THETA.source_frame(SCANNER.source_to_cor_mm)
+VIEWS, LOG_ROWS, AT = 180, 8, 90
+STILL = LogMovement(0, 0.0, 0.0)
+
+
+def sinograms(angles, *, phantom_by=(0.0, 0.0), log_by=(0.0, 0.0), seed=0):
+    """Line integrals (views, detector) of the phantom and of the log's rows; either slips at view 90."""
+    fan = FanBeamGeometry(SCANNER, THETA, angles)
+    log = LogModel.random(seed, radius_mm=110.0)
+    rows = [L_SHAPE.of_density(SAPWOOD_PER_MM)] + [log.slice_at(130.0 + 6.0 * row) for row in range(LOG_ROWS)]
+    slipped = [rows[0].moved(*phantom_by), *(row.moved(*log_by) for row in rows[1:])]
+    before, after = (simulate_stack(bodies, fan, photons=50_000.0, seed=seed) for bodies in (rows, slipped))
+    counts = np.concatenate([before.counts[:AT], after.counts[AT:]])
+    dark = before.darks.mean(axis=0)
+    lines = -np.log(np.maximum(counts - dark, 1.0) / (before.flats.mean(axis=0) - dark))
+    return lines[:, 0], lines[:, 1:].mean(axis=1)
+
+
+def both(angles, **slips):
+    """The calibration of the phantom's rows alone, and with the log."""
+    phantom, log = sinograms(angles, **slips)
+    alone = calibrate(CalibrationTask(SCANNER, L_SHAPE, phantom, angles, from_counts=True))
+    return alone, with_log(alone, log)
+
+
+def off(calibration):
+    return ray_error(SCANNER, TRUE, calibration.frame).rms_mm
+
+
+def test_two_that_agree_are_combined(full_turn):
+    alone, heard = both(full_turn(VIEWS))
+    witness = heard.evidence.witness
+    assert witness.agreement is Agreement.AGREE
+    assert (witness.moved, witness.taken) == (None, "both")
+    assert heard.error_bars.predicted_ray_error.rms_mm <= alone.error_bars.predicted_ray_error.rms_mm
+    # The log adds little to a good phantom; it may not harm it by more than its noise.
+    assert off(heard) < off(alone) + 0.003
+    assert heard.judgement.verdict == alone.judgement.verdict
+
+
+def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
+    """A slip by 0.3 mm moves the phantom's u_c by 0.24 mm; the log, which stands still, holds it."""
+    _, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
+    print(
+        _.frame.cor_column_mm - TRUE.cor_column_mm,
+        heard.frame.cor_column_mm - TRUE.cor_column_mm,
+        heard.evidence.witness.chi_squared,
+        heard.evidence.witness.taken,
+        np.sqrt(np.diag(heard.evidence.witness.phantom_covariance)),
+        np.sqrt(np.diag(heard.evidence.witness.log.covariance)),
+        heard.judgement,
+        _.judgement,
+        off(_),
+        off(heard),
+        heard.error_bars.predicted_ray_error,
+    )
+    assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
+    assert heard.judgement.verdict != "pass"
+    assert any("phantom" in reason for reason in heard.judgement.reasons)
+    assert off(heard) < heard.error_bars.predicted_ray_error.upper_95_mm
+
+
+def test_of_a_log_that_slips_nothing_is_taken(full_turn):
+    alone, heard = both(full_turn(VIEWS), log_by=(0.3, 0.2))
+    witness = heard.evidence.witness
+    assert witness.moved is MovedBody.LOG
+    assert witness.taken == "phantom"
+    assert heard.frame == alone.frame
+    assert heard.error_bars.predicted_ray_error == alone.error_bars.predicted_ray_error
+
+
+@pytest.fixture
+def heard():
+    """A comparison of a made-up phantom's answer with a log that stood still and gives another u_c."""
+    covariance = np.diag([1e-4, 0.2, 0.2, 0.01, 1e-4]) ** 2
+    covariance[2, 3] = covariance[3, 2] = 0.5 * 0.2 * 0.01
+
+    def compare(column_mm, movement=STILL, rotation=Rotation.AS_GIVEN):
+        seen = to_vector(TRUE)[[3, 4]] + [column_mm, 0.0]
+        log = LogAnswer(seen, np.diag([0.02, 3e-3]) ** 2, np.zeros(2), rotation, movement)
+        return compare_witnesses(SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, None, radius_mm=150.0)
+
+    return compare
+
+
+def test_what_the_phantom_gives_follows_by_its_correlation(heard):
+    witness = heard(0.02)
+    change = witness.vector - to_vector(TRUE)
+    assert witness.agreement is Agreement.AGREE
+    # Of two with standard deviations 0.01 and 0.02 mm the first has 4/5 of the weight.
+    assert change[3] == pytest.approx(0.02 / 5.0, rel=1e-6)
+    assert change[2] == pytest.approx(0.5 * 0.2 / 0.01 * change[3], rel=1e-6)
+    assert np.sqrt(witness.covariance[3, 3]) == pytest.approx(0.01 * np.sqrt(0.8), rel=1e-6)
+
+
+def test_between_95_and_999_per_mille_the_errors_are_widened(heard):
+    near, strained = heard(0.05), heard(0.07)
+    assert (near.agreement, strained.agreement) == (Agreement.AGREE, Agreement.STRAINED)
+    assert strained.covariance[3, 3] == pytest.approx(strained.chi_squared / 5.991 * near.covariance[3, 3], rel=1e-6)
+
+
+def test_beyond_both_error_bars_the_log_that_stood_still_is_right(heard):
+    witness = heard(0.24)
+    assert (witness.agreement, witness.moved, witness.taken) == (Agreement.DISAGREE, MovedBody.PHANTOM, "log")
+    assert witness.vector[3] - TRUE.cor_column_mm == pytest.approx(0.24)
+    assert np.sqrt(witness.covariance[3, 3]) == pytest.approx(0.02)
+    # SDD was as wrong as u_c: its error is widened by what u_c was off by.
+    assert witness.covariance[2, 2] > 0.2**2
+
+
+def test_a_log_that_jumped_or_turned_the_other_way_is_not_heard(heard):
+    jumped = heard(0.24, LogMovement(40, 0.3, 500.0))
+    turned = heard(0.0, rotation=Rotation.REVERSED)
+    assert jumped.taken == turned.taken == "phantom"
+    assert turned.other_sense
+    assert np.array_equal(jumped.vector, to_vector(TRUE))
+
+
+def test_r_is_held_where_it_would_be_less_than_the_scanners():
+    scanner = replace(SCANNER, source_to_cor_mm=TRUE.source_distance_mm)
+    covariance = np.diag([1e-4, 0.2, 0.2, 0.01, 1e-4]) ** 2
+    covariance[1, 3] = covariance[3, 1] = -0.9 * 0.2 * 0.01
+    log = LogAnswer(
+        to_vector(TRUE)[[3, 4]] + [0.01, 0.0], np.diag([0.01, 3e-3]) ** 2, np.zeros(2), Rotation.AS_GIVEN, STILL
+    )
+    witness = compare_witnesses(scanner, TRUE, covariance, log, Rotation.AS_GIVEN, None, radius_mm=150.0)
+    assert witness.vector[1] == TRUE.source_distance_mm
+    assert witness.covariance[1, 1] == pytest.approx(0.0, abs=1e-12)

@@ -1,0 +1,88 @@
+"""A calibration once the log beside its phantom was heard: geometry, error bars and judgement follow from both."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from sawmill_worker.tomography.calibration.calibration import Calibration, choose_theta
+from sawmill_worker.tomography.calibration.covariance import theta_covariance
+from sawmill_worker.tomography.calibration.error_bars import ErrorBars
+from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
+from sawmill_worker.tomography.calibration.scale import scale_uncertainty
+from sawmill_worker.tomography.calibration.second_witness import BOTH, SecondWitness, ask_log, compare_witnesses
+from sawmill_worker.tomography.fit_parameters import Parameter
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, Theta
+from sawmill_worker.tomography.ray_error import predicted_ray_error
+
+POSITION = [Parameter.T_X, Parameter.T_Y]
+
+
+def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
+    """The calibration with the log as its second witness; unchanged where it has no error bars.
+
+    Parameters
+    ----------
+    log_sinogram : (views, detector) float
+        Line integrals of the log at the views of the phantom's sinogram.
+
+    Raises
+    ------
+    DriftError
+        The log's opposite rays show nothing: few views, not all round, or a log too round.
+    """
+    evidence, task = calibration.evidence, calibration.task
+    if evidence is None:
+        return calibration
+    covariance = evidence.error_bars.covariance.values
+    log = ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
+    change = evidence.residual.unsteadiness
+    witness = compare_witnesses(
+        task.scanner, calibration.frame, covariance, log, calibration.rotation, change, radius_mm=calibration.radius_mm
+    )
+    return _following(calibration, evidence, witness)
+
+
+def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitness) -> Calibration:
+    task, fit = calibration.task, _moved(evidence.fit, witness)
+    theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
+    bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
+    in_bounds = task.bounds is None or task.bounds.contain(theta)
+    scale = scale_uncertainty(task.scanner, fit.frame, task.phantom, witness.covariance, calibration.radius_mm)
+    heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
+    judgement = judge(heard, Limits.of(task))
+    return replace(
+        calibration,
+        theta=theta,
+        theta_twin=twin,
+        fit=fit,
+        error_bars=bars,
+        scale=scale,
+        judgement=judgement,
+        evidence=heard,
+    )
+
+
+def _moved(fit: Fit, witness: SecondWitness) -> Fit:
+    """The fit with the geometry of both, and the phantom where its rows put it with that u_c and tau."""
+    frame = SourceFrame.from_vector(witness.vector)
+    values = fit.covariance.values
+    own = values[np.ix_(BOTH, BOTH)]
+    step = values[np.ix_(POSITION, BOTH)] @ np.linalg.solve(own, witness.vector[BOTH] - witness.phantom_seen)
+    x, y = fit.position_mm
+    return replace(fit, frame=frame, position_mm=(x + float(step[0]), y + float(step[1])))
+
+
+def _error_bars(
+    calibration: Calibration, alone: ErrorBars, frame: SourceFrame, theta: Theta, witness: SecondWitness
+) -> ErrorBars:
+    scanner, values = calibration.scanner, witness.covariance
+    of_theta = theta_covariance(scanner, frame, theta, values)
+    predicted = predicted_ray_error(scanner, frame, values, radius_mm=calibration.radius_mm)
+    return replace(
+        alone,
+        covariance=replace(alone.covariance, values=values),
+        theta_covariance=of_theta if alone.psi_identifiable else None,
+        predicted_ray_error=predicted,
+        source_shift_resolved=of_theta is not None,
+    )

@@ -1,0 +1,176 @@
+"""The log beside the phantom: which rows show it, and what its opposite rays say of the calibration."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.contracts import calibrations as contracts
+from sawmill_worker.contracts.base import parse_rows
+from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.second_witness import SecondWitness
+from sawmill_worker.tomography.calibration.with_log import with_log
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.use_cases.calibrate import CalibrationInput
+from sawmill_worker.use_cases.failures import refused
+
+# Opposite rays are paired in steps of 3 degrees or less.
+FEWEST_VIEWS = 120
+# Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
+MOST_ROWS, GAP = 16, 1
+# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
+# phantom's rows shows the phantom. Both of means over so many views and cells, in which noise has no part.
+LEAST_SHADOW, SAME_BODY = 0.25, 0.99
+BLOCK_VIEWS, BLOCK_CELLS = 6, 8
+
+
+@dataclass(frozen=True)
+class LogRows:
+    """The mean (views, detector) of rows that show a log, and their numbers."""
+
+    rows: tuple[int, ...]
+    sinogram: FloatArray
+
+
+def hear_log(
+    calibration: Calibration,
+    given: CalibrationInput,
+    *,
+    asked: str | None,
+    rows: tuple[int, int],
+    read: Callable[[int], NDArray[np.float32]],
+) -> tuple[CalibrationInput, Calibration]:
+    """The calibration with the log beside the phantom as its second witness, where the scan shows one.
+
+    Parameters
+    ----------
+    asked : str or None
+        The rows A:B that show the log; None looks for them.
+    rows : (first, after the last)
+        Those that can be read.
+    read : callable
+        The sinogram (views, detector) of a row, of all views that were read; NaN in those that lack it.
+
+    Returns
+    -------
+    The input, with a remark where a log could not be heard, and the calibration.
+    """
+    if calibration.error_bars is None or given.angles_rad.size < FEWEST_VIEWS:
+        return given, calibration
+    found = log_rows(given, asked=asked, rows=rows, read=read)
+    if found is None:
+        return given, calibration
+    try:
+        heard = with_log(calibration, found.sinogram)
+    except DriftError as error:
+        return _with_remark(given, f"the log in rows {_span(found.rows)} is no second witness: {error}"), calibration
+    return replace(given, log_rows=found.rows), heard
+
+
+def log_rows(
+    given: CalibrationInput, *, asked: str | None, rows: tuple[int, int], read: Callable[[int], NDArray[np.float32]]
+) -> LogRows | None:
+    """The rows asked for, or those beside the phantom's that show another body than it, and no air; None without.
+
+    A row that a view of the phantom's lacks is left out.
+    """
+    beside = _beside(given, rows) if asked is None else _asked(given, asked, rows)
+    tried = [beside[at] for at in np.unique(np.linspace(0, len(beside) - 1, MOST_ROWS).astype(int))] if beside else []
+    phantom = _coarse(given.sinogram)
+    views = slice(None) if given.views is None else given.views
+    shown = {row: sinogram for row in tried if _shows_log(sinogram := read(row)[views].astype(np.float64), phantom)}
+    if asked is not None and not shown:
+        raise refused("log-not-found", f"rows {asked} of the scan show no log: give rows that do, or leave it out")
+    return LogRows(tuple(shown), np.mean(list(shown.values()), axis=0)) if shown else None
+
+
+def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.SecondWitness | None:
+    """Both answers as they cross a boundary."""
+    witness = None if calibration.evidence is None else calibration.evidence.witness
+    if witness is None:
+        return None
+    return contracts.SecondWitness(
+        log_rows=(given.log_rows[0], given.log_rows[-1] + 1),
+        log_rows_averaged=len(given.log_rows),
+        log=_pair(witness.log.seen),
+        log_standard_deviation=_deviation(witness.log.covariance),
+        phantom=_pair(witness.phantom_seen),
+        phantom_standard_deviation=_deviation(witness.phantom_covariance),
+        difference=_pair(witness.difference),
+        difference_standard_deviation=_deviation(witness.difference_covariance),
+        reported=_pair(witness.reported),
+        reported_standard_deviation=_deviation(witness.reported_covariance),
+        chi_squared=witness.chi_squared,
+        ray_change_mm=witness.ray_change_mm,
+        agreement=witness.agreement,
+        moved=witness.moved,
+        taken=witness.taken,
+        log_jump_mm=witness.log.movement.by_mm,
+        log_jump_view=witness.log.movement.view,
+        reason=_reason(witness),
+    )
+
+
+def _reason(witness: SecondWitness) -> str:
+    beyond = f"chi-squared {witness.chi_squared:.1f} of 2 degrees of freedom"
+    if witness.other_sense:
+        return "the log turned the other way than the phantom is explained by: its answer was not used"
+    match witness.taken:
+        case "log":
+            return f"the log stood still and contradicts the phantom ({beyond}): its u_c and tilt were taken"
+        case "phantom":
+            jump = witness.log.movement
+            return f"the log moved by {jump.by_mm:.2g} mm at view {jump.view}: the phantom's u_c and tilt were taken"
+    return f"both agree ({beyond}): they were combined by their covariances"
+
+
+def _beside(given: CalibrationInput, rows: tuple[int, int]) -> list[int]:
+    first, after_last = given.rows
+    return [*range(rows[0], first - GAP), *range(after_last + GAP, rows[1])]
+
+
+def _asked(given: CalibrationInput, asked: str, rows: tuple[int, int]) -> list[int]:
+    chosen, (first, after_last) = parse_rows(asked), given.rows
+    if chosen.start < rows[0] or chosen.stop > rows[1]:
+        raise refused("rows-outside", f"log rows {asked} were asked for, but the scan has rows {rows[0]}:{rows[1]}")
+    if chosen.start < after_last and first < chosen.stop:
+        raise refused(
+            "rows-overlap", f"log rows {asked} overlap the phantom's rows {first}:{after_last}: give rows beside them"
+        )
+    return list(range(chosen.start, chosen.stop))
+
+
+def _coarse(sinogram: FloatArray) -> FloatArray:
+    """Means over blocks of views and cells, (blocks,)."""
+    views, cells = (
+        size // block * block for size, block in zip(sinogram.shape, (BLOCK_VIEWS, BLOCK_CELLS), strict=True)
+    )
+    blocks = sinogram[:views, :cells].reshape(views // BLOCK_VIEWS, BLOCK_VIEWS, -1, BLOCK_CELLS)
+    means: FloatArray = blocks.mean(axis=(1, 3)).ravel()
+    return means
+
+
+def _shows_log(sinogram: FloatArray, phantom: FloatArray) -> bool:
+    coarse = _coarse(sinogram)
+    if not np.isfinite(coarse).all() or coarse.std() < LEAST_SHADOW * phantom.std():
+        return False
+    return float(np.corrcoef(coarse, phantom)[0, 1]) < SAME_BODY
+
+
+def _with_remark(given: CalibrationInput, remark: str) -> CalibrationInput:
+    return replace(given, remarks=(*given.remarks, remark))
+
+
+def _span(rows: tuple[int, ...]) -> str:
+    return f"{rows[0]}:{rows[-1] + 1}"
+
+
+def _pair(values: FloatArray) -> contracts.ColumnAndTilt:
+    column, tilt = (float(value) for value in values)
+    return contracts.ColumnAndTilt(cor_column_mm=column, tilt_rad=tilt)
+
+
+def _deviation(covariance: FloatArray) -> contracts.ColumnAndTilt:
+    return _pair(np.sqrt(np.diag(covariance)))
