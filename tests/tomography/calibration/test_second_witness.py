@@ -61,24 +61,11 @@ def test_two_that_agree_are_combined(full_turn):
 
 def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     """A slip by 0.3 mm moves the phantom's u_c by 0.24 mm; the log, which stands still, holds it."""
-    _, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
-    print(
-        _.frame.cor_column_mm - TRUE.cor_column_mm,
-        heard.frame.cor_column_mm - TRUE.cor_column_mm,
-        heard.evidence.witness.chi_squared,
-        heard.evidence.witness.taken,
-        np.sqrt(np.diag(heard.evidence.witness.phantom_covariance)),
-        np.sqrt(np.diag(heard.evidence.witness.log.covariance)),
-        heard.judgement,
-        _.judgement,
-        off(_),
-        off(heard),
-        heard.error_bars.predicted_ray_error,
-    )
+    alone, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
     assert heard.judgement.verdict != "pass"
     assert any("phantom" in reason for reason in heard.judgement.reasons)
-    assert off(heard) < heard.error_bars.predicted_ray_error.upper_95_mm
+    assert off(heard) < min(0.1 * off(alone), heard.error_bars.predicted_ray_error.upper_95_mm)
 
 
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):

@@ -108,4 +108,5 @@ def _taken(angles: FloatArray, angles_rad: FloatArray) -> NDArray[np.intp]:
     turn = wrapped[order]
     middles = 0.5 * (turn + np.append(turn[1:], turn[0] + TAU))
     at = np.searchsorted(middles, np.mod(angles - turn[0], TAU) + turn[0]) % turn.size
-    return order[at]
+    taken: NDArray[np.intp] = order[at]
+    return taken
