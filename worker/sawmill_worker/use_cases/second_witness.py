@@ -21,7 +21,7 @@ FEWEST_VIEWS = 120
 # Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
 MOST_ROWS, GAP = 16, 1
 # A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
-# phantom's rows shows the phantom. Both of means over so many views and cells, in which noise has no part.
+# phantom's rows shows the phantom. Both of means over blocks of views and cells, in which noise has no part.
 LEAST_SHADOW, SAME_BODY = 0.25, 0.99
 BLOCK_VIEWS, BLOCK_CELLS = 6, 8
 
