@@ -65,7 +65,7 @@ def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
     assert heard.judgement.verdict != "pass"
     assert any("phantom" in reason for reason in heard.judgement.reasons)
-    assert off(heard) < min(0.1 * off(alone), heard.error_bars.predicted_ray_error.upper_95_mm)
+    assert off(heard) < min(0.3 * off(alone), heard.error_bars.predicted_ray_error.upper_95_mm)
 
 
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):
