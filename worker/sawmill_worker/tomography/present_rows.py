@@ -13,7 +13,7 @@ Rows = NDArray[np.bool_]
 
 # A row is used where at least this share of the views has it, and where they leave no gap beyond this number of the
 # scan's median steps, or this angle. With a third of the views less at random, the error of an FBP slice of a log is
-# then 1.0 (360 views) to 1.3 times (60 views) that of the complete one (benchmarks/lost_rows.py).
+# then 1.1 (360 views) to 1.3 times (60 views) that of the complete one (benchmarks/lost_rows.py).
 ENOUGH, WIDEST_STEPS, WIDEST_RAD = 0.5, 5.0, math.radians(60.0)
 
 
@@ -80,7 +80,7 @@ def filled(stack: NDArray[np.float32], angles_rad: FloatArray) -> NDArray[np.flo
     """A stack (views, rows, detector) whose missing rows are interpolated between the two views nearest in angle.
 
     For methods that need views at equal steps: weighing the views beside a gap by it instead is the same with the
-    nearest view, and leaves 1.3 to 3 times the error (benchmarks/lost_rows.py).
+    nearest view, and leaves up to 2.5 times the error (benchmarks/lost_rows.py).
     """
     there = present_rows(stack)
     if there.all():
