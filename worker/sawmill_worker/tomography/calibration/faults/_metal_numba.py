@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz", "arcp"})
 def back_projected(residual, turns, points, frame, first_border, width, clipped, mean):
     """The mean over the views of the clipped residual at the ray through each point.
 

@@ -160,7 +160,9 @@ class _Search:
         clipped = CLIPPED * self._wood * 2.0 * self._phantom.radius_mm
         steps = math.ceil(self._radius_mm / COARSE_MM)
         axis = np.arange(-steps, steps + 1) * COARSE_MM
-        points = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+        x, y = np.meshgrid(axis, axis, indexing="ij")
+        inside = np.hypot(x, y) <= self._radius_mm
+        points = np.stack([x[inside], y[inside]], -1)
         image = np.empty(len(points))
         along = np.array(
             [
@@ -173,10 +175,12 @@ class _Search:
         )
         turns = self._data.angles_rad[views] + frame.psi_rad
         back_projected(smooth, turns, points, along, cells.first_border_mm, cells.width_mm, clipped, image)
-        inside = np.hypot(*points.T) <= self._radius_mm
-        image -= np.median(image[inside])
-        least = max(STANDS_OUT * robust_deviation(image[inside]), 0.25 * LEAST_WOOD_MM * self._wood)
-        square = np.where(inside, image, -np.inf).reshape(axis.size, axis.size)
+        image -= np.median(image)
+        least = max(STANDS_OUT * robust_deviation(image), 0.25 * LEAST_WOOD_MM * self._wood)
+        if image.max() <= least:
+            return np.zeros((0, 2), np.intp)
+        square = np.full(inside.shape, -np.inf)
+        square[inside] = image
         peaks = np.argwhere((square > least) & (square == maximum_filter(square, 3)))
         highest = np.argsort(square[tuple(peaks.T)])[::-1][:MOST_PLACES]
         suspects: NDArray[np.intp] = np.rint(axis[peaks[highest]]).astype(np.intp)

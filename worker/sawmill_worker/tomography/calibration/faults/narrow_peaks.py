@@ -17,6 +17,8 @@ WIDTH_MM = 12.0
 DEEP = 0.15
 # Fewer views with such peaks than this share are noise in the deepest shadow.
 LEAST_VIEWS = 0.05
+# This number of views shows whether there are any.
+FEW_VIEWS = 64
 # Quantiles of the sinogram without its peaks, between which the phantom's depth lies.
 QUANTILES = (0.02, 0.99)
 
@@ -34,14 +36,24 @@ def narrow_peaks(sinogram: FloatArray, views: NDArray[np.bool_], pitch_mm: float
     width = max(2, round(WIDTH_MM / pitch_mm))
     if sinogram.shape[1] <= 4 * width:
         return None
-    inner = sinogram[:, width:-width]
-    excess = inner - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :])
-    sparse = slice(None, None, max(1, len(sinogram) // 64))
-    low, high = np.quantile(inner[sparse] - np.maximum(excess[sparse], 0.0), QUANTILES)
-    peaks = (excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * DEEP * (high - low)
-    if not high > low or peaks[views].any(axis=1).mean() < LEAST_VIEWS:
+    few = slice(None, None, max(1, len(sinogram) // FEW_VIEWS))
+    excess = _excess(sinogram[few], width)
+    low, high = np.quantile(sinogram[few, width:-width] - np.maximum(excess, 0.0), QUANTILES)
+    deep = DEEP * (high - low)
+    if not high > low or _peaks(excess, deep)[views[few]].any(axis=1).mean() < LEAST_VIEWS:
         return None
     found = np.zeros(sinogram.shape, np.uint8)
-    found[:, width + 1 : -width - 1] = peaks
+    found[:, width + 1 : -width - 1] = _peaks(_excess(sinogram, width), deep)
     wide: NDArray[np.bool_] = maximum_filter1d(found, width, axis=1, mode="constant") > 0
     return wide
+
+
+def _excess(sinogram: FloatArray, width: int) -> FloatArray:
+    """By how much samples exceed those `width` cells to the left and to the right: (views, cells less 2 widths)."""
+    excess: FloatArray = sinogram[:, width:-width] - np.maximum(sinogram[:, : -2 * width], sinogram[:, 2 * width :])
+    return excess
+
+
+def _peaks(excess: FloatArray, deep: float) -> NDArray[np.bool_]:
+    peaks: NDArray[np.bool_] = (excess[:, :-2] + excess[:, 1:-1] + excess[:, 2:]) > 3.0 * deep
+    return peaks
