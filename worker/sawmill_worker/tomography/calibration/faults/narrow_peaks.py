@@ -12,8 +12,8 @@ from sawmill_worker.tomography.geometry import FloatArray
 
 # What stands out from the samples at this distance on the detector, on both sides, is narrow.
 WIDTH_MM = 12.0
-# It is deep where the mean of three cells stands out by this share of the phantom's depth: the corners of sound
-# phantoms reach 0.09 with 2 000 photons and more, screws of 3 mm 0.11, of 5 mm 0.2 (benchmarks/metal.py).
+# It is deep where the mean of three cells stands out by this share of the phantom's depth: in some scans of 2 000
+# photons and more the corners of sound phantoms reached 0.09 in one view of ten, screws of 5 mm 0.2 in half of them.
 DEEP = 0.15
 # Fewer views with such peaks than this share are noise in the deepest shadow.
 LEAST_VIEWS = 0.05
