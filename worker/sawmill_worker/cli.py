@@ -16,7 +16,13 @@ from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
 from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource, scan_source
-from sawmill_worker.commands.tables import print_calibration, print_drift, print_plans, report_method
+from sawmill_worker.commands.tables import (
+    print_calibration,
+    print_drift,
+    print_plans,
+    print_repeatability,
+    report_method,
+)
 from sawmill_worker.commands.terminal import answering, print_json, say, showing_progress
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationOptions
 from sawmill_worker.contracts.drifts import DriftOptions
@@ -97,6 +103,25 @@ def calibrate(
         print_json(CalibrationFile.of(result).model_dump(mode="json"))
     else:
         print_calibration(result)
+
+
+@app.command(cls=Command)
+def repeatability(
+    results: Annotated[
+        list[Path], typer.Argument(help="RESULT.json or result.h5 of two or more calibrations of one scanner.")
+    ],
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Report what calibrations of one scanner differ by, against their error bars."""
+    with answering(as_json=as_json):
+        from sawmill_worker.use_cases.repeatability import repeatability as compared
+        from sawmill_worker.use_cases.result_file import read_calibration
+
+        result = compared([(str(path), read_calibration(path)) for path in results])
+    if as_json:
+        print_json({"state": "succeeded", **result.model_dump(mode="json")})
+    else:
+        print_repeatability(result)
 
 
 @app.command(cls=Command)

@@ -12,6 +12,7 @@ from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.contracts.plans import PlanResult
 from sawmill_worker.contracts.reconstructions import MethodReport
+from sawmill_worker.contracts.repeatability import RepeatabilityResult
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.vocabulary import ReconstructionMethod
 
@@ -67,6 +68,27 @@ def print_drift(result: DriftResult) -> None:
         console.print(f"- {done}", highlight=False, markup=False)
     for blind in result.not_seen:
         console.print(f"- not seen: {blind}", highlight=False, markup=False)
+
+
+def print_repeatability(result: RepeatabilityResult) -> None:
+    """Print one row for a pair of calibrations, differences with their standard deviations."""
+    colour = "green" if result.verdict == "repeatable" else "red"
+    table = Table(title=f"Repeatability: [bold {colour}]{result.verdict}[/]", box=box.SIMPLE)
+    for column in ("pair", "rays mm", "95 % mm", "scale %", "COR mm", "tilt °", ""):
+        table.add_column(column, justify="left" if column == "pair" else "right")
+    for pair in result.pairs:
+        table.add_row(
+            escape(f"{pair.first} - {pair.second}"),
+            f"{pair.ray_difference_mm:.3f}",
+            f"{pair.expected_95_mm:.3f}",
+            f"{pair.scale_difference_percent:+.3f} ± {pair.scale_difference_deviation_percent:.2g}",
+            f"{pair.cor_column_difference_mm:+.3f} ± {pair.cor_column_deviation_mm:.2g}",
+            f"{pair.tilt_difference_deg:+.3f} ± {pair.tilt_deviation_deg:.2g}",
+            "agree" if pair.within_error_bars else "differ",
+        )
+    console = Console()
+    console.print(table)
+    console.print(f"- {result.reason}", highlight=False, markup=False)
 
 
 def report_method(done: MethodReport) -> None:

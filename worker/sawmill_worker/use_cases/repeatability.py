@@ -1,0 +1,60 @@
+"""What calibrations of one scanner differ by, against their error bars: every pair of them."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.repeatability import PairDifference, RepeatabilityResult
+from sawmill_worker.tomography.fit_parameters import Parameter
+from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error, scale_deviation
+from sawmill_worker.use_cases.failures import refused
+
+# Two-sided 95 % of a Gaussian.
+TWO_SIDED_95 = 1.96
+
+
+def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityResult:
+    """Compare every calibration with every other; refused where they are fewer than two, or not of one scanner."""
+    if len(named) < 2:
+        raise refused("too-few-calibrations", f"{len(named)} calibration was given: give two or more of one scanner")
+    pairs = [_difference(*first, *second) for first, second in combinations(named, 2)]
+    beyond = [pair for pair in pairs if not pair.within_error_bars]
+    worst = max(pair.ray_difference_mm for pair in pairs)
+    reason = (
+        f"{len(beyond)} of {len(pairs)} pairs differ by more than their error bars: fasten the phantom, let the "
+        "scanner warm up, and look at the reasons of each calibration"
+        if beyond
+        else f"all {len(pairs)} pairs agree within their error bars; the rays differ by {worst:.3f} mm at most"
+    )
+    verdict = "beyond-error-bars" if beyond else "repeatable"
+    return RepeatabilityResult(pairs=pairs, worst_ray_difference_mm=worst, verdict=verdict, reason=reason)
+
+
+def _difference(first: str, one: CalibrationResult, second: str, other: CalibrationResult) -> PairDifference:
+    if one.scanner != other.scanner:
+        raise refused(
+            "other-scanner", f"{first} and {second} have not the same scanner's constants: compare those of one scanner"
+        )
+    if one.covariance is None or other.covariance is None or one.predicted_ray_error_mm is None:
+        raise refused("without-error-bars", f"{first} or {second} has no error bars: calibrate with --method default")
+    radius_mm = one.predicted_ray_error_mm.radius_mm
+    covariance = np.array(one.covariance) + np.array(other.covariance)
+    rays = ray_error(one.scanner, one.source_frame, other.source_frame, radius_mm=radius_mm)
+    expected = predicted_ray_error(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
+    scale = scale_deviation(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
+    within = rays.rms_mm <= expected.upper_95_mm and abs(rays.scale_change) <= TWO_SIDED_95 * scale
+    return PairDifference(
+        first=first,
+        second=second,
+        ray_difference_mm=rays.rms_mm,
+        expected_95_mm=expected.upper_95_mm,
+        scale_difference_percent=100.0 * rays.scale_change,
+        scale_difference_deviation_percent=100.0 * scale,
+        cor_column_difference_mm=other.source_frame.cor_column_mm - one.source_frame.cor_column_mm,
+        cor_column_deviation_mm=math.sqrt(covariance[Parameter.U_C, Parameter.U_C]),
+        tilt_difference_deg=math.degrees(other.source_frame.tilt_rad - one.source_frame.tilt_rad),
+        tilt_deviation_deg=math.degrees(math.sqrt(covariance[Parameter.TILT, Parameter.TILT])),
+        within_error_bars=within,
+    )
