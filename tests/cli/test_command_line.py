@@ -127,7 +127,7 @@ def completed(shell: str, line: str) -> set[str]:
 @pytest.mark.parametrize(
     ("line", "choices"),
     [
-        ("sawmill re", {"reconstruct"}),
+        ("sawmill re", {"reconstruct", "repeatability"}),
         ("sawmill phantom ", {"plan", "draw"}),
         ("sawmill calibrate scan.h5 --paper-o", {"--paper-objective"}),
         ("sawmill reconstruct --filter ha", {"hamming", "hann"}),
