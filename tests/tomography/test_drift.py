@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import DriftError, drift_change, likely_cause
+from sawmill_worker.tomography.drift import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -136,6 +137,62 @@ def test_views_of_another_angle_are_left_out(plain, full_turn, frame, sense):
 def test_each_view_s_own_gain_is_evened_out(plain, full_turn, frame, sense):
     gain = 1.0 + 0.02 * np.random.default_rng(7).standard_normal((180, 1))
     check_answer(plain * gain, sense.apply(full_turn(180)), frame, "gain scattered by")
+
+
+def disturbed(angles, *, encoder_deg=0.0, encoder_order=1, wobble_mm=0.0, body=None, seed=4):
+    """A scan whose angles run ahead and behind, and whose log swings across the beam twice a turn."""
+    true = angles + np.deg2rad(encoder_deg) * np.cos(encoder_order * angles - 0.4)
+    fan = FanBeamGeometry(MILL, THETA, true)
+    across = true + fan.frame.psi_rad
+    swing = wobble_mm * np.cos(2.0 * angles - 0.7)
+    cells = DetectorCells.of(MILL)
+    clean = np.concatenate(
+        [
+            project(body or log(seed), cells, fan.frame, true[k : k + 1], position_mm=(s * np.cos(e), s * np.sin(e)))
+            for k, (s, e) in enumerate(zip(swing, across, strict=True))
+        ]
+    )
+    return clean + 0.005 * np.sqrt(np.mean(clean**2)) * np.random.default_rng(seed).standard_normal(clean.shape)
+
+
+@pytest.mark.parametrize("sense", list(Rotation))
+@pytest.mark.parametrize(
+    ("disturbance", "part", "order", "amplitude"),
+    [
+        ({"encoder_deg": 0.2}, "encoder", 1, 0.2),
+        ({"encoder_deg": 0.3, "encoder_order": 2}, "encoder", 2, 0.3),
+        ({"wobble_mm": 1.0}, "bearing", 2, 1.0),
+    ],
+)
+def test_a_disturbed_turn_is_no_drift(full_turn, frame, sense, disturbance, part, order, amplitude):
+    sinogram = disturbed(full_turn(180), **disturbance)
+    fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002), sense)
+    size = fit.disturbances[Disturbance(part, order)]
+    # Cells of 3 mm blur the rings that show it, and the fit is linear in the disturbance.
+    assert size == pytest.approx(amplitude, rel=0.25)
+    assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
+    assert {"encoder": "look at the encoder", "bearing": "look at the turntable's bearing"}[part] in disturbed_turn(fit)
+    assert not drift_change(MILL, frame, np.diag([1e-8, 0.04, 0.25, 4e-4, 1e-7]), fit).moved
+
+
+def test_a_steady_turn_is_not_called_disturbed(plain, full_turn, frame):
+    fit = conjugate_fit(MILL, plain, full_turn(180), frame)
+    assert not fit.disturbances
+    assert disturbed_turn(fit) is None
+
+
+@pytest.mark.parametrize("sense", list(Rotation))
+def test_rays_through_nails_are_left_out(full_turn, frame, sense):
+    """Nails starve their rays: cut off at a line integral of 6, they are no longer the same from either side."""
+    nails = (Disc((70.0, 20.0), 4.0, 1.0), Disc((-40.0, -60.0), 5.0, 1.0), Disc((10.0, 85.0), 3.0, 1.0))
+    body = log(4)
+    sinogram = np.minimum(disturbed(full_turn(180), body=Phantom("nailed", (*body.shapes, *nails))), 6.0)
+    fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002), sense)
+    assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)
+    assert fit.deviation[0] < 0.15
+    assert not fit.disturbances
+    (remark,) = fit.adjustments
+    assert "metal in the log" in remark
 
 
 def test_without_noise_the_geometry_is_found_whatever_r_and_psi_are(full_turn, frame):

@@ -44,6 +44,17 @@ class DetectorDeviation(Contract):
     source_to_detector_mm: float | None
 
 
+class TurnDisturbance(Contract):
+    """A harmonic of the turn itself, fitted with the geometry: it is neither drift nor part of the change."""
+
+    part: Literal["encoder", "bearing"] = Field(
+        description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam."
+    )
+    times_a_turn: int
+    amplitude_deg: float | None = Field(None, description="Of the encoder.")
+    amplitude_mm: float | None = Field(None, description="Of the bearing, across the beam at the centre of rotation.")
+
+
 class DriftResult(Contract):
     """The answer: what moved, how surely, and what cannot be seen."""
 
@@ -78,6 +89,10 @@ class DriftResult(Contract):
     rotation_ratio: float = Field(description="How many times worse they agree in the other sense.")
     rotation_decided: bool = Field(description="False: a log too round and centred to tell; the calibration's is kept.")
     relative_residual: float = Field(description="What opposite rays differ by, against what changes with the view.")
+    disturbances: list[TurnDisturbance] = Field(
+        default_factory=list,
+        description="What disturbs the turn beyond chance. What is not found widens the standard deviations.",
+    )
     adjustments: list[str] = Field(
         default_factory=list, description="What was done to the scan before it was used, a sentence each."
     )

@@ -16,9 +16,18 @@ from scipy.fft import rfft
 from scipy.interpolate import CubicSpline
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
+from sawmill_worker.tomography.disturbances import (
+    ROUNDS,
+    Harmonics,
+    strongest,
+    undetected_covariance,
+    undisturbed,
+)
 from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, seen_vector
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.log_movement import log_movement
+from sawmill_worker.tomography.metal import MetalSearch
+from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.paired_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution, Turn, fan_angles
 from sawmill_worker.tomography.view_gain import view_gain
 from sawmill_worker.vocabulary import Rotation
@@ -62,12 +71,22 @@ def _even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np
     return np.asarray(spline(wanted), np.float64), first
 
 
-def _turn(even: FloatArray, first_rad: float, filled_rad: FloatArray, bridged: NDArray[np.bool_]) -> Turn:
+def _turn(scan: "_Scan", even: FloatArray, first_rad: float) -> Turn:
     views = len(even)
     spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
     orders = np.arange(1, spectrum.shape[1] + 1)
-    turned = np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad))
-    return Turn(turned, even.mean(axis=0), views, filled_rad, bridged)
+    at = np.rint((scan.angles_rad - first_rad) * views / TAU).astype(np.intp) % views
+    left_out = np.zeros(even.shape, bool)
+    left_out[at] = scan.left_out
+    return Turn(
+        np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)),
+        even.mean(axis=0),
+        views,
+        scan.angles_rad[~scan.usable],
+        scan.bridged,
+        left_out,
+        first_rad,
+    )
 
 
 def conjugate_fit(
@@ -98,14 +117,29 @@ def conjugate_fit(
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     _check(sinogram, angles_rad)
     screening = screen(sinogram)
-    scan = _Scan(
-        scanner, screening.bridged(sinogram), angles_rad, screening.views, ~screening.cells, screening.adjustments
+    lines, metal, without_metal = _without_metal(
+        scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
     )
-    best, rotation, ratio, used = _fit(scan, start, rotation)
-    while (odd := _odd_views(scan, best, rotation)).any():
-        scan = replace(scan, usable=scan.usable & ~odd)
-        best, rotation, ratio, used = _fit(scan, start, rotation)
-    disagreeing = int(np.sum(screening.views & ~scan.usable))
+    scan = _Scan(
+        scanner,
+        lines,
+        angles_rad,
+        screening.views,
+        ~screening.cells,
+        metal,
+        (*screening.adjustments, *without_metal),
+    )
+    best, rotation, ratio, used = _fit_without_odd_views(scan, start, rotation)
+    harmonics = Harmonics.none()
+    for _ in range(ROUNDS):
+        found = strongest(best, start.source_distance_mm)
+        if found is None:
+            break
+        harmonics = harmonics.plus(found)
+        best, rotation, ratio, used = _fit_without_odd_views(
+            scan.undisturbed(harmonics, start, rotation), start, rotation
+        )
+    disagreeing = int(np.sum(screening.views & ~used.usable))
     remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
     _check_found(scanner, best, start)
     u_c, tau, sdd = (float(value) for value in best.vector)
@@ -113,7 +147,7 @@ def conjugate_fit(
         u_c,
         tau,
         sdd,
-        best.covariance,
+        best.covariance + undetected_covariance(best, start.source_distance_mm),
         best.free == WITHOUT_DISTANCE,
         rotation,
         ratio,
@@ -121,26 +155,64 @@ def conjugate_fit(
         best.distance_sensitivity,
         log_movement(best, rotation.apply(angles_rad), start.source_distance_mm),
         (*used.done, remark) if disagreeing else used.done,
+        harmonics.amplitudes(start.source_distance_mm),
     )
+
+
+def _without_metal(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame
+) -> tuple[FloatArray, NDArray[np.bool_], tuple[str, ...]]:
+    """The sinogram with its rays through metal interpolated, which those are, and a sentence where there are any.
+
+    Rays through nails are starved and hardened, from either side otherwise.
+    """
+    lines = sinogram.astype(np.float32)
+    # Any R will do for an image: where the metal lies on the detector does not depend on it.
+    own = replace(scanner, source_to_cor_mm=start.source_distance_mm)
+    fan = FanBeamGeometry(own, start.theta(start.source_distance_mm), angles_rad)
+    search = MetalSearch.of(fan, object_radius_mm(fan, lines))
+    metal = search.find(lines) if search is not None and search.suspects(lines[None])[0] else None
+    if metal is None:
+        return sinogram, np.zeros(sinogram.shape, bool), ()
+    done = f"metal in the log: {metal.trace.mean():.1%} of the samples were left out"
+    return np.where(metal.trace, metal.filled, sinogram), metal.trace, (done,)
 
 
 @dataclass(frozen=True, eq=False)
 class _Scan:
-    """What is fitted, the views that are used, the cells that are not, and what was done to it."""
+    """What is fitted, the views that are used, the cells and samples that are not, and what was done to it."""
 
     scanner: Scanner
     sinogram: FloatArray
     angles_rad: FloatArray
     usable: NDArray[np.bool_]
     bridged: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
     done: tuple[str, ...]
+
+    def undisturbed(self, harmonics: Harmonics, start: SourceFrame, rotation: Rotation) -> "_Scan":
+        """As it would be without these disturbances of the turn, which this sense of rotation reads."""
+        sinogram, angles = undisturbed(
+            self.scanner, seen_vector(start), self.sinogram, rotation.apply(self.angles_rad), harmonics
+        )
+        return replace(self, sinogram=sinogram, angles_rad=rotation.apply(angles))
+
+
+def _fit_without_odd_views(
+    scan: _Scan, start: SourceFrame, rotation: Rotation
+) -> tuple[Solution, Rotation, float, _Scan]:
+    """As `_fit`, to the views that agree with the others."""
+    best, rotation, ratio, used = _fit(scan, start, rotation)
+    while (odd := _odd_views(scan, best, rotation)).any():
+        scan = replace(scan, usable=scan.usable & ~odd)
+        best, rotation, ratio, used = _fit(scan, start, rotation)
+    return best, rotation, ratio, used
 
 
 def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> tuple[Solution, Rotation, float, _Scan]:
     """The fit in the better sense of rotation, how much better it is, and the scan with what was done to it."""
     even, first = _even_views(scan.sinogram, scan.angles_rad, scan.usable)
-    filled = scan.angles_rad[~scan.usable]
-    turn = _turn(even, first, filled, scan.bridged)
+    turn = _turn(scan, even, first)
     other = next(sense for sense in Rotation if sense is not rotation)
     basins = {sense: _basin(scan.scanner, turn.read(sense), start) for sense in (rotation, other)}
     ratio = basins[other].rays.relative_residual / basins[rotation].rays.relative_residual
@@ -151,7 +223,7 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> tuple[Solution,
         fan, _ = fan_angles(scan.scanner, vector)
         gain = view_gain(even, fan, reversed_turn=rotation is Rotation.REVERSED)
         if gain is not None:
-            turn = _turn(gain.removed(even), first, filled, scan.bridged)
+            turn = _turn(scan, gain.removed(even), first)
             done = (*scan.done, gain.done)
         best = _minimum(scan.scanner, turn.read(rotation), start, vector)
         if gain is None or not best.settled:

@@ -4,7 +4,9 @@ The fit itself stands in `conjugate_rays`. R and psi cannot be seen (docs/geomet
 """
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -66,6 +68,22 @@ class LogMovement:
         return self.chi_squared > CHANCE_OF_A_JUMP and self.by_mm > SHORTEST_JUMP_MM
 
 
+@dataclass(frozen=True)
+class Disturbance:
+    """One harmonic of the turn.
+
+    Attributes
+    ----------
+    part : "encoder" or "bearing"
+        The angles are ahead and behind; or the log swings across the beam.
+    order : int
+        How often in a turn.
+    """
+
+    part: Literal["encoder", "bearing"]
+    order: int
+
+
 @dataclass(frozen=True, eq=False)
 class ConjugateFit:
     """What pairs of opposite rays say of the detector.
@@ -89,6 +107,8 @@ class ConjugateFit:
         The jump of the log that explains most of what is left, beyond chance or not.
     adjustments : tuple of str
         What was done to the scan before it was used.
+    disturbances : mapping of Disturbance to float
+        What disturbs the turn beyond chance, fitted with the geometry, and its amplitude in its unit.
     """
 
     cor_column_mm: float
@@ -102,6 +122,7 @@ class ConjugateFit:
     distance_sensitivity: FloatArray
     movement: LogMovement
     adjustments: tuple[str, ...]
+    disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
 
     @property
     def deviation(self) -> FloatArray:
@@ -213,6 +234,21 @@ def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Fl
         return change, covariance
     distance_sensitivity = covariance[:, 2] / covariance[2, 2]
     return change - distance_sensitivity * change[2], covariance - np.outer(distance_sensitivity, covariance[2])
+
+
+def disturbed_turn(fit: ConjugateFit) -> str | None:
+    """What disturbs the turn itself and where to look, in one sentence; None where nothing does beyond chance."""
+    if not fit.disturbances:
+        return None
+    times = {1: "once a turn", 2: "twice a turn"}
+    told = {
+        "encoder": "the angles run ahead and behind by {:.2g} degrees {}",
+        "bearing": "the log swings across the beam by {:.2g} mm {}",
+    }
+    look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
+    found = [told[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
+    where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
+    return f"{' and '.join(found)}: look at {where} (this is no drift, and was fitted)"
 
 
 def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft
 from scipy.linalg import eigh
+from scipy.ndimage import binary_dilation
 from scipy.sparse import csr_array
 
 from sawmill_worker.tomography.drift import DriftError
@@ -30,6 +31,8 @@ SMALL_STEP = 1e-2
 # A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
 # be more than this share of the pairs.
 CELL_REACH, MOST_TOUCHED = 3.0, 0.5
+# Samples left out count this number of widths of the blur to either side: what stands in them is near to the truth.
+SAMPLE_REACH = 1.0
 # Which of (u_c, tau, SDD) are fitted.
 ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
 
@@ -49,6 +52,10 @@ class Turn:
         Angles at which there are no data, only what their neighbours suggest.
     bridged : (cells,) bool
         Cells without data of their own, likewise.
+    left_out : (views, cells) bool
+        Samples without data of their own, likewise, at equidistant views of which the first stands at `first_rad`.
+    sense : int
+        -1 where the angles are read the other way than `left_out` has them.
     """
 
     spectrum: ComplexArray
@@ -56,17 +63,63 @@ class Turn:
     views: int
     filled_rad: FloatArray
     bridged: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
+    first_rad: float
+    sense: int = 1
 
     def read(self, rotation: Rotation) -> "Turn":
         """As this sense of rotation reads the angles: phi -> -phi is the conjugate of every harmonic."""
         if rotation is Rotation.AS_GIVEN:
             return self
-        return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad)
+        return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
+
+    def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
+        """The row of `left_out` for each angle as it is read."""
+        steps = (self.sense * angles_rad - self.first_rad) * self.views / TAU
+        return np.rint(steps).astype(np.intp) % self.views
+
+
+@dataclass(frozen=True, eq=False)
+class Derivatives:
+    """Derivatives of half the sums of opposite rays by gamma at fixed chi and by chi, each (2, pairs, chi) float64.
+
+    Attributes
+    ----------
+    plain, blurred : float64
+        Not blurred over chi, and blurred twice where both rays are used.
+    noise, noise_blurred : float64
+        The same of half the differences, which carry as much noise as half the sums and no signal.
+    """
+
+    plain: FloatArray
+    blurred: FloatArray
+    noise: FloatArray
+    noise_blurred: FloatArray
+
+    def with_mean(self, by_gamma: FloatArray, used: NDArray[np.bool_]) -> "Derivatives":
+        """With the derivative (pairs,) of the views' mean, which does not depend on chi."""
+        mean = np.stack([np.broadcast_to(by_gamma[:, None], used.shape), np.zeros(used.shape)])
+        return replace(self, plain=self.plain + mean, blurred=self.blurred + mean * used)
+
+    def slopes(self, by_gamma: FloatArray, by_chi: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Slopes, instruments, noise slopes and noise instruments of `PairedRays` for other unknowns.
+
+        Parameters
+        ----------
+        by_gamma, by_chi : (unknowns, pairs, chi or 1)
+            How much each unknown counts of either derivative.
+        """
+        slopes, instruments, noise_slopes, noise_instruments = (
+            by_gamma * each[0] + by_chi * each[1] for each in (self.plain, self.blurred, self.noise, self.noise_blurred)
+        )
+        return slopes, instruments, noise_slopes, noise_instruments
 
 
 @dataclass(frozen=True, eq=False)
 class PairedRays:
-    """Differences of opposite rays (pairs, chi), and their derivatives by (u_c, tau, SDD), (3, pairs, chi).
+    """Differences of opposite rays (pairs, chi), and their derivatives by the unknowns, (unknowns, pairs, chi).
+
+    The unknowns are (u_c, tau, SDD), perhaps with others after them.
 
     Attributes
     ----------
@@ -80,6 +133,8 @@ class PairedRays:
         Pairs of which both rays were measured.
     relative_residual : float
         RMS of the blurred differences against that of the blurred rays.
+    derivatives : Derivatives
+        What the slopes are made of.
     """
 
     difference: FloatArray
@@ -89,14 +144,26 @@ class PairedRays:
     noise_instruments: FloatArray
     used: NDArray[np.bool_]
     relative_residual: float
+    derivatives: Derivatives
+
+    def with_unknowns(self, derivatives: Derivatives, by_gamma: FloatArray, by_chi: FloatArray) -> "PairedRays":
+        """With further unknowns, as of `Derivatives.slopes`."""
+        slopes, instruments, noise_slopes, noise_instruments = derivatives.slopes(by_gamma, by_chi)
+        return replace(
+            self,
+            slopes=np.concatenate([self.slopes, slopes]),
+            instruments=np.concatenate([self.instruments, instruments]),
+            noise_slopes=np.concatenate([self.noise_slopes, noise_slopes]),
+            noise_instruments=np.concatenate([self.noise_instruments, noise_instruments]),
+        )
 
     def scores(self) -> FloatArray:
-        """Instruments times differences at each chi, (chi, 3)."""
+        """Instruments times differences at each chi, (chi, unknowns)."""
         scores: FloatArray = np.einsum("xpt,pt->tx", self.instruments, self.difference)
         return scores
 
     def gram(self, *, corrected: bool) -> FloatArray:
-        """(3, 3) of instruments and slopes.
+        """(unknowns, unknowns) of instruments and slopes.
 
         Both are those of noisy data, and their noise makes the matrix too large (errors in variables); the noise's
         share, as half the differences have it, can be taken off.
@@ -104,12 +171,12 @@ class PairedRays:
         gram = _products(self.instruments, self.slopes)
         return gram - _products(self.noise_instruments, self.noise_slopes) if corrected else gram
 
-    def covariance(self, free: slice, *, corrected: bool) -> FloatArray:
+    def covariance(self, free: slice | list[int], *, corrected: bool) -> FloatArray:
         """Heteroscedasticity-robust covariance (White 1980) of the free unknowns, from each chi's score.
 
         Infinite where the pairs do not show them.
         """
-        gram, noisy = (self.gram(corrected=kind)[free, free] for kind in (corrected, False))
+        gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
         if not (_is_definite(noisy) and _signal_share(gram, noisy) > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
         scores = self.scores()[:, free]
@@ -127,7 +194,7 @@ def fan_angles(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatA
 
 
 def _products(left: FloatArray, right: FloatArray) -> FloatArray:
-    return left.reshape(3, -1) @ right.reshape(3, -1).T
+    return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
 
 class Pairs:
@@ -173,26 +240,42 @@ class Pairs:
         touched = (np.abs(self.gamma[:, None] - missing) < CELL_REACH * self._width).any(axis=1)
         if touched.mean() < MOST_TOUCHED:
             used[touched] = False
-        return used
+        touching = self._touching(fan)
+        return used & ~touching if touching.mean() < MOST_TOUCHED else used
+
+    def _touching(self, fan: FloatArray) -> NDArray[np.bool_]:
+        """Pairs (pairs, chi) with a ray at a sample that was left out."""
+        if not self._turn.left_out.any():
+            return np.zeros((self.gamma.size, self._turn.views), bool)
+        reach = round(SAMPLE_REACH * self._width / float(np.median(np.diff(fan))))
+        near = binary_dilation(self._turn.left_out, np.ones((1, 2 * reach + 1), bool))
+        rays = zip(self.views_of(), (self.gamma, -self.gamma), strict=True)
+        here, there = (
+            near[self._turn.nearest_view(angles), np.searchsorted(fan, gamma).clip(0, fan.size - 1)[:, None]]
+            for angles, gamma in rays
+        )
+        touching: NDArray[np.bool_] = here | there
+        return touching
 
     def at(self, vector: FloatArray) -> PairedRays:
         """The pairs with this geometry."""
         rays, opposite, slope, opposite_slope = self._both_sides(vector)
         half_sum, difference = 0.5 * (rays + opposite), rays - opposite
-        shifts = _shifts(vector, self.gamma), _shifts(vector, -self.gamma)
-        slopes = self._slopes(half_sum, 0.5 * (slope + opposite_slope), *shifts)
-        noise_slopes = self._slopes(0.5 * difference, 0.5 * (slope - opposite_slope), *shifts)
-        twice = self._blur**2
+        # A ray's derivative by gamma at fixed view is that at fixed chi less that by chi. The opposite has the first
+        # with its sign turned and the second as it is.
+        near, opposed = _shifts(vector, self.gamma)[:, :, None], _shifts(vector, -self.gamma)[:, :, None]
+        derivatives = Derivatives(
+            *self._derivatives(half_sum, 0.5 * (slope + opposite_slope)),
+            *self._derivatives(0.5 * difference, 0.5 * (slope - opposite_slope)),
+        )
         blurred = (self._over_chi(rays * self._blur) * self._used for rays in (difference, half_sum))
         residual, signal = (float(np.sum(rays**2)) for rays in blurred)
         return PairedRays(
             self._over_chi(difference),
-            self._over_chi(slopes),
-            self._over_chi(slopes * twice) * self._used,
-            self._over_chi(noise_slopes),
-            self._over_chi(noise_slopes * twice) * self._used,
+            *derivatives.slopes(near + opposed, opposed - near),
             self._used,
             math.sqrt(residual / signal),
+            derivatives,
         )
 
     def sideways(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -200,9 +283,7 @@ class Pairs:
 
         Unlike the rays and their differences, it has the constant harmonic.
         """
-        fan, covered = fan_angles(self._scanner, vector)
-        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
-        constant = 0.5 * (self._side(mean, fan, 1.0)[1] - self._side(mean, fan, -1.0)[1]).real
+        constant = self.mean_by_gamma(vector)[:, None]
         _, _, slope, opposite_slope = self._both_sides(vector)
         half_sum = 0.5 * (slope + opposite_slope)
         once, twice = self._over_chi(half_sum), self._over_chi(half_sum * self._blur**2)
@@ -216,6 +297,17 @@ class Pairs:
         opposite, opposite_slope = self._side(turned, fan, -1.0)
         half_turn = np.where(self._orders % 2, -1.0, 1.0)
         return rays, half_turn * opposite, slope, -half_turn * opposite_slope
+
+    def mean_by_gamma(self, vector: FloatArray) -> FloatArray:
+        """The derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
+
+        An unknown that is the same at every chi does not need it; one that varies with chi does.
+        """
+        fan, covered = fan_angles(self._scanner, vector)
+        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
+        (_, slope), (_, opposite) = (self._side(mean, fan, side) for side in (1.0, -1.0))
+        half: FloatArray = 0.5 * (slope - opposite)[:, 0].real
+        return half
 
     def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
         """(..., harmonics) as (..., views) over chi."""
@@ -240,16 +332,10 @@ class Pairs:
         )
         return smoothed.view(np.complex128), slope.view(np.complex128)
 
-    def _slopes(
-        self, rays: ComplexArray, by_gamma: ComplexArray, near: FloatArray, opposite: FloatArray
-    ) -> ComplexArray:
-        """Derivatives of the differences by (u_c, tau, SDD) where both rays of each pair are these, (3, ...).
-
-        A ray's derivative by gamma at fixed view is that at fixed chi less that by chi; the opposite ray has the
-        first with its sign turned and the second as it is.
-        """
-        by_chi = 1j * self._orders * rays
-        return (near + opposite)[:, :, None] * by_gamma + (opposite - near)[:, :, None] * by_chi
+    def _derivatives(self, rays: ComplexArray, by_gamma: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of rays by gamma and chi, (2, pairs, chi): plain, and blurred twice."""
+        both = np.stack([by_gamma, 1j * self._orders * rays])
+        return self._over_chi(both), self._over_chi(both * self._blur**2) * self._used
 
     def solve(
         self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool

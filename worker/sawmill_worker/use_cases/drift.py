@@ -9,14 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult
+from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult, TurnDisturbance
 from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
     NOT_SEEN,
     ConjugateFit,
+    Disturbance,
     DriftChange,
+    disturbed_turn,
     drift_change,
     likely_cause,
     seen_vector,
@@ -98,12 +100,13 @@ def run_drift(given: DriftInput) -> DriftResult:
         radius_mm=radius_mm,
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
-        reason=_reason(given, changed, within=within, turned_over=turned_over),
+        reason=_reason(given, fit, changed, within=within, turned_over=turned_over),
         not_seen=[*NOT_SEEN, *([DISTANCE_NOT_SEEN] if fit.distance_held else [])],
         rotation=fit.rotation,
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
+        disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
         adjustments=[*given.remarks, *fit.adjustments],
         scanner=known.scanner,
         views=int(given.angles_rad.size),
@@ -124,7 +127,15 @@ def _within(changed: DriftChange, given: DriftInput, *, turned_over: bool) -> bo
     return changed.ray_change_mm <= given.tolerance_mm
 
 
-def _reason(given: DriftInput, changed: DriftChange, *, within: bool | None, turned_over: bool) -> str:
+def _reason(
+    given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, within: bool | None, turned_over: bool
+) -> str:
+    of_the_turn = disturbed_turn(fit)
+    of_the_detector = _of_the_detector(given, changed, within=within, turned_over=turned_over)
+    return of_the_detector if of_the_turn is None else f"{of_the_turn}; apart from that, {of_the_detector}"
+
+
+def _of_the_detector(given: DriftInput, changed: DriftChange, *, within: bool | None, turned_over: bool) -> str:
     if turned_over:
         return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
     if within is None:
@@ -133,6 +144,12 @@ def _reason(given: DriftInput, changed: DriftChange, *, within: bool | None, tur
             "asked for: average more rows, or scan a log that is less round or less centred"
         )
     return likely_cause(given.calibration.source_frame, changed)
+
+
+def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
+    if each.part == "encoder":
+        return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
+    return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_mm=amplitude)
 
 
 def _detector(values: FloatArray) -> DetectorGeometry:
