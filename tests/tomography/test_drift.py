@@ -19,6 +19,8 @@ pytestmark = pytest.mark.slow
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
+# The seed of a log whose slice does not meet the metal that every simulated log has.
+WITHOUT_METAL = 9
 
 
 def log(seed: int) -> Phantom:
@@ -96,8 +98,8 @@ def test_an_exactly_centred_log_is_answered_honestly(full_turn):
 
 @pytest.fixture(scope="module")
 def plain(full_turn):
-    """A noisy scan of which only one thing is made wrong at a time."""
-    return scan(full_turn(180), seed=4)
+    """A noisy scan of which only one thing is made wrong at a time: of a log without metal."""
+    return scan(full_turn(180), seed=WITHOUT_METAL)
 
 
 def check_answer(sinogram, angles, frame, remark):
@@ -139,9 +141,9 @@ def test_each_view_s_own_gain_is_evened_out(plain, full_turn, frame, sense):
     check_answer(plain * gain, sense.apply(full_turn(180)), frame, "gain scattered by")
 
 
-def disturbed(angles, *, encoder_deg=0.0, encoder_order=1, wobble_mm=0.0, body=None, seed=4):
+def disturbed(angles, *, encoder_deg=0.0, wobble_mm=0.0, body=None, seed=WITHOUT_METAL):
     """A scan whose angles run ahead and behind, and whose log swings across the beam twice a turn."""
-    true = angles + np.deg2rad(encoder_deg) * np.cos(encoder_order * angles - 0.4)
+    true = angles + np.deg2rad(encoder_deg) * np.cos(angles - 0.4)
     fan = FanBeamGeometry(MILL, THETA, true)
     across = true + fan.frame.psi_rad
     swing = wobble_mm * np.cos(2.0 * angles - 0.7)
@@ -159,8 +161,7 @@ def disturbed(angles, *, encoder_deg=0.0, encoder_order=1, wobble_mm=0.0, body=N
 @pytest.mark.parametrize(
     ("disturbance", "part", "order", "amplitude"),
     [
-        ({"encoder_deg": 0.2}, "encoder", 1, 0.2),
-        ({"encoder_deg": 0.3, "encoder_order": 2}, "encoder", 2, 0.3),
+        ({"encoder_deg": 0.3}, "encoder", 1, 0.3),
         ({"wobble_mm": 1.0}, "bearing", 2, 1.0),
     ],
 )
@@ -185,7 +186,7 @@ def test_a_steady_turn_is_not_called_disturbed(plain, full_turn, frame):
 def test_rays_through_nails_are_left_out(full_turn, frame, sense):
     """Nails starve their rays: cut off at a line integral of 6, they are no longer the same from either side."""
     nails = (Disc((70.0, 20.0), 4.0, 1.0), Disc((-40.0, -60.0), 5.0, 1.0), Disc((10.0, 85.0), 3.0, 1.0))
-    body = log(4)
+    body = log(WITHOUT_METAL)
     sinogram = np.minimum(disturbed(full_turn(180), body=Phantom("nailed", (*body.shapes, *nails))), 6.0)
     fit = conjugate_fit(MILL, sinogram, sense.apply(full_turn(180)), moved(frame, 0.6, 0.002), sense)
     assert np.all(np.abs(detector(fit) - detector(frame)) < 4.0 * fit.deviation)

@@ -24,6 +24,8 @@ FOUND = 8.0
 # is not found, its share of the covariance. Degrees of the encoder, mm of the bearing.
 EXPECTED = {"encoder": 0.3, "bearing": 1.0}
 SOUND = {"encoder": 0.01, "bearing": 0.02}
+# A disturbance this number of times what a sound scanner may have is one: below, it stands for something else.
+TIMES_SOUND = 2.5
 # The number of times that disturbances are looked for: each round takes the one that explains most.
 ROUNDS = 6
 
@@ -102,6 +104,11 @@ class Estimate:
         gain = self.value @ (np.linalg.inv(self.covariance) - np.linalg.inv(wide)) @ self.value
         return float(0.5 * gain - 0.5 * math.log(np.linalg.det(wide) / np.linalg.det(self.covariance)))
 
+    def times_sound(self, source_distance_mm: float) -> float:
+        """The amplitude against that which a sound scanner may have."""
+        sound = math.sqrt(float(np.trace(_prior(self.disturbance, SOUND, source_distance_mm))))
+        return float(np.linalg.norm(self.value)) / sound
+
     def moved(self, source_distance_mm: float) -> FloatArray:
         """What it may have added to the error of the unknowns (unknowns, unknowns), if the scanner is sound.
 
@@ -122,7 +129,7 @@ def _prior(disturbance: Disturbance, amplitudes: Mapping[str, float], source_dis
 
 def strongest(solution: Solution, source_distance_mm: float) -> Estimate | None:
     """The disturbance that explains the differences of opposite rays best; None where none is beyond chance."""
-    estimates = _estimates(solution)
+    estimates = [each for each in _estimates(solution) if each.times_sound(source_distance_mm) > TIMES_SOUND]
     if not estimates:
         return None
     best = max(estimates, key=lambda each: each.evidence(source_distance_mm))

@@ -241,12 +241,12 @@ def disturbed_turn(fit: ConjugateFit) -> str | None:
     if not fit.disturbances:
         return None
     times = {1: "once a turn", 2: "twice a turn"}
-    told = {
+    sentences = {
         "encoder": "the angles run ahead and behind by {:.2g} degrees {}",
         "bearing": "the log swings across the beam by {:.2g} mm {}",
     }
     look = {"encoder": "the encoder's coupling: it is eccentric", "bearing": "the turntable's bearing: it wobbles"}
-    found = [told[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
+    found = [sentences[each.part].format(size, times[each.order]) for each, size in fit.disturbances.items()]
     where = " and at ".join(look[part] for part in dict.fromkeys(each.part for each in fit.disturbances))
     return f"{' and '.join(found)}: look at {where} (this is no drift, and was fitted)"
 
