@@ -129,7 +129,7 @@ def conjugate_fit(
         metal,
         (*screening.adjustments, *without_metal),
     )
-    best, rotation, ratio, used = _fit_without_odd_views(scan, start, rotation)
+    steady = best, rotation, ratio, used = _fit_without_odd_views(scan, start, rotation)
     harmonics = Harmonics.none()
     for _ in range(ROUNDS):
         found = strongest(best, start.source_distance_mm)
@@ -139,6 +139,12 @@ def conjugate_fit(
         best, rotation, ratio, used = _fit_without_odd_views(
             scan.undisturbed(harmonics, start, rotation), start, rotation
         )
+    # A jump of the log has something of every harmonic, and no harmonics explain it.
+    if (
+        harmonics.values.any()
+        and log_movement(best, rotation.apply(angles_rad), start.source_distance_mm).beyond_chance
+    ):
+        harmonics, (best, rotation, ratio, used) = Harmonics.none(), steady
     disagreeing = int(np.sum(screening.views & ~used.usable))
     remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
     _check_found(scanner, best, start)
