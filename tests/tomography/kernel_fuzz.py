@@ -89,15 +89,15 @@ def shadow(numbers: Numbers) -> None:
     if numbers.one() > 500.0:
         edges, discs = numbers(6, 5), numbers(2, 4)
     frame = np.array([psi, big_r, sdd, u_c, tau])
-    t_x, t_y = (0.01 * value for value in numbers.some(2))
+    t_x, t_y = 0.01 * numbers(VIEWS), 0.01 * numbers(VIEWS)
     for rays in (0, 2):
         arguments = (edges, discs, frame, t_x, t_y, numbers(VIEWS), first, pitch, rays)
-        gram = (*arguments, np.ones((VIEWS, CELLS)), np.empty((0, 0)), 0.0, np.ones(1), np.empty((VIEWS, 13, 13)))
+        gram = (*arguments, np.ones((VIEWS, CELLS)), np.empty((0, 0)), np.empty((VIEWS, 10, 10)))
         out = np.empty((VIEWS, CELLS))
         for kernel, given in (
             (analytic.project, (*arguments, out)),
             (analytic.project_in_one_thread, (*arguments, out)),
-            (analytic.project_with_derivative, (*arguments, np.empty((10, VIEWS, CELLS)))),
+            (analytic.project_with_derivative, (*arguments, np.empty((12, VIEWS, CELLS)))),
             (analytic.gram, gram),
             (analytic.gram_in_one_thread, gram),
         ):

@@ -5,16 +5,15 @@ from sawmill_worker.tomography.calibration.alternatives import Alternatives, Hyp
 from sawmill_worker.tomography.calibration.covariance import Covariance
 from sawmill_worker.tomography.calibration.error_bars import ErrorBars
 from sawmill_worker.tomography.calibration.faults.structure import Place, Structure
-from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
-from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
+from sawmill_worker.tomography.calibration.residual_analysis import FoundEffect, ResidualAnalysis
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty
 from sawmill_worker.tomography.calibration.source_distance import SourceDistance
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import SourceFrame
 from sawmill_worker.tomography.ray_error import PredictedRayError
-from sawmill_worker.vocabulary import Handedness, Rotation
+from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 GOOD_FIT = {
     "frame": SourceFrame(0.0, 900.0, 1600.0, 0.0, 0.0),
@@ -128,7 +127,7 @@ def test_a_fit_that_did_not_converge_fails(verdict_of):
 @pytest.mark.parametrize(("share", "count"), [(0.0009, 0), (0.004, 1), (0.05, 1)])
 def test_a_structured_residual_is_noted_and_takes_no_pass_away(verdict_of, share, count):
     """What it does to the rays is in the error bars: they decide."""
-    found, reasons = verdict_of(residual=ResidualAnalysis(Structure(share, Place.EDGES)))
+    found, reasons = verdict_of(residual=ResidualAnalysis(structure=Structure(share, Place.EDGES)))
     assert (found, len(reasons)) == ("pass", count)
     assert all(f"{share:.1%} of the sinogram unexplained, and not as noise" in reason for reason in reasons)
 
@@ -142,14 +141,14 @@ def test_a_structured_residual_is_noted_and_takes_no_pass_away(verdict_of, share
     ],
 )
 def test_where_the_residual_lies_names_every_cause_that_fits_and_its_cure(verdict_of, place, reported):
-    reason = verdict_of(residual=ResidualAnalysis(Structure(0.01, place)))[1][0]
+    reason = verdict_of(residual=ResidualAnalysis(structure=Structure(0.01, place)))[1][0]
     assert [word for word in reported if word not in reason] == []
 
 
 def test_more_views_are_the_cure_only_where_noise_is_the_cause(verdict_of):
     assert "use more views" in verdict_of(bars={"predicted_ray_error": predicted(0.2)})[1][0]
     of_the_model = {"bars": {"predicted_ray_error": predicted(0.2), "deviation_ratio": 5.0}}
-    found = verdict_of(**of_the_model, residual=ResidualAnalysis(Structure(0.01, Place.EDGES)))[1]
+    found = verdict_of(**of_the_model, residual=ResidualAnalysis(structure=Structure(0.01, Place.EDGES)))[1]
     assert "as another reason states, and more views alone will not help" in found[0]
     assert "at the phantom's edges" in found[1]
     # Where there is no other reason, none is referred to.
@@ -239,17 +238,18 @@ def test_an_unresolved_source_shift_is_reported_and_still_passes(verdict_of):
     assert "not resolved from 0" in reasons[0]
 
 
-@pytest.mark.parametrize(("off_mm", "verdict"), [(0.009, "pass"), (0.02, "watch"), (0.26, "fail")])
-def test_what_changed_counts_by_what_it_puts_the_rays_off(verdict_of, off_mm, verdict):
-    slip = Unsteadiness(Change.PHANTOM, np.zeros(7), by_deg=0.2, by_mm=0.5, view=17)
-    # As in an answer: what is predicted holds what the change puts the rays off by.
-    of_it = predicted(max(0.04, 1.96 * off_mm), max(0.02, off_mm))
-    found, reasons = verdict_of(
-        residual=ResidualAnalysis(Structure(0.003, Place.EDGES), slip, off_mm), bars={"predicted_ray_error": of_it}
-    )
-    assert found == verdict
-    assert any(reason.startswith("the phantom moved at view 17, by 0.5 mm") for reason in reasons) == (
-        verdict != "pass"
-    )
-    # One cause is named for what the residual holds.
-    assert any("most of it" in reason for reason in reasons) == (verdict == "pass")
+def effect(off_mm, *, fitted=True, remedy="fasten it"):
+    return FoundEffect(Adjustment.SLIP, "the phantom moved at view 17", remedy, off_mm, fitted=fitted)
+
+
+@pytest.mark.parametrize(("off_mm", "reported"), [(0.009, False), (0.02, True), (0.26, True)])
+@pytest.mark.parametrize("fitted", [True, False])
+def test_an_effect_is_a_reason_where_it_matters_and_the_error_bars_decide(verdict_of, off_mm, reported, fitted):
+    found, reasons = verdict_of(residual=ResidualAnalysis((effect(off_mm, fitted=fitted),)))
+    assert found == "pass"
+    assert any(reason.startswith("the phantom moved at view 17; it was") for reason in reasons) == reported
+    assert any("would be off" in reason for reason in reasons) == (reported and fitted)
+
+
+def test_an_effect_that_is_fitted_and_needs_no_remedy_is_no_reason(verdict_of):
+    assert verdict_of(residual=ResidualAnalysis((effect(0.3, remedy=""),))) == ("pass", ())

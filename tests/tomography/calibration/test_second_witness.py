@@ -60,12 +60,12 @@ def test_two_that_agree_are_combined(full_turn):
 
 
 def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
-    """A slip by 0.3 mm moves the phantom's u_c by 0.24 mm; the log, which stands still, holds it."""
+    """A slip by 0.3 mm moves the u_c of a plain fit by 0.24 mm; the log, which stands still, holds it."""
     alone, heard = both(full_turn(VIEWS), phantom_by=(0.3, 0.0))
     assert abs(heard.frame.cor_column_mm - TRUE.cor_column_mm) < 0.06  # three standard deviations of the log's
-    assert heard.judgement.verdict != "pass"
-    assert any("phantom" in reason for reason in heard.judgement.reasons)
-    assert off(heard) < min(0.3 * off(alone), heard.error_bars.predicted_ray_error.upper_95_mm)
+    # The phantom's own fit finds the slip too; the log need not mend it, and must not spoil it.
+    assert any("the phantom moved at view" in reason for reason in heard.judgement.reasons)
+    assert off(heard) < min(off(alone) + 0.01, heard.error_bars.predicted_ray_error.upper_95_mm)
 
 
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):
@@ -86,7 +86,9 @@ def heard():
     def compare(column_mm, movement=STILL, rotation=Rotation.AS_GIVEN):
         seen = to_vector(TRUE)[[3, 4]] + [column_mm, 0.0]
         log = LogAnswer(seen, np.diag([0.02, 3e-3]) ** 2, np.zeros(2), rotation, movement)
-        return compare_witnesses(SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, None, radius_mm=150.0)
+        return compare_witnesses(
+            SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=False, radius_mm=150.0
+        )
 
     return compare
 
@@ -131,6 +133,6 @@ def test_r_is_held_where_it_would_be_less_than_the_scanners():
     log = LogAnswer(
         to_vector(TRUE)[[3, 4]] + [0.01, 0.0], np.diag([0.01, 3e-3]) ** 2, np.zeros(2), Rotation.AS_GIVEN, STILL
     )
-    witness = compare_witnesses(scanner, TRUE, covariance, log, Rotation.AS_GIVEN, None, radius_mm=150.0)
+    witness = compare_witnesses(scanner, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=False, radius_mm=150.0)
     assert witness.vector[1] == TRUE.source_distance_mm
     assert witness.covariance[1, 1] == pytest.approx(0.0, abs=1e-12)

@@ -1,4 +1,4 @@
-"""A phantom that moves during its scan, and angles that are not those of the turntable: reported, and never passed."""
+"""A phantom that moves during its scan, and angles that are not those of the turntable: reported, and fitted."""
 
 from dataclasses import replace
 
@@ -43,15 +43,26 @@ def error_mm(found):
     return ray_error(SCANNER, FRAME, found.frame).rms_mm
 
 
-@pytest.mark.parametrize("without", [(), tuple(Adjustment)])
+# 1 % noise and 72 views predict 0.004 mm; what is fitted as well leaves no more than a few times that.
+LIMIT_MM = 0.02
+
+
 @pytest.mark.parametrize(("view", "mm"), [(20, 0.4), (50, 2.0), (40, 8.0)])
-def test_a_phantom_that_slips_is_reported_with_the_view_and_how_far(view, mm, without):
-    found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301, without=without)
+def test_a_phantom_that_slips_is_reported_with_the_view_and_how_far(view, mm):
+    found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301)
     reason = next(reason for reason in found.judgement.reasons if "the phantom moved at view" in reason)
-    told_view, told_mm = reason.split("view ")[1].split(",")[0], reason.split("by ")[1].split(" mm")[0]
-    # A slip is found to the view but for the few that noise gives or takes, and its size to first order.
-    assert abs(int(told_view) - view) <= 2
-    assert float(told_mm) == pytest.approx(mm, rel=0.25)
+    reported_view, reported_mm = reason.split("view ")[1].split(",")[0], reason.split("by ")[1].split(" mm")[0]
+    # A slip is found to the view but for the few that noise gives or takes.
+    assert abs(int(reported_view) - view) <= 2
+    assert float(reported_mm) == pytest.approx(mm, rel=0.1)
+    assert error_mm(found) < min(LIMIT_MM, found.error_bars.predicted_ray_error.upper_95_mm)
+
+
+@pytest.mark.parametrize(("view", "mm"), [(20, 0.4), (40, 8.0)])
+def test_a_slip_that_is_not_fitted_is_reported_and_in_the_error_bars(view, mm):
+    found = calibrated(moved(view, turn_deg=0.1 * mm, at=(0.8 * mm, -0.6 * mm)), 1301, without=tuple(Adjustment))
+    reason = next(reason for reason in found.judgement.reasons if "the phantom moved at view" in reason)
+    assert "it was not fitted, and the rays are off by" in reason
     assert error_mm(found) > 0.1
     assert found.judgement.verdict != "pass"
     assert error_mm(found) < found.error_bars.predicted_ray_error.upper_95_mm
@@ -60,26 +71,16 @@ def test_a_phantom_that_slips_is_reported_with_the_view_and_how_far(view, mm, wi
 @pytest.mark.parametrize(
     ("angles", "turn_deg", "cause"),
     [
-        (ANGLES * 1.006, 0.0, "the turntable turns 1.00"),
-        (ANGLES + np.deg2rad(0.6) * np.cos(ANGLES + 0.7), 0.0, "the angles are ahead and behind once a turn, by 0."),
-        (ANGLES, 1.0, "the angles jump at view 3"),
+        (ANGLES * 1.006, 0.0, "the turntable turns 1.006"),
+        (ANGLES + np.deg2rad(0.6) * np.cos(ANGLES + 0.7), 0.0, "the angles are ahead and behind once a turn, by 0.6 "),
+        (ANGLES, 1.0, "the angles jump at view 36, by "),
     ],
 )
 def test_angles_that_are_not_the_turntable_s_are_reported(angles, turn_deg, cause):
     sinogram = np.concatenate([shadow(angles[:36]), shadow(angles[36:], turn_deg=turn_deg)])
     found = calibrated(sinogram, 1302)
     assert any(reason.startswith(cause) for reason in found.judgement.reasons), found.judgement
-    assert found.judgement.verdict != "pass"
-    assert error_mm(found) < found.error_bars.predicted_ray_error.upper_95_mm
-
-
-def test_the_pace_is_measured():
-    found = calibrated(shadow(ANGLES * 1.006), 1303)
-    pace = (
-        next(reason for reason in found.judgement.reasons if "turntable turns" in reason).split("turns ")[1].split()[0]
-    )
-    # To first order, and less what the fit turned to its own use.
-    assert float(pace) == pytest.approx(1.006, abs=0.0012)
+    assert error_mm(found) < min(LIMIT_MM, found.error_bars.predicted_ray_error.upper_95_mm)
 
 
 @pytest.mark.parametrize("seed", range(1310, 1316))

@@ -14,8 +14,11 @@ from numba import njit, prange
 
 # psi, R, SDD, u_c, tau, t_x, t_y: the rows of the derivative.
 PARAMETERS = 7
-# Rows that one view fills: the derivatives, the projection, and what `gram` puts beside them.
-ROWS = 13
+# Rows that one view fills: the derivatives, the projection, the first moments in the view's axes, the derivatives by
+# aspect and shear.
+ROWS = 12
+# Terms of `gram`: the derivatives, the projection, one, the data.
+TERMS = 10
 # Below this relative change of Y over a cell the midpoint is exact to 2e-6 of the distance; above, three Gauss points.
 _SMOOTH = 0.005
 _GAUSS_X = math.sqrt(0.6)
@@ -26,7 +29,7 @@ _FAST = {"reassoc", "contract", "arcp", "nsz"}
 
 
 @njit(fastmath=_FAST)
-def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative):
+def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative):
     """Add one quadrature point's share of the distance, of its derivatives and of the first moments, to cell m."""
     w = u - u_c
     ax = w * c_tau
@@ -47,10 +50,13 @@ def _edge_point(u, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, ro
         row[4, m] += w * (h * (ay * c_tau - ax * s_tau) + g * s * (s_tau * ey + c_tau * ex))
         row[5, m] += g * dx[2]
         row[6, m] += g * dx[3]
-        # From the source to the edge, at the distance n s: integrals of the coordinates around the COR.
-        half = 0.5 * f * n * s * s
-        row[11, m] += half * ax
-        row[12, m] += half * ay - f * n * s * big_r
+        if derivative > 1:
+            # From the source to the edge, at the distance n s: integrals of the coordinates around the COR.
+            half = 0.5 * f * n * s * s
+            row[8, m] += half * ax
+            row[9, m] += half * ay - f * n * s * big_r
+            row[10, m] += g * (bend[0] - s * (ax * bend[2] - ay * bend[1]))
+            row[11, m] += g * (bend[3] - s * (ax * bend[5] - ay * bend[4]))
 
 
 @njit(fastmath=_FAST)
@@ -58,6 +64,20 @@ def _cell_under(u, u_first, pitch, cells):
     """The cell that u lies in: -1 before the first and of what is not a number, `cells` beyond the last."""
     # Bounded while it is a float: a number that no integer holds may become any. -1 first, or not a number would pass.
     return int(math.floor(min(max(-1.0, (u - u_first) / pitch), float(cells))))
+
+
+@njit(fastmath=_FAST)
+def _bend(edge, c_b, s_b, qax, qay, qbx, qby):
+    """Derivatives of X and of the edge's vector (x, y) by aspect (x / 2, -y / 2), then by shear (y / 2, x / 2)."""
+    hax, hay, hbx, hby = 0.5 * edge[0], 0.5 * edge[1], 0.5 * edge[2], 0.5 * edge[3]
+    # The corners' movements, turned into the view: first by aspect, then by shear.
+    a_x, a_y = c_b * hax - s_b * hay, -c_b * hay - s_b * hax
+    b_x, b_y = c_b * hbx - s_b * hby, -c_b * hby - s_b * hbx
+    c_x, c_y = c_b * hay + s_b * hax, c_b * hax - s_b * hay
+    d_x, d_y = c_b * hby + s_b * hbx, c_b * hbx - s_b * hby
+    aspect = a_x * qby + qax * b_y - a_y * qbx - qay * b_x
+    shear = c_x * qby + qax * d_y - c_y * qbx - qay * d_x
+    return aspect, b_x - a_x, b_y - a_y, shear, d_x - c_x, d_y - c_y
 
 
 @njit(fastmath=_FAST)
@@ -79,6 +99,7 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
     ex, ey = qbx - qax, qby - qay
     x = qax * qby - qay * qbx
     dx = (-big_r * ey, -ex, c_b * ey + s_b * ex, s_b * ey - c_b * ex)
+    bend = _bend(edge, c_b, s_b, qax, qay, qbx, qby)
     first = max(0, _cell_under(low, u_first, pitch, cells))
     last = min(cells - 1, _cell_under(high, u_first, pitch, cells))
     y_slope = c_tau * ey - s_tau * ex
@@ -88,7 +109,9 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
             for i in range(rays):
                 u = left + (i + 0.5) * pitch / rays
                 if low <= u < high:
-                    _edge_point(u, 1.0 / rays, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+                    _edge_point(
+                        u, 1.0 / rays, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative
+                    )
             continue
         a = max(left, low)
         b = min(left + pitch, high)
@@ -99,13 +122,13 @@ def _edge(edge, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
         w = mid - u_c
         y_mid = w * c_tau * ey - (sdd + w * s_tau) * ex
         if abs(y_slope * (b - a)) < _SMOOTH * abs(y_mid):
-            _edge_point(mid, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid, share, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
         else:
             off = 0.5 * (b - a) * _GAUSS_X
             outer, inner = share * (5.0 / 18.0), share * (8.0 / 18.0)
-            _edge_point(mid - off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
-            _edge_point(mid, inner, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
-            _edge_point(mid + off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, row, m, derivative)
+            _edge_point(mid - off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
+            _edge_point(mid, inner, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
+            _edge_point(mid + off, outer, sign, big_r, u_c, sdd, c_tau, s_tau, x, ex, ey, dx, bend, row, m, derivative)
 
 
 @njit(fastmath=_FAST)
@@ -140,8 +163,19 @@ def _segment(d, r):
 def _disc_moments(chord, d, nx, qx, qy, big_r, row, m):
     """Add a chord's first moments around the COR: its length times its middle, the foot of the perpendicular."""
     ny = math.sqrt(max(1.0 - nx * nx, 0.0))
-    row[11, m] += chord * (qx + d * ny)
-    row[12, m] += chord * (qy - d * nx - big_r)
+    row[8, m] += chord * (qx + d * ny)
+    row[9, m] += chord * (qy - d * nx - big_r)
+
+
+@njit(fastmath=_FAST)
+def _disc_bend(disc, by_t_x, by_t_y, by_ellipse, nx, c_b, s_b, row, m):
+    """Add a disc's derivatives by aspect and shear: its centre moves, and it becomes an ellipse of the same area."""
+    ny = math.sqrt(max(1.0 - nx * nx, 0.0))
+    # The ray's direction in the phantom's axes, and with it the normal's.
+    along_x, along_y = c_b * nx - s_b * ny, s_b * nx + c_b * ny
+    hx, hy = 0.5 * disc[0], 0.5 * disc[1]
+    row[10, m] += by_t_x * hx - by_t_y * hy + by_ellipse * (along_y * along_y - along_x * along_x)
+    row[11, m] += by_t_x * hy + by_t_y * hx - by_ellipse * 2.0 * along_x * along_y
 
 
 @njit(fastmath=_FAST)
@@ -169,9 +203,13 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
                     root = math.sqrt(r * r - d * d)
                     row[7, m] += density * 2.0 * root / rays
                     if derivative:
+                        slope = density * 2.0 * d / (root * rays)
                         for p in range(7):
-                            row[p, m] -= density * 2.0 * d * left[p] / (root * rays)
-                        _disc_moments(density * 2.0 * root / rays, d, left[1], qx, qy, big_r, row, m)
+                            row[p, m] -= slope * left[p]
+                        if derivative > 1:
+                            _disc_moments(density * 2.0 * root / rays, d, left[1], qx, qy, big_r, row, m)
+                            ellipse = density * (r * r / root - 2.0 * root) / rays
+                            _disc_bend(disc, -slope * left[5], -slope * left[6], ellipse, left[1], c_b, s_b, row, m)
         return
     if last < first:
         return
@@ -188,8 +226,13 @@ def _disc(disc, frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, der
             chord_right = 2.0 * math.sqrt(max(r * r - right[7] * right[7], 0.0))
             for p in range(7):
                 row[p, m] += density * ((chord_right - mean) * right[p] - (chord_left - mean) * left[p]) / width
-            middle = 0.5 * (left[7] + right[7])
-            _disc_moments(density * mean, middle, 0.5 * (left[1] + right[1]), qx, qy, big_r, row, m)
+            if derivative > 1:
+                middle, nx = 0.5 * (left[7] + right[7]), 0.5 * (left[1] + right[1])
+                _disc_moments(density * mean, middle, nx, qx, qy, big_r, row, m)
+                by_t_x = density * ((chord_right - mean) * right[5] - (chord_left - mean) * left[5]) / width
+                by_t_y = density * ((chord_right - mean) * right[6] - (chord_left - mean) * left[6]) / width
+                ends = min(max(right[7], -r), r) * chord_right - min(max(left[7], -r), r) * chord_left
+                _disc_bend(disc, by_t_x, by_t_y, -0.5 * density * ends / width, nx, c_b, s_b, row, m)
         for p in range(8):
             left[p] = right[p]
         area_left = area_right
@@ -200,10 +243,11 @@ def _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays,
     beta = angles[k] + frame[0]
     c_b = math.cos(beta)
     s_b = math.sin(beta)
+    x, y = t_x[k], t_y[k]
     for e in range(edges.shape[0]):
-        _edge(edges[e], frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
+        _edge(edges[e], frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative)
     for i in range(discs.shape[0]):
-        _disc(discs[i], frame, t_x, t_y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
+        _disc(discs[i], frame, x, y, c_b, s_b, u_first, pitch, cells, rays, row, derivative, left, right)
 
 
 @njit(fastmath=_FAST)
@@ -212,7 +256,7 @@ def _project_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays
     row = np.zeros((ROWS, cells))
     left = np.empty(8)
     right = np.empty(8)
-    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, False, left, right)
+    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, 0, left, right)
     for m in range(cells):
         out[k, m] = row[7, m]
 
@@ -233,72 +277,41 @@ def project_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch,
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def project_with_derivative(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, out):
-    """Fill out (8 or 10, views, cells): the seven derivatives, the projection, the first moments in x and y."""
+    """Fill out (8 or 12, views, cells): seven derivatives, the projection; first moments in x and y, aspect, shear."""
     count, views, cells = out.shape
     for kk in prange(views):
         k = np.int64(kk)
         row = np.zeros((ROWS, cells))
         left = np.empty(8)
         right = np.empty(8)
-        _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, True, left, right)
-        for p in range(8):
-            for m in range(cells):
-                out[p, k, m] = row[p, m]
+        level = 2 if count > 8 else 1
+        _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, level, left, right)
         if count > 8:
             c, s = math.cos(angles[k] + frame[0]), math.sin(angles[k] + frame[0])
             for m in range(cells):
-                out[8, k, m] = c * row[11, m] - s * row[12, m]
-                out[9, k, m] = s * row[11, m] + c * row[12, m]
+                x, y = row[8, m], row[9, m]
+                row[8, m] = c * x - s * y
+                row[9, m] = s * x + c * y
+        for p in range(count):
+            for m in range(cells):
+                out[p, k, m] = row[p, m]
 
 
 @njit(fastmath=_FAST)
-def _blur_row(line, taps, cells, padded):
-    """Convolve one line with the symmetric taps (the middle one first), continued evenly beyond its ends."""
-    reach = taps.size - 1
-    for m in range(cells):
-        padded[reach + m] = line[m]
-    for j in range(reach):
-        padded[reach - 1 - j] = line[min(j, cells - 1)]
-        padded[reach + cells + j] = line[max(cells - 1 - j, 0)]
-    for m in range(cells):
-        line[m] *= taps[0]
-    for j in range(1, taps.size):
-        tap = taps[j]
-        for m in range(cells):
-            line[m] += tap * (padded[reach + m - j] + padded[reach + m + j])
-
-
-@njit(fastmath=_FAST)
-def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out):
+def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     cells = sinogram.shape[1]
-    count = out.shape[1]
     row = np.zeros((ROWS, cells))
     left = np.empty(8)
     right = np.empty(8)
-    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, True, left, right)
+    _view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, cells, rays, row, 1, left, right)
     for m in range(cells):
         row[8, m] = 1.0
         row[9, m] = sinogram[k, m]
-    if count > 10:
-        c, s = math.cos(angles[k] + frame[0]), math.sin(angles[k] + frame[0])
-        for m in range(cells):
-            row[10, m] = row[7, m] * row[7, m]
-            x, y = row[11, m], row[12, m]
-            row[11, m] = c * x - s * y
-            row[12, m] = s * x + c * y
-        for p in range(7):
-            for m in range(cells):
-                row[p, m] *= 1.0 + 2.0 * hardening * row[7, m]
-    if taps.size > 1:
-        padded = np.empty(cells + 2 * taps.size)
-        for p in range(count):
-            if p not in (8, 9):
-                _blur_row(row[p], taps, cells, padded)
     if weights.shape[0] > 0:
-        for p in range(count):
+        for p in range(TERMS):
             for m in range(cells):
                 row[p, m] *= math.sqrt(weights[k, m])
-    for p in range(count):
+    for p in range(TERMS):
         for q in range(p + 1):
             total = 0.0
             for m in range(cells):
@@ -308,39 +321,17 @@ def _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, s
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
-def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out):
-    """Fill out (views, n, n) with each view's inner products of the first n terms, n = 10 or 13.
+def gram(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
+    """Fill out (views, 10, 10) with each view's inner products of: seven derivatives of p, p, 1, sinogram.
 
-    The terms: seven derivatives of p + hardening p^2, p, 1, sinogram, p^2, the first moments in x and y.
-    weights (views, cells) multiply each cell's products; an empty array weighs all alike. taps blur all but 1 and the
-    sinogram along the detector, the middle one first; one tap blurs nothing.
+    weights (views, cells) multiply each cell's products; an empty array weighs all alike.
     """
     for k in prange(sinogram.shape[0]):
-        _gram_view(
-            np.int64(k),
-            edges,
-            discs,
-            frame,
-            t_x,
-            t_y,
-            angles,
-            u_first,
-            pitch,
-            rays,
-            sinogram,
-            weights,
-            hardening,
-            taps,
-            out,
-        )
+        _gram_view(np.int64(k), edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)
 
 
 @njit(cache=True, fastmath=_FAST)
-def gram_in_one_thread(
-    edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out
-):
+def gram_in_one_thread(edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out):
     """As `gram`, where handing work to threads costs more than the work."""
     for k in range(sinogram.shape[0]):
-        _gram_view(
-            k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, hardening, taps, out
-        )
+        _gram_view(k, edges, discs, frame, t_x, t_y, angles, u_first, pitch, rays, sinogram, weights, out)

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ive
 
 from sawmill_worker.tomography import _analytic_numba as kernels
@@ -12,6 +11,8 @@ from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanne
 from sawmill_worker.tomography.phantom import Phantom
 
 PARAMETERS = kernels.PARAMETERS
+# The phantom's position x, y in mm: one, or (views, 2) one of each view.
+Position = tuple[float, float] | FloatArray
 # Below this number of samples one thread ends before others have woken up.
 WORTH_THREADS = 40_000
 
@@ -39,8 +40,9 @@ def clears(phantom_radius_mm: float, frame: SourceFrame) -> bool:
     return frame.source_distance_mm * math.cos(frame.tilt_rad) > 1.02 * phantom_radius_mm
 
 
-def _check(phantom: Phantom, frame: SourceFrame, position_mm: tuple[float, float]) -> None:
-    reach = phantom.radius_mm + math.hypot(*position_mm)
+def _check(phantom: Phantom, frame: SourceFrame, position_mm: Position) -> None:
+    farthest = np.hypot(*np.atleast_2d(position_mm).T).max(initial=0.0)
+    reach = phantom.radius_mm + float(farthest)
     if not clears(reach, frame):
         raise GeometryError(
             f"the phantom {phantom.name!r} reaches {reach:.4g} mm from the centre of rotation, so far that it touches "
@@ -54,7 +56,7 @@ def project(
     frame: SourceFrame,
     angles_rad: FloatArray,
     *,
-    position_mm: tuple[float, float] = (0.0, 0.0),
+    position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> FloatArray:
     """The phantom's sinogram.
@@ -62,7 +64,7 @@ def project(
     Parameters
     ----------
     phantom : Phantom
-        Moved by `position_mm` in the image frame.
+        Moved by `position_mm` in the image frame: (x, y), or (views, 2) where it differs from view to view.
     cells : DetectorCells
         Where the cells lie.
     frame : SourceFrame
@@ -95,7 +97,7 @@ def project_with_derivative(
     frame: SourceFrame,
     angles_rad: FloatArray,
     *,
-    position_mm: tuple[float, float] = (0.0, 0.0),
+    position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """As `project`, and the derivative by (psi, R, SDD, u_c, tau, t_x, t_y): (views, cells), (7, views, cells)."""
@@ -105,42 +107,24 @@ def project_with_derivative(
     return out[PARAMETERS], out[:PARAMETERS]
 
 
-def project_with_moments(
+def project_with_deformations(
     phantom: Phantom,
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,
     *,
-    position_mm: tuple[float, float] = (0.0, 0.0),
+    position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
-) -> tuple[FloatArray, FloatArray]:
-    """As `project`, and the first moments, integrals of x and of y along the ray: (views, cells), (2, views, cells)."""
-    _check(phantom, frame, position_mm)
-    out = np.empty((PARAMETERS + 3, angles_rad.size, cells.count))
-    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
-    return out[PARAMETERS], out[PARAMETERS + 1 :]
+) -> FloatArray:
+    """What `project_with_derivative` gives, and what the wood may differ by: (12, views, cells).
 
-
-@dataclass(frozen=True)
-class GramOptions:
-    """What `gram` does beyond plain least squares.
-
-    Attributes
-    ----------
-    weights : (views, cells) float64 or None
-        Of each cell's products; None weighs all alike.
-    extended : bool
-        Whether p^2 and the first moments stand beside the rest.
-    hardening : float
-        The derivatives are those of p + hardening p^2.
-    blur_cells : float
-        Standard deviation of the blur along the detector that all but 1 and the sinogram have.
+    Rows: the seven derivatives; the projection; the first moments (integrals of x and of y along the ray); the
+    derivatives by aspect (x longer and y shorter by half of it, in the drawing's axes, about its origin) and by shear.
     """
-
-    weights: FloatArray | None = None
-    extended: bool = False
-    hardening: float = 0.0
-    blur_cells: float = 0.0
+    _check(phantom, frame, position_mm)
+    out = np.empty((kernels.ROWS, angles_rad.size, cells.count))
+    kernels.project_with_derivative(*_arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell), out)
+    return out
 
 
 def blur_taps(width_cells: float) -> FloatArray:
@@ -161,24 +145,20 @@ def gram(
     angles_rad: FloatArray,
     sinogram: FloatArray,
     *,
-    position_mm: tuple[float, float] = (0.0, 0.0),
+    position_mm: Position = (0.0, 0.0),
     rays_per_cell: int | None = None,
-    options: GramOptions | None = None,
+    weights: FloatArray | None = None,
 ) -> FloatArray:
-    """Inner products over the cells, per view, of (seven derivatives, projection p, 1, sinogram): (views, 10, 10).
+    """Inner products over the cells, per view, of (seven derivatives, projection, 1, sinogram): (views, 10, 10).
 
-    Extended, p^2 and the phantom's first moments (integrals of x and of y along the ray) follow: (views, 13, 13).
-    This is all that least squares needs, without ever storing the derivative.
+    This is all that least squares needs, without ever storing the derivative. `weights` (views, cells) multiply each
+    cell's products; None weighs all alike.
     """
     _check(phantom, frame, position_mm)
-    chosen = options or GramOptions()
-    count = kernels.ROWS if chosen.extended else PARAMETERS + 3
-    out = np.empty((angles_rad.size, count, count))
+    out = np.empty((angles_rad.size, kernels.TERMS, kernels.TERMS))
     arguments = _arguments(phantom, cells, frame, angles_rad, position_mm, rays_per_cell)
-    weights = np.empty((0, 0)) if chosen.weights is None else chosen.weights
     kernel = kernels.gram_in_one_thread if sinogram.size < WORTH_THREADS else kernels.gram
-    taps = blur_taps(chosen.blur_cells) if chosen.blur_cells > 0.0 else np.ones(1)
-    kernel(*arguments, sinogram, weights, chosen.hardening, taps, out)
+    kernel(*arguments, sinogram, np.empty((0, 0)) if weights is None else weights, out)
     return out
 
 
@@ -187,15 +167,16 @@ def _arguments(
     cells: DetectorCells,
     frame: SourceFrame,
     angles_rad: FloatArray,
-    position_mm: tuple[float, float],
+    position_mm: Position,
     rays_per_cell: int | None,
-) -> tuple[FloatArray, FloatArray, FloatArray, float, float, NDArray[np.float64], float, float, int]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float, float, int]:
+    x, y = np.broadcast_to(np.asarray(position_mm, np.float64), (angles_rad.size, 2)).T.copy()
     return (
         phantom.edges,
         phantom.discs,
         to_vector(frame),
-        position_mm[0],
-        position_mm[1],
+        x,
+        y,
         np.ascontiguousarray(angles_rad, np.float64),
         cells.first_border_mm,
         cells.width_mm,

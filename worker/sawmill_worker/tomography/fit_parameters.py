@@ -27,14 +27,8 @@ POSE = [Parameter.PSI, Parameter.T_X, Parameter.T_Y]
 
 
 class GramTerm(IntEnum):
-    """A term of `analytic.gram` behind the seven derivatives. The last three are there where it is extended."""
+    """A term of `analytic.gram` behind the seven derivatives."""
 
     SHADOW = 7
     ONE = 8
     DATA = 9
-    SHADOW_SQUARED = 10
-    MOMENT_X = 11
-    MOMENT_Y = 12
-
-
-MOMENTS = [GramTerm.MOMENT_X, GramTerm.MOMENT_Y]

@@ -14,6 +14,10 @@ from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon, Sh
 __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 
+# A polygon of that many corners is a disc to 0.05 % of its radius.
+CORNERS_PER_DISC = 96
+
+
 class PhantomError(ValueError):
     """A phantom that cannot be used; the message says why."""
 
@@ -67,6 +71,21 @@ class Phantom:
     def of_density(self, factor: float) -> "Phantom":
         """Every density times factor: a drawing's wood becomes attenuation per mm."""
         return replace(self, shapes=tuple(replace(shape, density=shape.density * factor) for shape in self.shapes))
+
+    def deformed(self, aspect: float, shear: float) -> "Phantom":
+        """Longer in x and shorter in y by half the aspect, and sheared by half the shear each way, about the origin.
+
+        To first order no area changes. Discs become polygons of as large an area.
+        """
+        if aspect == 0.0 and shear == 0.0:
+            return self
+        shapes = tuple(_cornered(shape) for shape in self.shapes)
+
+        def move(point: tuple[float, float]) -> tuple[float, float]:
+            x, y = point
+            return x + 0.5 * (aspect * x + shear * y), y + 0.5 * (shear * x - aspect * y)
+
+        return replace(self, shapes=tuple(_map_shape(shape, move) for shape in shapes))
 
     def rotated(self, angle_rad: float) -> "Phantom":
         """Turned counter-clockwise about the origin."""
@@ -166,6 +185,17 @@ def _map_shape(shape: Shape, move: MovePoint) -> Shape:
     if isinstance(shape, Disc):
         return replace(shape, center_mm=move(shape.center_mm))
     return replace(shape, vertices_mm=tuple(move(corner) for corner in shape.vertices_mm))
+
+
+def _cornered(shape: Shape) -> Polygon:
+    """A disc as a polygon of the same area."""
+    if isinstance(shape, Polygon):
+        return shape
+    step = TAU / CORNERS_PER_DISC
+    radius = shape.radius_mm * math.sqrt(step / math.sin(step))
+    x, y = shape.center_mm
+    corners = ((x + radius * math.cos(i * step), y + radius * math.sin(i * step)) for i in range(CORNERS_PER_DISC))
+    return Polygon(tuple(corners), shape.density)
 
 
 def _inside(shape: Shape, axis: FloatArray) -> NDArray[np.bool_]:

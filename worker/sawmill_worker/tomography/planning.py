@@ -99,7 +99,7 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
 
 def _inverse(phantom: Phantom, grams: FloatArray) -> FloatArray:
     """The inverse information of unit noise, (7, 7), gain and background projected out."""
-    information, _ = reduce(grams, [], list(range(PARAMETERS)), view_gain=False)
+    information, _ = reduce(grams, list(range(PARAMETERS)))
     size = np.diag(grams.sum(axis=0))[:PARAMETERS]
     # Radians and millimetres differ by 1e4: the diagonal is scaled to one before inverting.
     scale = 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0))

@@ -91,6 +91,18 @@ class Adjustment(StrEnum):
     VIEW_GAIN = "view-gain"
     BEAM_HARDENING = "beam-hardening"
     DENSITY_GRADIENT = "density-gradient"
+    SCATTERED_RADIATION = "scattered-radiation"
+    LAG = "lag"
+    ROTATION_DURING_EXPOSURE = "rotation-during-exposure"
+    FLAT_FIELD = "flat-field"
+    DEFORMATION = "deformation"
+    CORNERS = "corners"
+    PACE = "pace"
+    CREEP = "creep"
+    SLIP = "slip"
+    ENCODER = "encoder"
+    WOBBLE = "wobble"
+    ANGLE_JITTER = "angle-jitter"
     PHANTOM_ROWS = "phantom-rows"
 
 

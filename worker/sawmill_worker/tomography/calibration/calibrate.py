@@ -10,14 +10,16 @@ import numpy as np
 from sawmill_worker.tomography.calibration.alternatives import RankedFit, alternatives_of, by_hypothesis, fit_hypotheses
 from sawmill_worker.tomography.calibration.calibration import Calibration, Timing, choose_theta
 from sawmill_worker.tomography.calibration.error_bars import error_bars
-from sawmill_worker.tomography.calibration.faults.adjustments import adjust
+from sawmill_worker.tomography.calibration.faults.adjustments import prepare
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.faults.metal import Metal, find_metal
 from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.joint_fit import as_fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
 from sawmill_worker.tomography.calibration.residual_analysis import analyse_residual
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
+from sawmill_worker.tomography.calibration.scan_model import Term
 from sawmill_worker.tomography.calibration.search import SearchCallback, SearchResult, search
 from sawmill_worker.tomography.calibration.source_distance import with_theta
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
@@ -53,33 +55,45 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
         task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked))
     best = _found(task, ranked)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
-    found, source_distance = with_theta(task, adjust(best, task.without))
+    prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without))
     refined = time.perf_counter()
-    frame = found.fit.frame
-    radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, found.fit.position_mm)
-    residual = analyse_residual(found, task.scanner, radius_mm)
+    fit = as_fit(joint, scatter.covariance, task.true_axis, task.scanner.source_to_cor_mm)
+    frame = fit.frame
+    radius_mm = task.radius_mm(ranked[0].hypothesis.handedness, fit.position_mm)
+    found = analyse_residual(joint, scatter, task.scanner, radius_mm)
     theta, twin = choose_theta(task.scanner, frame, task.bounds)
-    bars = error_bars(task.scanner, frame, theta, found.scatter, residual, radius_mm)
+    bars = error_bars(task.scanner, frame, theta, scatter, radius_mm)
     alternatives = alternatives_of(ranked, task.sinogram.size / bars.inflation)
-    scale = scale_uncertainty(task.scanner, frame, task.phantom, bars.covariance.values, radius_mm)
+    scale = scale_uncertainty(
+        task.scanner,
+        frame,
+        task.phantom,
+        bars.covariance.values,
+        radius_mm,
+        aspect_half=0.0 if task.true_axis is not None else 0.5 * abs(joint.model.size(Term.ASPECT)),
+    )
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    evidence = Evidence(found.fit, source_distance, bars, alternatives, residual, scale, in_bounds)
+    evidence = Evidence(fit, source_distance, bars, alternatives, found, scale, in_bounds)
     judgement = judge(evidence, Limits.of(task))
-    left_over = found.data.sinogram - found.model
     ended = time.perf_counter()
     return Calibration(
         task=task,
         hypothesis=ranked[0].hypothesis,
         theta=theta,
         theta_twin=twin,
-        fit=found.fit,
-        model=task.sinogram - left_over,
-        residual=left_over,
+        fit=fit,
+        model=task.sinogram - joint.model.residual,
+        residual=joint.model.residual,
         source_distance=source_distance,
         scale=scale,
         error_bars=bars,
         alternatives=alternatives,
-        adjustments=(*task.screening.adjustments, *sentences, *found.adjustments),
+        adjustments=(
+            *task.screening.adjustments,
+            *sentences,
+            *prepared.adjustments,
+            *(f"{effect.sentence}: fitted" for effect in found.effects if effect.fitted),
+        ),
         judgement=judgement,
         evidence=evidence,
         search=basins.report,

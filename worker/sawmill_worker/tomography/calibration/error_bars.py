@@ -1,11 +1,10 @@
 """The error bars of a calibration: the covariance, and the ray error that it predicts."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_worker.tomography.calibration.covariance import Covariance, frame_deviation, theta_covariance
-from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
 from sawmill_worker.tomography.calibration.scatter import Scatter
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
@@ -54,13 +53,9 @@ class ErrorBars:
         return frame_deviation(frame, self.covariance.values)
 
 
-def error_bars(
-    scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, residual: ResidualAnalysis, radius_mm: float
-) -> ErrorBars:
-    """From the scatter of the parameters, and the bias that a change during the scan causes."""
-    bias = residual.frame_bias
+def error_bars(scanner: Scanner, frame: SourceFrame, theta: Theta, scatter: Scatter, radius_mm: float) -> ErrorBars:
+    """From the scatter of the parameters."""
     covariance = scatter.covariance.of_frame
-    covariance = replace(covariance, values=covariance.values + np.outer(bias, bias))
     of_theta = theta_covariance(scanner, frame, theta, covariance.values)
     return ErrorBars(
         covariance=covariance if scatter.psi_identifiable else covariance.without(Parameter.PSI),

@@ -1,4 +1,4 @@
-"""Least squares on the sinogram: Levenberg-Marquardt with gain, background and other linear terms eliminated.
+"""Least squares on the sinogram: Levenberg-Marquardt with gain and background eliminated.
 
 min over (psi, R, SDD, u_c, tau, t_x, t_y) of || g * proj(phantom at t) + b - y ||^2, g and b in closed form (variable
 projection with Kaufman's derivative; Golub and Pereyra 2003). Every inner product that this needs comes from the
@@ -51,56 +51,44 @@ class Fit(FittedModel):
     ----------
     covariance : Covariance
         Of the seven unknowns for white noise of the residual's size.
-    hardening, gradient_per_mm
-        The measured sinogram is gain (p + hardening p^2) and the density 1 + gradient . (x, y), where they were fitted.
     """
 
     covariance: Covariance
     converged: bool
     iterations: int
-    hardening: float = 0.0
-    gradient_per_mm: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class _Normal:
-    """The normal equations after gain, offset and what else is linear are eliminated."""
+    """The normal equations after gain and offset are eliminated."""
 
     rss: float
     gain: float
     offset: float
-    hardening: float
-    gradient_per_mm: tuple[float, float]
     hessian: FloatArray
     gradient: FloatArray
 
 
-def _eliminate(grams: FloatArray, data: SinogramData) -> _Normal | None:
+def _eliminate(grams: FloatArray) -> _Normal | None:
     """Project what is linear out of derivatives and data; None where the model shows nothing."""
     kept = [*Parameter, GramTerm.DATA]
     try:
-        schur, solved = reduce(grams, data.extras, kept, view_gain=data.view_gain)
+        schur, solved = reduce(grams, kept)
     except np.linalg.LinAlgError:  # the model is zero, or the same everywhere
         return None
-    coefficients = dict(zip([GramTerm.SHADOW, GramTerm.ONE, *data.extras], solved[:, -1].tolist(), strict=True))
-    gain = coefficients[GramTerm.SHADOW]
+    gain, offset = solved[:, -1].tolist()
     if not (np.isfinite(schur).all() and gain > 0.0):
         return None
     return _Normal(
         rss=max(float(schur[-1, -1]), 0.0),
         gain=gain,
-        offset=coefficients[GramTerm.ONE],
-        hardening=coefficients.get(GramTerm.SHADOW_SQUARED, 0.0) / gain,
-        gradient_per_mm=(
-            coefficients.get(GramTerm.MOMENT_X, 0.0) / gain,
-            coefficients.get(GramTerm.MOMENT_Y, 0.0) / gain,
-        ),
+        offset=offset,
         hessian=gain * gain * schur[:-1, :-1],
         gradient=gain * schur[:-1, -1],
     )
 
 
-def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray, hardening: float) -> _Normal | None:
+def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray) -> _Normal | None:
     """At a vector x (7,) in the order of `Parameter`; None where no such geometry exists or it shows nothing."""
     if not np.isfinite(x).all() or abs(x[Parameter.TILT]) > 1.4 or not 0.0 < x[Parameter.R] < x[Parameter.SDD]:
         return None
@@ -108,7 +96,7 @@ def _normal_equations(phantom: Phantom, data: SinogramData, x: FloatArray, harde
         phantom.radius_mm + math.hypot(x[Parameter.T_X], x[Parameter.T_Y]), SourceFrame.from_vector(x[FRAME])
     ):
         return None
-    return _eliminate(data.gram(phantom, x, hardening), data)
+    return _eliminate(data.gram(phantom, x))
 
 
 def refine(
@@ -139,7 +127,7 @@ def refine(
     held = frozenset({Parameter.R}) if fixed_source_distance else frozenset[Parameter]()
     free = np.array([p for p in Parameter if p not in held])
     x = np.concatenate([to_vector(start), position_mm])
-    now = _normal_equations(phantom, centred, x, 0.0)
+    now = _normal_equations(phantom, centred, x)
     if now is None:
         return None
     power = float(np.average(centred.sinogram**2, weights=data.weights)) * centred.sinogram.size
@@ -154,7 +142,7 @@ def refine(
             step = np.full(free.size, np.nan)
         trial = x.copy()
         trial[free] += step
-        then = _normal_equations(phantom, centred, trial, now.hardening)
+        then = _normal_equations(phantom, centred, trial)
         if then is not None and then.rss <= now.rss:
             gained = float(step @ now.gradient[free])
             x, now, damping = trial, then, max(damping * 0.1, 1e-12)
@@ -183,8 +171,7 @@ def _fit(
     count = data.samples
     determinable = [p for p in Parameter if p not in held]
     free = np.array(determinable)
-    linear = 2 * len(data.sinogram) if data.view_gain else 2
-    degrees = max(count - free.size - linear - len(data.extras), 1.0)
+    degrees = max(count - free.size - 2, 1.0)
     covariance = np.zeros((len(Parameter), len(Parameter)))
     # The diagonal is scaled to one before inverting: radians and millimetres differ by 1e4.
     hessian = normal.hessian[np.ix_(free, free)]
@@ -203,6 +190,4 @@ def _fit(
         relative_residual=residual_rms / total if total > 0.0 else math.inf,
         converged=converged,
         iterations=iterations,
-        hardening=normal.hardening,
-        gradient_per_mm=normal.gradient_per_mm,
     )

@@ -8,7 +8,6 @@ from enum import Enum
 from sawmill_worker.tomography.calibration.alternatives import Alternatives
 from sawmill_worker.tomography.calibration.error_bars import ErrorBars
 from sawmill_worker.tomography.calibration.faults.structure import Place, Structure
-from sawmill_worker.tomography.calibration.faults.unsteadiness import Change, Unsteadiness
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.residual_analysis import ResidualAnalysis
 from sawmill_worker.tomography.calibration.scale import ScaleSource, ScaleUncertainty
@@ -24,10 +23,8 @@ DECISIVE = 10.0
 REPORTED = 0.001
 # Error bars larger by more than this factor than white noise makes them are large because of the model.
 MODEL_DOMINATED = 2.0
-# A change during the scan is reported where it puts the rays off by more than this share of the tolerance: a model that
-# takes a mean over each cell where the scan has a few rays is itself off by less, and that can look like a change
-# (benchmarks/unsteady.py).
-UNSTEADY = 0.1
+# An effect is a reason where the rays would be off by more than this share of the tolerance without it.
+MATTERS = 0.1
 # A free source distance that is less than source_to_cor_mm by more standard deviations is no noise.
 CONTRADICTION = 4.0
 
@@ -105,11 +102,6 @@ class Evidence:
         structure = self.residual.structure
         return structure if structure is not None and structure.share > REPORTED else None
 
-    def change(self, limits: Limits) -> Unsteadiness | None:
-        """The change during the scan, where it matters."""
-        matters = self.residual.unsteadiness_ray_error_mm > UNSTEADY * limits.tolerance_mm
-        return self.residual.unsteadiness if matters else None
-
 
 class Degree(Enum):
     """How much a remark speaks against an answer, the worst first."""
@@ -165,12 +157,16 @@ def _convergence(evidence: Evidence, _: Limits) -> Iterator[Remark]:
         yield Remark(Degree.FAIL, f"the fit did not converge: {cure}", CalibrationStatus.NOT_CONVERGED)
 
 
-def _change_during_the_scan(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    change = evidence.change(limits)
-    if change is not None:
-        off_mm = evidence.residual.unsteadiness_ray_error_mm
-        effect = f"this puts the rays off by {off_mm:.2g} mm, which the error bars include"
-        yield Remark(Degree.WATCH, f"{_described(change)}; {effect}")
+def _effects(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
+    """What was found and should not be there, or was found and not fitted."""
+    for effect in evidence.residual.effects:
+        if effect.ray_error_mm <= MATTERS * limits.tolerance_mm or (effect.fitted and not effect.remedy):
+            continue
+        puts_off = f"the rays {'would be' if effect.fitted else 'are'} off by {effect.ray_error_mm:.2g} mm"
+        fitted = (
+            f"it was fitted, and {puts_off} without that" if effect.fitted else f"it was not fitted, and {puts_off}"
+        )
+        yield Remark(Degree.NOTE, "; ".join(filter(None, [effect.sentence, fitted, effect.remedy])))
 
 
 def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
@@ -185,7 +181,7 @@ def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
             "from which end the phantom was seen",
         )
     elif witness.agreement is Agreement.DISAGREE:
-        matters = witness.ray_change_mm > UNSTEADY * limits.tolerance_mm
+        matters = witness.ray_change_mm > MATTERS * limits.tolerance_mm
         yield Remark(Degree.WATCH if matters else Degree.NOTE, _disagreement(witness))
 
 
@@ -251,8 +247,8 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     predicted, tolerance_mm = evidence.error_bars.predicted_ray_error, limits.tolerance_mm
     if predicted.upper_95_mm <= tolerance_mm:
         return
-    change, structured = evidence.change(limits), evidence.structure is not None
-    of_the_model = change is not None or (structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED)
+    structured = evidence.structure is not None
+    of_the_model = structured and evidence.error_bars.deviation_ratio > MODEL_DOMINATED
     cure = (
         "the model does not fit the scan, as another reason states, and more views alone will not help"
         if of_the_model
@@ -266,10 +262,10 @@ def _precision(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     )
 
 
-def _structured_residual(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
-    """What the model leaves of the sinogram, unless a change during the scan explains it."""
+def _structured_residual(evidence: Evidence, _: Limits) -> Iterator[Remark]:
+    """What the model leaves of the sinogram."""
     structure = evidence.structure
-    if structure is not None and evidence.change(limits) is None:
+    if structure is not None:
         yield Remark(
             Degree.NOTE,
             f"the phantom's model leaves {structure.share:.1%} of the sinogram unexplained, and not as noise, most of "
@@ -308,7 +304,7 @@ def _scale(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
 # In the order of their statuses, the worst first.
 KINDS: tuple[Callable[[Evidence, Limits], Iterator[Remark]], ...] = (
     _convergence,
-    _change_during_the_scan,
+    _effects,
     _second_witness,
     _other_hypothesis,
     _first_angle,
@@ -349,28 +345,3 @@ def _disagreement(witness: SecondWitness) -> str:
         f"{differ}: the log stood still, so the phantom slipped, or it is not as drawn; the log's were taken: fasten "
         "the phantom and repeat the scan"
     )
-
-
-def _described(change: Unsteadiness) -> str:
-    """What changed, and what to do."""
-    match change.change:
-        case Change.PHANTOM:
-            return (
-                f"the phantom moved at view {change.view}, by {change.by_mm:.2g} mm and {change.by_deg:.2g} "
-                "degrees: fasten it on the turntable and repeat the scan"
-            )
-        case Change.ANGLES:
-            return (
-                f"the angles jump at view {change.view}, by {change.by_deg:.2g} degrees: the drive or its encoder "
-                "lost steps there, or the phantom turned in its place; look at them and repeat the scan"
-            )
-        case Change.PACE:
-            return (
-                f"the turntable turns {change.pace:.4f} times as far as the angles say: check the angles' step and "
-                "the encoder's counts in a turn"
-            )
-        case Change.SWING:
-            return (
-                f"the angles are ahead and behind once a turn, by {change.by_deg:.2g} degrees: the encoder is off "
-                "its axis, or the turntable's drive slips and catches; look at them"
-            )

@@ -1,51 +1,112 @@
-"""What the residual of the fit holds beside noise: a structure, and a change during the scan."""
+"""What a scan was found to be beyond the plain model: the effects fitted, and what the residual holds beside noise."""
 
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
+from sawmill_worker.tomography.calibration.faults import angle_jitter, view_gain
 from sawmill_worker.tomography.calibration.faults.structure import Structure, find_structure
-from sawmill_worker.tomography.calibration.faults.unsteadiness import Unsteadiness, find_unsteadiness
+from sawmill_worker.tomography.calibration.joint_fit import JointFit
+from sawmill_worker.tomography.calibration.normal_equations import Column
+from sawmill_worker.tomography.calibration.scatter import Scatter
 from sawmill_worker.tomography.fit_parameters import FRAME, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
 from sawmill_worker.tomography.ray_error import predicted_ray_error
+from sawmill_worker.vocabulary import Adjustment
+
+
+@dataclass(frozen=True)
+class FoundEffect:
+    """An effect that is far beyond chance.
+
+    Attributes
+    ----------
+    adjustment : Adjustment
+        What switches its fit off.
+    sentence : str
+        What was found.
+    remedy : str
+        What to do about it; empty where nothing need be done.
+    ray_error_mm : float
+        RMS ray error that it causes where it is not fitted.
+    fitted : bool
+    """
+
+    adjustment: Adjustment
+    sentence: str
+    remedy: str
+    ray_error_mm: float
+    fitted: bool
 
 
 @dataclass(frozen=True)
 class ResidualAnalysis:
-    """What was found in the residual.
+    """What was found in the scan.
 
     Attributes
     ----------
+    effects : tuple of FoundEffect
+        In the order in which they were found.
     structure : Structure or None
-        None where the residual is white noise.
-    unsteadiness : Unsteadiness or None
-        None where nothing changed during the scan, or the first angle is not identifiable.
-    unsteadiness_ray_error_mm : float
-        RMS ray error that the change causes.
+        What the residual still holds; None where it is white noise.
     """
 
+    effects: tuple[FoundEffect, ...] = ()
     structure: Structure | None = None
-    unsteadiness: Unsteadiness | None = None
-    unsteadiness_ray_error_mm: float = 0.0
 
     @property
-    def frame_bias(self) -> FloatArray:
-        """Bias of the geometry's five unknowns, (5,); zero where nothing changed."""
-        return np.zeros(len(Parameter))[FRAME] if self.unsteadiness is None else self.unsteadiness.bias[FRAME]
+    def phantom_moved(self) -> bool:
+        """Whether the phantom slipped or crept during the scan."""
+        return any(effect.adjustment in {Adjustment.SLIP, Adjustment.CREEP} for effect in self.effects)
 
 
-def analyse_residual(found: AdjustedFit, scanner: Scanner, log_radius_mm: float) -> ResidualAnalysis:
-    """Look for structure and for a change during the scan in what the fit leaves."""
-    data = found.data
-    residual = (data.sinogram - found.model) * (1.0 if data.weights is None else data.weights > 0.0)
-    structure = find_structure(residual, found.model) if found.scatter.structured else None
-    unsteadiness = None
-    if found.scatter.psi_identifiable:
-        unsteadiness = find_unsteadiness(found.phantom, data, found.fit, found.grams, residual, found.model)
-    if unsteadiness is None:
-        return ResidualAnalysis(structure)
-    bias = unsteadiness.bias[FRAME]
-    off = predicted_ray_error(scanner, found.fit.frame, np.outer(bias, bias), radius_mm=log_radius_mm)
-    return ResidualAnalysis(structure, unsteadiness, off.rms_mm)
+def analyse_residual(joint: JointFit, scatter: Scatter, scanner: Scanner, radius_mm: float) -> ResidualAnalysis:
+    """The effects fitted, and the structure in what they leave."""
+    effects = (*_fitted(joint, scanner, radius_mm), *_not_fitted(joint, scanner, radius_mm))
+    if not scatter.structured:
+        return ResidualAnalysis(effects)
+    model = joint.model
+    used = 1.0 if model.data.weights is None else model.data.weights > 0.0
+    return ResidualAnalysis(effects, find_structure(model.residual * used, model.prediction))
+
+
+def _fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
+    if joint.model.view_gain:
+        yield FoundEffect(Adjustment.VIEW_GAIN, view_gain.SENTENCE, "", 0.0, fitted=True)
+    if joint.angle_variance > 0.0:
+        deviation = math.sqrt(joint.angle_variance)
+        moved_mm = deviation * joint.model.drawing.radius_mm
+        yield FoundEffect(
+            Adjustment.ANGLE_JITTER, angle_jitter.sentence(deviation), angle_jitter.REMEDY, moved_mm, fitted=True
+        )
+    for one in joint.fitted:
+        columns, off = joint.without(one)
+        sentence = one.effect.sentence(joint.model, one.sizes)
+        yield FoundEffect(
+            one.effect.adjustment,
+            sentence,
+            one.effect.remedy,
+            _off_mm(joint, columns, off, scanner, radius_mm),
+            fitted=True,
+        )
+
+
+def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator[FoundEffect]:
+    columns = [joint.system.columns[i] for i in joint.used]
+    for one, test in joint.beyond_chance:
+        if test.is_fitted(one.trials):
+            sentence = one.effect.sentence(joint.model, test.sizes)
+            off_mm = _off_mm(joint, columns, test.bias, scanner, radius_mm)
+            yield FoundEffect(one.effect.adjustment, sentence, one.effect.remedy, off_mm, fitted=False)
+
+
+def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:
+    """The RMS ray error of columns that are off by so much."""
+    bias = np.zeros(len(Parameter))
+    for column, moved in zip(columns, off, strict=True):
+        if column.term is not None and column.term <= Parameter.T_Y:
+            bias[column.term] = moved
+    frame = bias[FRAME]
+    return predicted_ray_error(scanner, joint.model.frame, np.outer(frame, frame), radius_mm=radius_mm).rms_mm

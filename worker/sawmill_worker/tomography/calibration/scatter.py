@@ -1,16 +1,14 @@
 """How far the residual is from white noise, and how much the parameters scatter for it."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from sawmill_worker.tomography.calibration.covariance import Covariance
-from sawmill_worker.tomography.calibration.elimination import project_out, seen_views
 from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
-from sawmill_worker.tomography.fit_parameters import MOMENTS, RAYS, GramTerm, Parameter
+from sawmill_worker.tomography.calibration.joint_fit import JointFit
+from sawmill_worker.tomography.fit_parameters import RAYS, Parameter
 from sawmill_worker.tomography.geometry import FloatArray
 
 # White noise scatters the estimate of the inflation itself; within this number of its standard deviations it is 1.
@@ -22,6 +20,8 @@ HARMONICS = 2
 STUDENT = (4.303 / 1.96, 2.776 / 1.96)
 # An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine it.
 SINGULAR = 1e-11
+# Of what the residual holds beside noise each parameter takes one of so many shares by chance (benchmarks/mill.py).
+SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3
 RAY_PARAMETERS = list(Parameter)[RAYS]
@@ -54,88 +54,96 @@ class Scatter:
 
 @dataclass(frozen=True)
 class _Scores:
-    """Each view's derivative times residual (views, unknowns), by angle, where every unknown has the Gram matrix 1."""
+    """Each view's derivative times residual (views, unknowns), by angle, where the unknowns have the Gram matrix 1.
+
+    What stripes take from the information is no view's, so it is not taken from this Gram matrix. `free` are the
+    parameters, in the order of the first rows of `unscale` (all unknowns, unknowns).
+    """
 
     white: FloatArray
     unscale: FloatArray
     free: list[Parameter]
-    psi_identifiable: bool
 
 
-def parameter_scatter(grams: FloatArray, data: SinogramData, fit: Fit) -> Scatter:
+def parameter_scatter(joint: JointFit) -> Scatter:
     """The covariance that the residual warrants.
 
-    Two things inflate it. Residuals that are correlated within a view: the views' scores are compared with what
-    independent cells would give, the mean eigenvalue of the cluster-robust covariance against the classical one (Liang
-    and Zeger 1986). And residuals that go on from view to view, as those of a wrong drawing, of blur or of a knot do:
-    the power of the scores' slowest harmonics over the turn is added as the covariance of their mean (a long-run
-    variance; Newey and West 1987 with the periodogram's lowest ordinates for a kernel).
-
-    Parameters
-    ----------
-    grams : (views, 10 or 13, 10 or 13) float64
-        `analytic.gram` at the fit.
+    Four things inflate it. What the residual holds beside noise: each parameter takes one share of it by chance.
+    Residuals that are correlated within a view: the views' scores are compared with what independent cells would give,
+    the mean eigenvalue of the cluster-robust covariance against the classical one (Liang and Zeger 1986). Residuals
+    that go on from view to view, as those of a wrong drawing or of a knot do: the power of the scores' slowest
+    harmonics over the turn is added as the covariance of their mean (a long-run variance; Newey and West 1987 with the
+    periodogram's lowest ordinates for a kernel). And effects that are beyond chance but not fitted: each one's bias.
 
     Raises
     ------
     CalibrationError
         If the views do not determine the geometry at all.
     """
-    scores = _scores(grams, data, fit)
+    psi_identifiable = _psi_identifiable(joint)
+    scores = _scores(joint)
     views, unknowns = scores.white.shape
-    noise = fit.residual_rms**2
-    if noise <= 0.0:
-        return Scatter(fit.covariance, 1.0, 1.0, structured=False, psi_identifiable=scores.psi_identifiable)
-    inflation = 1.0
-    if views > unknowns:
-        clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
-        inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
-    count = min(HARMONICS, (views - 1) // 2)
-    waves = np.fft.rfft(scores.white, axis=0)[1 : count + 1]
-    slow = float((np.abs(waves) ** 2).sum()) / (count * unknowns * noise)
-    structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (count * unknowns))
-    values = fit.covariance.values * inflation
-    if structured:
-        back = (waves @ scores.unscale.T)[:, : len(scores.free)] * (STUDENT[count - 1] / fit.gain)
-        values[np.ix_(scores.free, scores.free)] += np.real(back.conj().T @ back) / count
-    ratio = np.diag(values)[scores.free] / np.diag(fit.covariance.values)[scores.free]
-    covariance = replace(fit.covariance, values=values)
-    return Scatter(covariance, inflation, math.sqrt(float(ratio.mean())), structured, scores.psi_identifiable)
+    noise, count = joint.variance, len(scores.free)
+    plain = joint.system.inverse(joint.used)[:count, :count] * noise
+    of_free = plain
+    inflation, structured = 1.0, False
+    if noise > 0.0:
+        remaining = max(joint.system.structured - float(joint.change @ joint.system.score), 0.0)
+        shared = remaining / (SHARES * noise)
+        if views > unknowns:
+            clustered = float((scores.white**2).sum()) * views / (views - unknowns) / (unknowns * noise)
+            inflation = clustered if clustered > 1.0 + WHITE * math.sqrt(2.0 / (views - unknowns)) else 1.0
+        number = min(HARMONICS, (views - 1) // 2)
+        waves = np.fft.rfft(scores.white, axis=0)[1 : number + 1]
+        slow = float((np.abs(waves) ** 2).sum()) / (number * unknowns * noise)
+        inflation = max(inflation, shared)
+        structured = inflation > 1.0 or slow > 1.0 + WHITE * math.sqrt(1.0 / (number * unknowns))
+        of_free = plain * inflation
+        if structured:
+            back = (waves @ scores.unscale.T)[:, :count] * STUDENT[number - 1]
+            of_free = of_free + np.real(back.conj().T @ back) / number
+    for _, test in joint.beyond_chance:
+        bias = test.bias[:count]
+        of_free = of_free + np.outer(bias, bias)
+    values = np.zeros((len(Parameter), len(Parameter)))
+    values[np.ix_(scores.free, scores.free)] = of_free
+    held = frozenset(Parameter) - frozenset(scores.free)
+    unknown = frozenset(p for p in scores.free if not values[p, p] > 0.0)
+    ratio = np.diag(of_free) / np.where(np.diag(plain) > 0.0, np.diag(plain), 1.0)
+    return Scatter(
+        Covariance(values, held, unknown), inflation, math.sqrt(float(ratio.mean())), structured, psi_identifiable
+    )
 
 
-def _scores(grams: FloatArray, data: SinogramData, fit: Fit) -> _Scores:
-    free = fit.covariance.determined
-    unknowns = [*free, GramTerm.SHADOW, GramTerm.ONE, *data.extras]
-    coefficients: dict[int, float] = {
-        GramTerm.SHADOW: -fit.gain,
-        GramTerm.ONE: -fit.offset,
-        GramTerm.SHADOW_SQUARED: -fit.gain * fit.hardening,
-        GramTerm.DATA: 1.0,
-    }
-    coefficients |= {place: -fit.gain * slope for place, slope in zip(MOMENTS, fit.gradient_per_mm, strict=True)}
-    if data.view_gain:
-        unknowns = [*free, *data.extras]
-        seen = seen_views(grams)
-        kept = [*range(grams.shape[1])]
-        grams, _ = project_out(grams[seen], [GramTerm.SHADOW, GramTerm.ONE], kept)
-        angles = data.angles_rad[seen]
-    else:
-        angles = data.angles_rad
-    weights = np.array([coefficients.get(place, 0.0) for place in range(grams.shape[1])])
-    scores = (grams[:, unknowns, :] @ weights)[np.argsort(np.mod(angles, 2.0 * math.pi))]
-    bread = grams.sum(axis=0)[np.ix_(unknowns, unknowns)]
-    scale = 1.0 / np.sqrt(np.diag(bread))
-    values, vectors = np.linalg.eigh(bread * np.outer(scale, scale))
-    kept = values > SINGULAR * values[-1]
-    undetermined = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, ~kept]
+def _psi_identifiable(joint: JointFit) -> bool:
+    """Whether the scan determines the first angle; an error where it does not determine the rays."""
+    system, used = joint.system, joint.used
+    free = _free(joint)
+    scale = system.scale[used]
+    values, vectors = np.linalg.eigh(system.normal[np.ix_(used, used)] * np.outer(scale, scale))
+    lost = values <= SINGULAR * values[-1]
+    undetermined = vectors[[place for place, p in enumerate(free) if p in RAY_PARAMETERS], :][:, lost]
     if (undetermined**2).sum() > RAYS_SHARE:
         raise CalibrationError(
             "too-few-views",
-            f"the {len(scores)} views do not determine the geometry: other scanners would show the same; give more "
-            "views, spread over the turn, or use a phantom with corners",
+            f"the {len(system.scores)} views do not determine the geometry: other scanners would show the same; give "
+            "more views, spread over the turn, or use a phantom with corners",
         )
+    return Parameter.PSI in free and float((vectors[free.index(Parameter.PSI), lost] ** 2).sum()) <= RAYS_SHARE
+
+
+def _free(joint: JointFit) -> list[Parameter]:
+    terms = [column.term for column in joint.system.columns]
+    return [Parameter(term) for term in terms if term is not None and term <= Parameter.T_Y]
+
+
+def _scores(joint: JointFit) -> _Scores:
+    system, used = joint.system, joint.used
+    rest = system.scores[:, used] - system.grams[:, used] @ joint.change
+    scores = rest[np.argsort(np.mod(joint.model.data.angles_rad, 2.0 * math.pi))]
+    own = system.grams[:, used][:, :, used].sum(axis=0)
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
+    values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
+    kept = values > SINGULAR * values[-1]
     root = vectors[:, kept] / np.sqrt(values[kept])
-    psi_identifiable = (
-        Parameter.PSI in free and float((vectors[free.index(Parameter.PSI), ~kept] ** 2).sum()) <= RAYS_SHARE
-    )
-    return _Scores((scores * scale) @ root, scale[:, None] * root, free, psi_identifiable)
+    return _Scores((scores * scale) @ root, scale[:, None] * root, _free(joint))

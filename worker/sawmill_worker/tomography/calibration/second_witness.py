@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.faults.unsteadiness import Unsteadiness
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import ConjugateFit, LogMovement
 from sawmill_worker.tomography.fit_parameters import Parameter
@@ -125,8 +124,8 @@ def compare_witnesses(
     covariance: FloatArray,
     log: LogAnswer,
     rotation: Rotation,
-    unsteadiness: Unsteadiness | None,
     *,
+    phantom_moved: bool,
     radius_mm: float,
 ) -> SecondWitness:
     """Compare the log's answer with the phantom's, and take from each what it knows.
@@ -135,8 +134,8 @@ def compare_witnesses(
     ----------
     frame, covariance : SourceFrame, (5, 5) float64
         Of the phantom's rows alone.
-    unsteadiness : Unsteadiness or None
-        What the phantom's fit found to have changed during the scan.
+    phantom_moved : bool
+        Whether the phantom's fit found that it moved during the scan.
     radius_mm : float
         Of the disc in which rays are compared.
     """
@@ -149,7 +148,7 @@ def compare_witnesses(
     spread = sees @ covariance @ sees.T + log.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
-    moved = _moved(log.movement, unsteadiness, agreement)
+    moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
     prior = _Prior(vector, covariance, sees)
     if log.rotation is not rotation or moved in {MovedBody.LOG, MovedBody.BOTH}:
         conditioned = vector, covariance
@@ -189,10 +188,10 @@ def _agreement(chi_squared: float) -> Agreement:
     return Agreement.AGREE if chi_squared <= AGREE else Agreement.STRAINED
 
 
-def _moved(log: LogMovement, phantom: Unsteadiness | None, agreement: Agreement) -> MovedBody | None:
+def _moved(log: LogMovement, agreement: Agreement, *, phantom_moved: bool) -> MovedBody | None:
     """A log whose opposite rays agree with each other stood still: where the answers differ, the phantom moved."""
     if log.beyond_chance:
-        return MovedBody.LOG if phantom is None else MovedBody.BOTH
+        return MovedBody.BOTH if phantom_moved else MovedBody.LOG
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 

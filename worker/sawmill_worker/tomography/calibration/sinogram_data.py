@@ -1,10 +1,10 @@
-"""The scan as least squares sees it: the samples, their weights, and the terms that are fitted beside the shadow."""
+"""What the model is compared with: a sinogram, its angles and weights."""
 
 from dataclasses import dataclass
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
-from sawmill_worker.tomography.fit_parameters import FRAME, MOMENTS, GramTerm, Parameter
+from sawmill_worker.tomography.fit_parameters import FRAME, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 from sawmill_worker.tomography.phantom import Phantom
 
@@ -25,11 +25,6 @@ class SinogramData:
         Rays per cell in the model; None averages over the cell.
     weights : (views, cells) float64 or None
         Of each sample; None weighs all alike.
-    hardening, density_gradient, view_gain : bool
-        Whether p^2, the density's slopes over the phantom, and a gain and offset of each view are fitted beside the
-        common gain and offset.
-    blur_cells : float
-        Standard deviation, in cells, of the model's blur along the detector.
     """
 
     sinogram: FloatArray
@@ -37,26 +32,14 @@ class SinogramData:
     cells: DetectorCells
     rays_per_cell: int | None = None
     weights: FloatArray | None = None
-    hardening: bool = False
-    density_gradient: bool = False
-    view_gain: bool = False
-    blur_cells: float = 0.0
-
-    @property
-    def extras(self) -> list[GramTerm]:
-        """The linear terms that are fitted beside gain and offset."""
-        return [GramTerm.SHADOW_SQUARED] * self.hardening + MOMENTS * self.density_gradient
 
     @property
     def samples(self) -> float:
         """Number of samples, by weight."""
         return self.sinogram.size if self.weights is None else float(self.weights.sum())
 
-    def gram(self, phantom: Phantom, x: FloatArray, hardening: float, *, extended: bool | None = None) -> FloatArray:
+    def gram(self, phantom: Phantom, x: FloatArray) -> FloatArray:
         """`analytic.gram` at a vector x (7,) in the order of `Parameter`."""
-        options = analytic.GramOptions(
-            self.weights, bool(self.extras) if extended is None else extended, hardening, self.blur_cells
-        )
         return analytic.gram(
             phantom,
             self.cells,
@@ -65,5 +48,5 @@ class SinogramData:
             self.sinogram,
             position_mm=(x[Parameter.T_X], x[Parameter.T_Y]),
             rays_per_cell=self.rays_per_cell,
-            options=options,
+            weights=self.weights,
         )

@@ -3,11 +3,16 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.fit import refine
+from sawmill_worker.tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
+from sawmill_worker.tomography.calibration.scatter import Scatter, parameter_scatter
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fit_parameters import Parameter
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 
 
 @dataclass(frozen=True)
@@ -29,34 +34,47 @@ class SourceDistance:
     deficit_deviations: float = 0.0
 
 
-def with_theta(task: CalibrationTask, free: AdjustedFit) -> tuple[AdjustedFit, SourceDistance]:
+def with_theta(task: CalibrationTask, prepared: AdjustedFit) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
     """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
+
+    The covariance of a fit that was held is the free one's, and what holding it moved.
 
     Raises
     ------
     CalibrationError
         If no fit exists with R = r_S.
     """
-    r_s, frame = task.scanner.source_to_cor_mm, free.fit.frame
+    prepared, free = fit_consistent_views(prepared, task.without)
+    scatter = parameter_scatter(free)
+    r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
     if frame.source_distance_mm >= r_s:
-        return free, SourceDistance(frame.source_distance_mm)
+        return prepared, free, scatter, SourceDistance(frame.source_distance_mm)
     ratio = r_s / frame.source_distance_mm
     start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
-    fit = refine(free.phantom, free.data, start, position_mm=free.fit.position_mm, fixed_source_distance=True)
+    position = (float(free.model.x[Parameter.T_X]), float(free.model.x[Parameter.T_Y]))
+    fit = refine(prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True)
     if fit is None:
         raise CalibrationError(
             "no-geometry",
             f"the scan asks for a source at {frame.source_distance_mm:.4g} mm, nearer than source_to_cor_mm "
             f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
         )
-    return replace(free, fit=fit), SourceDistance(
-        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, free)
+    held = fit_jointly(replace(prepared, fit=fit), task.without)
+    distance = SourceDistance(
+        frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
     )
+    return prepared, held, _held(parameter_scatter(held), scatter, held.model.x - free.model.x), distance
 
 
-def _deficit_deviations(task: CalibrationTask, free: AdjustedFit) -> float:
-    distance = free.fit.frame.source_distance_mm
-    variance = float(free.scatter.covariance.values[Parameter.R, Parameter.R])
+def _held(held: Scatter, free: Scatter, moved: FloatArray) -> Scatter:
+    values = free.covariance.values + np.outer(moved, moved)
+    values[Parameter.R, :] = values[:, Parameter.R] = 0.0
+    return replace(held, covariance=replace(held.covariance, values=values))
+
+
+def _deficit_deviations(task: CalibrationTask, frame: SourceFrame, scatter: Scatter) -> float:
+    distance = frame.source_distance_mm
+    variance = float(scatter.covariance.values[Parameter.R, Parameter.R])
     deviation = math.hypot(math.sqrt(variance), task.phantom.size_tolerance * distance)
     deficit = task.scanner.source_to_cor_mm - distance
     return deficit / deviation if deviation > 0.0 else math.inf

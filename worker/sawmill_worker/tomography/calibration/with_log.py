@@ -36,9 +36,14 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
         return calibration
     covariance = evidence.error_bars.covariance.values
     log = ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
-    change = evidence.residual.unsteadiness
     witness = compare_witnesses(
-        task.scanner, calibration.frame, covariance, log, calibration.rotation, change, radius_mm=calibration.radius_mm
+        task.scanner,
+        calibration.frame,
+        covariance,
+        log,
+        calibration.rotation,
+        phantom_moved=evidence.residual.phantom_moved,
+        radius_mm=calibration.radius_mm,
     )
     return _following(calibration, evidence, witness)
 
@@ -48,7 +53,14 @@ def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitn
     theta, twin = choose_theta(task.scanner, fit.frame, task.bounds)
     bars = _error_bars(calibration, evidence.error_bars, fit.frame, theta, witness)
     in_bounds = task.bounds is None or task.bounds.contain(theta)
-    scale = scale_uncertainty(task.scanner, fit.frame, task.phantom, witness.covariance, calibration.radius_mm)
+    scale = scale_uncertainty(
+        task.scanner,
+        fit.frame,
+        task.phantom,
+        witness.covariance,
+        calibration.radius_mm,
+        aspect_half=evidence.scale.aspect_half,
+    )
     heard = replace(evidence, fit=fit, error_bars=bars, scale=scale, theta_in_bounds=in_bounds, witness=witness)
     judgement = judge(heard, Limits.of(task))
     return replace(

@@ -1,12 +1,11 @@
-"""The one shape of a finding: it looks at a fit's residual, and where the evidence is there it adjusts the fit."""
+"""A plain fit, and what is done about faults of the scan before every effect is fitted with the geometry."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.calibration.fit import Fit, refine
-from sawmill_worker.tomography.calibration.forward_model import modelled
-from sawmill_worker.tomography.calibration.scatter import Scatter, parameter_scatter
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
@@ -15,7 +14,7 @@ from sawmill_worker.vocabulary import Adjustment
 
 @dataclass(frozen=True)
 class AdjustedFit:
-    """A fit, the data and terms that it was made with, and one sentence for each adjustment made.
+    """A plain fit, the data that it was made with, and one sentence for each adjustment made.
 
     Attributes
     ----------
@@ -23,6 +22,8 @@ class AdjustedFit:
         As the scan shows it.
     from_counts : bool
         Whether the line integrals were made from counts.
+    averaging : (views, cells) float64 or None
+        What was added to the sinogram because cells average intensities.
     """
 
     phantom: Phantom
@@ -30,10 +31,11 @@ class AdjustedFit:
     fit: Fit
     from_counts: bool = False
     adjustments: tuple[str, ...] = ()
+    averaging: FloatArray | None = None
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":
         """With other data, fit and one more sentence."""
-        return AdjustedFit(self.phantom, data, fit, self.from_counts, (*self.adjustments, sentence))
+        return replace(self, data=data, fit=fit, adjustments=(*self.adjustments, sentence))
 
     def refitted(self, data: SinogramData, start: Fit) -> Fit | None:
         """Least squares with other data, from a fit; None where it does not converge."""
@@ -43,17 +45,15 @@ class AdjustedFit:
     @cached_property
     def model(self) -> FloatArray:
         """The model sinogram (views, cells)."""
-        return modelled(self.phantom, self.data, self.fit)
-
-    @cached_property
-    def grams(self) -> FloatArray:
-        """`analytic.gram` at the fit, with all terms: (views, 13, 13)."""
-        return self.data.gram(self.phantom, self.fit.to_vector(), self.fit.hardening, extended=True)
-
-    @cached_property
-    def scatter(self) -> Scatter:
-        """How the residual makes the parameters scatter."""
-        return parameter_scatter(self.grams, self.data, self.fit)
+        lengths = analytic.project(
+            self.phantom,
+            self.data.cells,
+            self.fit.frame,
+            self.data.angles_rad,
+            position_mm=self.fit.position_mm,
+            rays_per_cell=self.data.rays_per_cell,
+        )
+        return self.fit.gain * lengths + self.fit.offset
 
 
 @dataclass(frozen=True)
@@ -70,16 +70,3 @@ class Finding:
 
     adjustment: Adjustment
     adjust: Callable[[AdjustedFit], AdjustedFit]
-
-
-@dataclass(frozen=True)
-class TermFinding(Finding):
-    """A linear term that the model lacks; such terms resemble each other and compete.
-
-    Attributes
-    ----------
-    share : callable
-        Of the residual's power that the term would explain; 0 where it is there already or not worth it.
-    """
-
-    share: Callable[[AdjustedFit], float]

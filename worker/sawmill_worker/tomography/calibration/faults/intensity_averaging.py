@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.analytic import DetectorCells
+from sawmill_worker.tomography.analytic import DetectorCells, Position
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit, Finding
-from sawmill_worker.tomography.calibration.fit import Fit
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
+from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
+from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Adjustment
 
 # Rays over which a cell's intensities are averaged.
@@ -17,31 +18,39 @@ ROUNDS = 2
 
 
 def _adjust(now: AdjustedFit) -> AdjustedFit:
-    """Add the difference to the sinogram, from the fit itself, and repeat the fit, twice.
+    """Add the difference to the sinogram, from the fit itself, and repeat the fit.
 
     Without it, edges along the rays would pull the geometry.
     """
-    if not now.from_counts or now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
+    if not averages(now.data, from_counts=now.from_counts):
         return now
-    data, fit = now.data, now.fit
+    data, fit, added = now.data, now.fit, np.zeros(())
     for _ in range(ROUNDS):
-        data = replace(now.data, sinogram=now.data.sinogram + _difference(now, fit))
+        added = averaging(now.phantom, now.data, fit.frame, position_mm=fit.position_mm, gain=fit.gain)
+        data = replace(now.data, sinogram=now.data.sinogram + added)
         again = now.refitted(data, fit)
         if again is None:
             return now
         fit = again
-    return now.after(data, fit, "each cell's averaging of intensities was allowed for")
+    after = now.after(data, fit, "each cell's averaging of intensities was allowed for")
+    return replace(after, averaging=added)
 
 
-def _difference(now: AdjustedFit, fit: Fit) -> FloatArray:
-    """mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells)."""
-    cells = now.data.cells
+def averages(data: SinogramData, *, from_counts: bool) -> bool:
+    """Whether a cell averages intensities: one of a single ray averages nothing."""
+    return from_counts and data.rays_per_cell != 1
+
+
+def averaging(
+    phantom: Phantom, data: SinogramData, frame: SourceFrame, *, position_mm: Position, gain: FloatArray | float
+) -> FloatArray:
+    """mean(p) + ln(mean(exp(-p))) over each cell's rays, (views, cells), of p in the data's unit."""
+    cells = data.cells
     fine = DetectorCells(cells.first_border_mm, cells.width_mm / FINE_RAYS, cells.count * FINE_RAYS)
-    rays = analytic.project(
-        now.phantom, fine, fit.frame, now.data.angles_rad, position_mm=fit.position_mm, rays_per_cell=1
-    ).reshape(len(now.data.sinogram), cells.count, FINE_RAYS)
-    rays *= fit.gain
-    difference: FloatArray = rays.mean(axis=2) + np.log(np.exp(-rays).mean(axis=2))
+    rays = analytic.project(phantom, fine, frame, data.angles_rad, position_mm=position_mm, rays_per_cell=1)
+    rays *= gain
+    by_cell = rays.reshape(len(data.sinogram), cells.count, FINE_RAYS)
+    difference: FloatArray = by_cell.mean(axis=2) + np.log(np.exp(-by_cell).mean(axis=2))
     return difference
 
 

@@ -1,0 +1,70 @@
+"""A phantom that slips, or an angle that jumps, at some view."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sawmill_worker.tomography.calibration.faults.effect import Effect
+from sawmill_worker.tomography.calibration.normal_equations import Column, System
+from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.vocabulary import Adjustment
+
+# A slip is known by this number of views, and this share of them, before and after it.
+FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
+# One that moves the phantom by less than this share of what it turns its rim by is one of the angles.
+TURN_ALONE = 0.1
+
+
+@dataclass(frozen=True)
+class Slip(Effect):
+    """From a view on."""
+
+    view: int = 0
+
+
+def slip_at(view: int) -> Slip:
+    """From this view on."""
+
+    def columns(model: ScanModel) -> tuple[Column, ...]:
+        after = (np.arange(len(model.data.angles_rad)) >= view).astype(np.float64)
+        return tuple(Column(((term, after),)) for term in POSE)
+
+    def sentence(model: ScanModel, sizes: FloatArray) -> str:
+        turn, *move = sizes
+        by_mm, by_deg = math.hypot(*move), math.degrees(abs(turn))
+        if by_mm < TURN_ALONE * abs(turn) * model.drawing.radius_mm:
+            return f"the angles jump at view {view}, by {by_deg:.2g} degrees"
+        return f"the phantom moved at view {view}, by {by_mm:.2g} mm and {by_deg:.2g} degrees"
+
+    return Slip(
+        Adjustment.SLIP,
+        columns,
+        sentence,
+        "fasten the phantom on the turntable, look at the drive and its encoder, and repeat the scan",
+        view,
+    )
+
+
+def likeliest_slip(system: System, base: list[int]) -> int | None:
+    """The view at which a slip explains most beside the columns `base`; None of too few views.
+
+    The base has the columns of `POSE`, in all views alike.
+    """
+    views = len(system.scores)
+    fewest = max(FEWEST_VIEWS, round(SHARE_OF_VIEWS * views))
+    if views < 2 * fewest:
+        return None
+    pose = [next(i for i in base if system.columns[i].term is term) for term in POSE]
+    # Stripes are left out of account: what is subtracted for them belongs to no view.
+    system = replace(system, normal=system.grams.sum(axis=0))
+    inverse = system.inverse(base)
+    best = inverse @ system.scores[:, base].sum(axis=0)
+    rest = system.scores[:, pose] - system.grams[:, pose][:, :, base] @ best
+    after = np.cumsum(rest[::-1], axis=0)[::-1][fewest : views - fewest + 1]
+    own = np.cumsum(system.grams[::-1, pose][:, :, pose], axis=0)[::-1][fewest : views - fewest + 1]
+    cross = np.cumsum(system.grams[::-1, pose][:, :, base], axis=0)[::-1][fewest : views - fewest + 1]
+    matrix = own - cross @ inverse @ np.swapaxes(cross, 1, 2)
+    solved = (np.linalg.pinv(matrix, rcond=1e-9, hermitian=True) @ after[..., None])[..., 0]
+    return fewest + int(np.einsum("nt,nt->n", after, solved).argmax())

@@ -1,0 +1,244 @@
+"""Generalised least squares at one point of the forward model: inner products of its derivatives and its residual.
+
+Samples weigh by their noise. Stripes, which a flat field of few frames leaves in every view alike, are noise that the
+cells share over the views: a random effect of each cell (Robinson 1991), estimated and projected out in part. An angle
+of each view that scatters is one too.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sawmill_worker.tomography.calibration.noise_weights import sample_noise
+from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.robust import robust_deviation
+
+# Views that are taken at once.
+AT_ONCE = 12
+# Offsets of views scatter where they do by this number of standard deviations of what noise brings about.
+SCATTERS = 4.0
+
+# A cell whose mean stands out by more standard deviations says nothing by it: what it shares over the views, against a
+# sample's variance, is taken to be this large.
+ODD, ALONE = 6.0, 1e6
+
+# A part of a column: a term's derivative, in all views alike or times a shape (views,).
+Part = tuple[Term, FloatArray | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One unknown: the sum of its parts."""
+
+    parts: tuple[Part, ...]
+
+    @classmethod
+    def of(cls, term: Term) -> "Column":
+        """A term, in all views alike."""
+        return cls(((term, None),))
+
+    @property
+    def term(self) -> Term | None:
+        """The term that it is, in all views alike; None for a change of the pose from view to view."""
+        (term, shape), *_ = self.parts
+        return term if shape is None else None
+
+
+class ViewGrams:
+    """Every view's inner products of the derivatives by all terms, with each other and with the residual.
+
+    Attributes
+    ----------
+    grams : (views, terms, terms) float64
+    scores : (views, terms) float64
+    samples : float
+        Number of samples, by the data's weights.
+    power : float
+        Weighted sum of squares of the residual, stripes taken out.
+    structured : float
+        As much of it as neighbouring cells share.
+    """
+
+    def __init__(self, model: ScanModel) -> None:
+        data, residual = model.data, model.residual
+        noise = sample_noise(data, residual, model.prediction)
+        self.weights = noise.weights
+        # The logarithm of noisy counts is too large, in the mean by half its variance.
+        self.log_bias = 0.5 * noise.variance if model.from_counts else np.zeros(())
+        residual = residual - self.log_bias
+        self.samples = float(data.samples)
+        self._count = self.weights.sum(axis=0)
+        self._stripes(residual)
+        rest = residual - self.stripes
+        self.rest = rest
+        self.structured = _shared_power(np.sqrt(self.weights) * rest)
+        self.power = float((self.weights * rest * residual).sum())
+        views, terms = len(residual), len(Term)
+        self.grams, self.scores = np.empty((views, terms, terms)), np.empty((views, terms))
+        self._sums = np.zeros((terms, residual.shape[1]))
+        self._weighted = {term: np.empty_like(residual) for term in (*POSE, Term.GAIN, Term.OFFSET)}
+        for first in range(0, views, AT_ONCE):
+            self._take(model, slice(first, min(first + AT_ONCE, views)))
+        self._of_pose = {term: self._weighted[term] for term in POSE}
+
+    def _take(self, model: ScanModel, views: slice) -> None:
+        """The inner products of a few views, as many as a processor's cache holds."""
+        rows = np.ascontiguousarray(np.swapaxes(model.derivatives(views), 0, 1))
+        weighted = rows * self.weights[views, None, :]
+        self.grams[views] = weighted @ np.swapaxes(rows, 1, 2)
+        self.scores[views] = (weighted @ self.rest[views, :, None])[..., 0]
+        self._sums += weighted.sum(axis=0)
+        for term, kept in self._weighted.items():
+            kept[views] = weighted[:, term]
+
+    def _stripes(self, residual: FloatArray) -> None:
+        """The stripes (cells,) as far as noise explains no more, and how much of a cell's sum they share."""
+        seen = self._count > 0.0
+        count = np.where(seen, self._count, 1.0)
+        mean = (self.weights * residual).sum(axis=0) / count
+        steps = np.diff(mean)[seen[1:] & seen[:-1]]
+        variance = float((self.weights * residual**2).sum()) / max(self.samples, 1.0)
+        between = 0.5 * robust_deviation(steps - np.median(steps)) ** 2 if steps.size > 8 else 0.0
+        ratio = max(between - variance / float(count.mean()), 0.0) / variance if variance > 0.0 else 0.0
+        ratios = np.full(count.size, ratio)
+        if steps.size > 8 and variance > 0.0:
+            expected = np.sqrt(variance * (ratio + 1.0 / count))
+            ratios[np.abs(mean - np.median(mean[seen])) > ODD * expected] = ALONE
+        self._share = np.where(seen, ratios / (1.0 + ratios * count), 0.0)
+        self.stripes = self._share * count * mean
+
+    def gain_evidence(self) -> tuple[float, float]:
+        """What a gain and an offset of each view would explain of the residual, and how many of them views show."""
+        own = [Term.GAIN, Term.OFFSET]
+        grams, scores = self.grams[:, own][:, :, own], self.scores[:, own]
+        inverse = np.linalg.pinv(grams, rcond=1e-9, hermitian=True)
+        return float(np.einsum("ki,kij,kj->", scores, inverse, scores)), float((grams[:, 0, 0] > 0.0).sum())
+
+    def offset_variance(self) -> tuple[float, float]:
+        """By which the views' offsets scatter beyond noise, as where each has its own air level; a sample's variance.
+
+        By the method of moments (Robinson 1991); 0 where noise explains what is seen.
+        """
+        variance = self.power / max(self.samples, 1.0)
+        own, scores = self.grams[:, Term.OFFSET, Term.OFFSET], self.scores[:, Term.OFFSET]
+        beyond = float((scores**2 - own * variance).sum())
+        chance = SCATTERS * variance * math.sqrt(2.0 * float((own**2).sum()))
+        return (beyond / float((own**2).sum()) if beyond > chance else 0.0), variance
+
+    def project_out(self, terms: Sequence[Term], precision: float) -> None:
+        """Take an unknown of each view out: terms that are free in each view (precision 0), or scatter about 0.
+
+        `precision` is the variance of a sample against that of the unknowns.
+        """
+        own = list(terms)
+        within = self.grams[:, own][:, :, own] + precision * np.eye(len(own))
+        inverse = np.linalg.pinv(within, rcond=1e-12, hermitian=True)
+        share = self.grams[:, :, own] @ inverse
+        rows = np.stack([self._weighted[term] for term in own], axis=1)
+        self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
+        self._sums = self._sums - np.tensordot(share, rows, axes=((0, 2), (0, 1)))
+        self._of_pose = {
+            term: of_term - np.einsum("ke,kem->km", share[:, term], rows) for term, of_term in self._of_pose.items()
+        }
+        self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
+        self.grams = self.grams - share @ self.grams[:, own]
+
+    def objective(self, residual: FloatArray) -> float:
+        """What generalised least squares minimises, views' random effects apart, of another residual."""
+        residual = residual - self.log_bias
+        sums = (self.weights * residual).sum(axis=0)
+        return float((self.weights * residual**2).sum() - (self._share * sums) @ sums)
+
+    def system(self, columns: Sequence[Column]) -> "System":
+        """The normal equations of these columns."""
+        views, terms = self.scores.shape
+        shapes = np.zeros((views, terms, len(columns)))
+        sums = np.zeros((len(columns), self._count.size))
+        for number, column in enumerate(columns):
+            for term, shape in column.parts:
+                shapes[:, term, number] += 1.0 if shape is None else shape
+                sums[number] += self._sums[term] if shape is None else shape @ self._of_pose[term]
+        grams = np.swapaxes(shapes, 1, 2) @ self.grams @ shapes
+        scores = (np.swapaxes(shapes, 1, 2) @ self.scores[..., None])[..., 0]
+        return self._system(columns, grams, scores, sums)
+
+    def _system(self, columns: Sequence[Column], grams: FloatArray, scores: FloatArray, sums: FloatArray) -> "System":
+        normal = grams.sum(axis=0) - (sums * self._share) @ sums.T
+        return System(
+            tuple(columns), grams, scores, scores.sum(axis=0), normal, sums, self.power, self.structured, self.samples
+        )
+
+    def with_pose_from(self, system: "System", view: int, columns: Sequence[Column]) -> "System":
+        """A system with three more columns, those of a pose that is another from this view on."""
+        places = [next(i for i, c in enumerate(system.columns) if c.term is term) for term in POSE]
+        grams, scores = system.grams, system.scores
+        cross, own = grams[:, :, places].copy(), grams[:, places][:, :, places].copy()
+        cross[:view], own[:view] = 0.0, 0.0
+        after = scores[:, places].copy()
+        after[:view] = 0.0
+        wider = np.concatenate(
+            [np.concatenate([grams, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), own], axis=2)], axis=1
+        )
+        sums = np.concatenate([system.sums, [self._of_pose[term][view:].sum(axis=0) for term in POSE]])
+        return self._system([*system.columns, *columns], wider, np.concatenate([scores, after], axis=1), sums)
+
+
+def _shared_power(residual: FloatArray) -> float:
+    """The power of a residual (views, cells) that neighbouring cells share: noise is not shared, other faults are."""
+    products = residual[:, 1:] * residual[:, :-1]
+    total = float(products.sum())
+    return total if total > SCATTERS * float(products.std()) * math.sqrt(products.size) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Normal equations of some columns.
+
+    Attributes
+    ----------
+    grams : (views, n, n); scores : (views, n)
+        Of each view.
+    score : (n,); normal : (n, n)
+        Their sums, less what stripes make of them.
+    sums : (n, cells)
+        Of the columns over the views, weighted.
+    power : float
+        Of the residual.
+    structured : float
+        As much of it as neighbouring cells share.
+    """
+
+    columns: tuple[Column, ...]
+    grams: FloatArray
+    scores: FloatArray
+    score: FloatArray
+    normal: FloatArray
+    sums: FloatArray
+    power: float
+    structured: float
+    samples: float
+
+    def without(self, places: Sequence[int], sizes: FloatArray) -> "System":
+        """To first order, as if the columns in these places were not in the model with these sizes."""
+        own = list(places)
+        by = self.normal[:, own] @ sizes
+        power = self.power + float(sizes @ (2.0 * self.score[own] + by[own]))
+        return replace(self, scores=self.scores + self.grams[:, :, own] @ sizes, score=self.score + by, power=power)
+
+    @cached_property
+    def scale(self) -> FloatArray:
+        """What makes the diagonal one."""
+        diagonal = np.diag(self.normal)
+        scale: FloatArray = np.where(diagonal > 0.0, 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0)), 0.0)
+        return scale
+
+    def inverse(self, used: Sequence[int]) -> FloatArray:
+        """Of the normal matrix of some columns; what they do not determine has no variance."""
+        scale = self.scale[list(used)]
+        matrix = self.normal[np.ix_(used, used)] * np.outer(scale, scale)
+        inverse: FloatArray = np.linalg.pinv(matrix, rcond=1e-11, hermitian=True) * np.outer(scale, scale)
+        return inverse
