@@ -61,7 +61,7 @@ NAMED_BY: Mapping[str, frozenset[str]] = {
     "density slope": frozenset({"density slope"}),
     "screws": frozenset({"metal"}),
 }
-# At most so many causes may be named for one.
+# At most this number of causes may be named for one.
 MOST_CAUSES = 3
 
 

@@ -120,9 +120,9 @@ def row(name: str, outcomes: list[Outcome]) -> str:
     """One line of the table."""
     answered = [one for one in outcomes if one.answered]
     none = Counter(one.refused or one.crashed for one in outcomes if not one.answered)
-    told = "".join(f" {count} x {what}" for what, count in none.most_common(2))
+    refusals = "".join(f" {count} x {what}" for what, count in none.most_common(2))
     if not answered:
-        return f"{name:14s} {len(outcomes):5d}{told}"
+        return f"{name:14s} {len(outcomes):5d}{refusals}"
     errors, bounds = [one.error_mm for one in answered], [one.upper_95_mm for one in answered]
     scales = [abs(one.scale_error_percent) for one in answered]
     scale_bounds = [one.scale_uncertainty_percent for one in answered]
@@ -135,7 +135,7 @@ def row(name: str, outcomes: list[Outcome]) -> str:
         f"{np.median(bounds):6.3f} {_holds(errors, bounds)} {' '.join(verdicts)} "
         f"{wrong:3d} < {largest_share(wrong, passes):5.2%} {_share(good):>7s} "
         f"{_naming(name, answered):>6s} {np.median(scales):6.3f} {np.median(scale_bounds):6.3f} "
-        f"{_holds(scales, scale_bounds)} {np.median([one.seconds for one in answered]):5.2f}{told}"
+        f"{_holds(scales, scale_bounds)} {np.median([one.seconds for one in answered]):5.2f}{refusals}"
     )
 
 

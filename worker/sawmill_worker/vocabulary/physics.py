@@ -88,7 +88,7 @@ class MotionEffects:
     encoder_deg: float = _size("Amplitude of the encoder's error once a turn.", 0, 20)
     encoder_phase_deg: float = _direction("View angle at which the encoder's error is largest.")
     angle_jitter_deg: float = _size("Standard deviation of each view's angle.", 0, 5)
-    pace_percent: float = _size("By how much further the turntable turns than the angles say.", -10, 10)
+    pace_percent: float = _size("How much further the turntable turns than the angles say.", -10, 10)
     exposure_steps: float = _size("Share of the step between views over which a view is exposed.", 0, 1)
 
 
@@ -98,17 +98,17 @@ class WoodEffects:
 
     __pydantic_config__ = AS_CONTRACT
 
-    size_percent: float = _size("By how much it is larger.", -10, 10)
-    aspect_percent: float = _size("By how much it is longer along x than along y.", -10, 10)
-    shear_percent: float = _size("By how much x moves with y.", -10, 10)
+    size_percent: float = _size("How much larger it is.", -10, 10)
+    aspect_percent: float = _size("How much longer it is along x than along y.", -10, 10)
+    shear_percent: float = _size("How far x moves with y.", -10, 10)
     plane_tilt_deg: float = _size("Of its plane against the plane of the rays: 1 / cos longer along one line.", 0, 30)
     plane_tilt_towards_deg: float = _direction("That line in the image.")
     corner_radius_mm: float = _size("Of all its corners.", 0, 40)
     roughness_mm: float = _size("Standard deviation of its sawn sides.", 0, 5)
-    ring_contrast: float = _size("By how much late wood is denser.", 0, 1)
+    ring_contrast: float = _size("How much denser late wood is.", 0, 1)
     ring_spacing_mm: float = _size("Of the growth rings; 3/8 of it is late wood.", 2, 50, 8.0)
     knots: int = _count("Number of knots, of 5 to 12 mm radius.", 50)
-    knot_contrast: float = _size("By how much a knot is denser.", -1, 3, 0.4)
+    knot_contrast: float = _size("How much denser a knot is.", -1, 3, 0.4)
     density_slope_percent: float = _size("Change of the density over 100 mm.", -30, 30)
     density_slope_towards_deg: float = _direction("Direction in which it grows, in the image.")
     screws: int = _count("Number of steel screws or nails that stand in it.", 50)

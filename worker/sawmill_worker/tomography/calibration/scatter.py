@@ -20,7 +20,8 @@ HARMONICS = 2
 STUDENT = (4.303 / 1.96, 2.776 / 1.96)
 # An eigenvalue of the scaled normal equations below this is zero within rounding: the scan does not determine it.
 SINGULAR = 1e-11
-# Of what the residual holds beside noise each parameter takes one of so many shares by chance (benchmarks/mill.py).
+# Of what the residual holds beside noise each parameter takes one of this number of shares by chance
+# (benchmarks/mill.py).
 SHARES = 400.0
 # An undetermined combination of parameters moves the rays when this much of it is R, SDD, u_c and tau.
 RAYS_SHARE = 1e-3

@@ -75,7 +75,7 @@ class Converter:
 
     @classmethod
     def of(cls, detector: DetectorEffects, photons: float, cells: int, rng: np.random.Generator) -> "Converter":
-        """Of a detector whose cells receive so many photons in air."""
+        """Of a detector whose cells receive this number of photons in air."""
         largest = 2.0**detector.bits - 1.0
         twelve = detector.bits == 12
         dark = DARK_OF_12_BITS * largest if twelve else DARK_LEVEL

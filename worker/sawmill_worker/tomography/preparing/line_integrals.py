@@ -141,7 +141,7 @@ class Exposure:
         return starved
 
     def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
-        """What was done; so many samples have no signal, and so many the largest count."""
+        """What was done, with the numbers of samples that have no signal and that have the largest count."""
         remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
         if starved:
             remarks.append(f"{starved} samples without signal cut off at a line integral of 13.8")
