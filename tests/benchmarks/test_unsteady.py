@@ -1,4 +1,4 @@
-"""Slips in counts with ten flats, whichever way rings are treated: named, and never passed."""
+"""Slips in counts with ten flats, whichever way rings are treated: named, fitted, and never wrongly passed."""
 
 from functools import cache
 
@@ -38,30 +38,32 @@ def outcomes_of(make, count, *, seed, remove_rings):
 
 
 @RINGS
-def test_slips_are_named_and_never_pass(remove_rings):
-    """As many as an independent simulator found to pass; one of 31 may drown in the noise of 20 views."""
+def test_slips_are_named_and_fitted(remove_rings):
+    """As many as an independent simulator found to pass wrongly."""
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)
     assert found.wrong == 0
-    # What leaves the rays right to a quarter of the tolerance need not be named.
-    matters = np.array(found.errors) > 0.025
-    assert matters.sum() >= 20
-    assert np.count_nonzero(matters & ~np.array(found.slips)) <= 1
+    # A slip that a plain fit is hardly off by is no reason; and of 20 views some drown in the noise.
+    unnamed = ~np.array(found.slips)
+    assert unnamed.sum() <= 5
+    assert not (unnamed & (np.array(found.errors) > 0.03)).any()
+    # A plain fit is off by 0.1 mm in the median.
+    assert np.median(found.errors) < 0.02
 
 
 @RINGS
 def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_rings):
     found = outcomes_of(slipped_with_a_fault, 12, seed=1502, remove_rings=remove_rings)
     assert found.wrong == 0
-    assert np.median(found.errors) > 0.05
+    assert np.median(found.errors) < 0.03
 
 
 @RINGS
 def test_steady_scans_are_judged_by_their_precision_alone(remove_rings):
     found = outcomes_of(steady, 12, seed=1503, remove_rings=remove_rings)
-    assert (found.unsteady, found.wrong) == (0, 0)
-    precise = sum(bound <= 0.1 for bound in found.bounds)
-    # What ring removal itself does to a sinogram may be a reason to look; nothing else is.
-    assert found.verdicts["pass"] <= precise if remove_rings else found.verdicts["pass"] == precise
+    assert found.wrong == 0
+    # One in a hundred clean scans may name an effect (benchmarks/mill.py); so one of these few.
+    assert found.unsteady <= 1
+    assert found.verdicts["pass"] == sum(bound <= 0.1 for bound in found.bounds)
 
 
 def test_a_slip_changes_the_views_after_it_alone():

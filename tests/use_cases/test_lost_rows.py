@@ -111,7 +111,7 @@ def test_the_calibration_uses_all_rows_of_the_board_and_is_as_good(calibrations)
     without, with_loss = calibrations
     assert with_loss.result.rows == (0, BOARD)
     assert with_loss.result.views == VIEWS
-    assert with_loss.verdict == without.verdict
+    assert with_loss.verdict == without.verdict, with_loss.result.reasons
     deviation = float(np.sqrt(with_loss.covariance[3, 3]))
     difference = with_loss.source_frame.cor_column_mm - without.source_frame.cor_column_mm
     # The two share two thirds of their samples and more.

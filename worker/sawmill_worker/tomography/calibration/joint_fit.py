@@ -308,6 +308,17 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
         residual_rms=rms,
         relative_residual=rms / total if total > 0.0 else math.inf,
         covariance=covariance,
-        converged=joint.converged,
+        converged=joint.converged or _within(joint, covariance),
         iterations=joint.rounds,
     )
+
+
+def _within(joint: JointFit, covariance: Covariance) -> bool:
+    """Whether the last step moved no parameter of the geometry by more than a standard deviation of its error bars."""
+    deviations = np.sqrt(np.diag(covariance.values))
+    moves = (
+        (Parameter(column.term), abs(size))
+        for column, size in zip(joint.system.columns, joint.change.tolist(), strict=True)
+        if column.term is not None and column.term <= Term.T_Y
+    )
+    return all(size <= deviations[parameter] for parameter, size in moves)
