@@ -42,10 +42,11 @@ def test_slips_are_named_and_fitted(remove_rings):
     """As many as an independent simulator found to pass wrongly."""
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)
     assert found.wrong == 0
-    # A slip that a plain fit is hardly off by is no reason; and of 20 views some drown in the noise.
+    # A slip that a plain fit is hardly off by is no reason; some drown in noise, or in what ring removal itself does
+    # to a sinogram: then the bound has it.
     unnamed = ~np.array(found.slips)
     assert unnamed.sum() <= 5
-    assert not (unnamed & (np.array(found.errors) > 0.03)).any()
+    assert (np.array(found.errors) <= np.array(found.bounds))[unnamed].all()
     # A plain fit is off by 0.1 mm in the median.
     assert np.median(found.errors) < 0.02
 
