@@ -13,7 +13,6 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.calibration.faults._metal_numba import back_projected
 from sawmill_worker.tomography.calibration.fit import Fit, refine
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, rotate
@@ -44,8 +43,8 @@ BODY = 0.3
 BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
 # What covers more of the samples is no metal in a phantom.
 MOST_SAMPLES = 0.25
-# The first fit was still pulled by the metal.
-ROUNDS = 3
+# The first fit was still pulled by the metal; the search ends when fewer samples than this share of them change.
+ROUNDS, SETTLED = 3, 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +90,7 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit) -> Metal | None:
         metal = _Search(phantom, data, fit).metal()
         if metal is None:
             break
-        samples_before = 0 if found is None else int((found.samples ^ metal.samples).sum())
-        settled = found is not None and samples_before < 0.02 * metal.samples.sum()
+        settled = found is not None and (found.samples ^ metal.samples).sum() < SETTLED * metal.samples.sum()
         found = metal
         if settled:
             break
@@ -127,8 +125,10 @@ class _Search:
         for suspect in suspects:
             points = self._piece(residual, filtered, suspect)
             body[tuple((points + self._radius_mm).T)] = True
+        if not body.any():
+            return None
         samples = self._samples(residual, np.argwhere(body) - self._radius_mm)
-        if not body.any() or samples.mean() > MOST_SAMPLES:
+        if samples.mean() > MOST_SAMPLES:
             return None
         pieces, count = label(maximum_filter(body, 3))
         middles = (np.argwhere(body & (pieces == one)).mean(axis=0) - self._radius_mm for one in range(1, count + 1))
@@ -162,19 +162,10 @@ class _Search:
         axis = np.arange(-steps, steps + 1) * COARSE_MM
         x, y = np.meshgrid(axis, axis, indexing="ij")
         inside = np.hypot(x, y) <= self._radius_mm
-        points = np.stack([x[inside], y[inside]], -1)
-        image = np.empty(len(points))
-        along = np.array(
-            [
-                frame.source_distance_mm,
-                frame.source_to_detector_mm,
-                frame.cor_column_mm,
-                math.cos(frame.tilt_rad),
-                math.sin(frame.tilt_rad),
-            ]
-        )
-        turns = self._data.angles_rad[views] + frame.psi_rad
-        back_projected(smooth, turns, points, along, cells.first_border_mm, cells.width_mm, clipped, image)
+        # A ray beside the detector counts as zero.
+        seen = np.pad(np.clip(smooth, -clipped, clipped), ((0, 0), (1, 1)))
+        at = np.floor(self._columns(np.stack([x[inside], y[inside]], -1), views)).astype(np.intp) + 1
+        image = np.take_along_axis(seen, np.clip(at, 0, cells.count + 1), axis=1).mean(axis=0, dtype=np.float64)
         image -= np.median(image)
         least = max(STANDS_OUT * robust_deviation(image), 0.25 * LEAST_WOOD_MM * self._wood)
         if image.max() <= least:
@@ -222,10 +213,10 @@ class _Search:
         filtered: FloatArray = irfft(spectrum, size, axis=1)[:, : residual.shape[1]]
         return filtered
 
-    def _columns(self, points_mm: NDArray[np.intp]) -> FloatArray:
+    def _columns(self, points_mm: NDArray[np.number], views: slice = slice(None)) -> FloatArray:
         """Where on the detector, in cells from its border, each view sees these points: (views, points)."""
         frame, cells = self._fit.frame, self._data.cells
-        turns = self._data.angles_rad + frame.psi_rad
+        turns = self._data.angles_rad[views] + frame.psi_rad
         x, y = rotate(-turns[:, None], *points_mm.T)
         depth = (y + frame.source_distance_mm) * math.cos(frame.tilt_rad) - x * math.sin(frame.tilt_rad)
         u = frame.cor_column_mm + frame.source_to_detector_mm * x / depth
