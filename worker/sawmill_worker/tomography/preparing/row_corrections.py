@@ -10,6 +10,7 @@ from sawmill_worker.tomography.air import Air, DecidedAirCorrection, find_air
 from sawmill_worker.tomography.bridging import bridge
 from sawmill_worker.tomography.faulty_cells import faulty_cells, median_of_views
 from sawmill_worker.tomography.preparing.ring_removal import WINDOW, remove_rings, stripes
+from sawmill_worker.tomography.present_rows import present_rows
 from sawmill_worker.tomography.robust import noise_of_differences
 from sawmill_worker.vocabulary import AirCorrection
 
@@ -89,7 +90,7 @@ class RowCorrector:
     def correct(self, stack: Stack, first_row: int = 0) -> None:
         """Correct rows from `first_row` on (views, rows, cells) in place; missing rows are NaN and stay so."""
         for row in range(stack.shape[1]):
-            present = ~np.isnan(stack[:, row, 0])
+            present = present_rows(stack[:, row])
             if present.any():
                 sinogram = np.ascontiguousarray(stack[present, row])
                 stack[present, row] = _corrected(sinogram, self._corrections, self._found, first_row + row)

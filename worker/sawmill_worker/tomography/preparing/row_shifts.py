@@ -132,8 +132,8 @@ def _within(rows: FloatArray, present: Rows) -> FloatArray:
 
 
 def _ends(present: Rows) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """The first and the last row of each view that is there."""
-    return present.argmax(axis=1), present.shape[1] - 1 - present[:, ::-1].argmax(axis=1)
+    """The first and the last row of each view that is there, of present rows (..., rows)."""
+    return present.argmax(axis=-1), present.shape[-1] - 1 - present[..., ::-1].argmax(axis=-1)
 
 
 def check_certain(standard_deviation: FloatArray, why: str) -> None:
@@ -153,7 +153,7 @@ def shifted(image: Stack, present: NDArray[np.bool_], shift: float, ends: NDArra
     shows the end of a body and the next one shows neither: each side of it, by `ends`, is resampled by itself.
     """
     out = np.full_like(image, np.nan)
-    first, last = int(present.argmax()), len(present) - 1 - int(present[::-1].argmax())
+    first, last = (int(end) for end in _ends(present))
     if float(shift).is_integer():
         low, high = max(first + int(shift), 0), min(last + int(shift), len(image) - 1)
         out[low : high + 1] = image[low - int(shift) : high + 1 - int(shift)]

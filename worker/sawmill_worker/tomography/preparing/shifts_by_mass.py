@@ -71,7 +71,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
 
     A view's profile of row sums is the common one up to a gain (its distance from the source), an offset and a slope
     (air, the log's bend). A coarse shift by masked normalised cross-correlation (Padfield, IEEE Trans. Image Process.
-    21 (2012) 2706) is refined by least squares against the mean of all views, in turns.
+    21 (2012) 2706) is refined by least squares against the median of all views, in turns.
 
     What lies nearer to the source weighs more, by its depth over the source's distance, once in a turn: uncorrected, a
     whorl's knots at different heights would seem to move along the log. A quarter turn away depth is what the first
@@ -97,7 +97,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
     shifts = np.zeros(len(mass))
     for _ in range(2):
         shifts = _coarse(mass, present, reference).astype(np.float64)
-        reference = _mean(mass, present, _fit(mass, present, shifts, reference), shifts)
+        reference = _common(mass, present, _fit(mass, present, shifts, reference), shifts)
     _check_distinct(mass, present, reference)
     fit, values, weight = _fit(mass, present, shifts, reference), mass, 0.0
     for _ in range(ROUNDS):
@@ -106,7 +106,7 @@ def shifts_by_mass(moments: RowMoments, angles_rad: FloatArray) -> RowShifts:
         depth = _depth(first, present, shifts, angles_rad)
         weight += _share_of(depth, fit, present, shifts, reference)
         values = mass - weight * depth
-        reference = _mean(values, present, fit, shifts)
+        reference = _common(values, present, fit, shifts)
         fit = _fit(values, present, shifts, reference)
         if np.abs(step).max() < SETTLED:
             break
@@ -274,8 +274,8 @@ def _long_run_variance(influence: FloatArray) -> FloatArray:
     return np.maximum(variance, 0.0)
 
 
-def _mean(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _Profile:
-    """The mean profile along the log of all views, each brought to the others' level; where half of them are."""
+def _common(values: FloatArray, present: Rows, fit: _Fit, shifts: FloatArray) -> _Profile:
+    """The median profile along the log of all views, each brought to the others' level; where half of them are."""
     rows = values.shape[1]
     along = fit.trend[:, :1] + fit.trend[:, 1:] * _along(rows)
     levelled = (values - along) / fit.gain[:, None]
