@@ -141,6 +141,15 @@ def test_many_saturated_cells_are_named_with_their_remedy():
     assert "lower the tube's current or the exposure" in sentence
 
 
+def test_saturated_cells_are_not_taken_for_the_dead_ones():
+    counts, flats = saturated(4095.0, 0.8)
+    flats[:, :, :30], flats[:, :, 120:140] = 0.0, 4095.0
+    result = line_integrals(counts, flats, None)
+    (sentence,) = said_of_saturation(result)
+    assert "too many to be left out" in sentence
+    assert f"{30 * ROWS} dead detector cells bridged from their neighbours" in result.remarks
+
+
 def test_a_scan_brighter_than_its_flats_is_named():
     counts, _ = saturated(4095.0, 1.05)
     _, flats = saturated(4095.0, 0.8)

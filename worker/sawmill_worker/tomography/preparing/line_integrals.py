@@ -46,6 +46,8 @@ class Exposure:
         The largest count that the detector gives, as far as the flats show; infinity where none is known.
     saturated : int
         The number of cells whose flats have it.
+    bridges_saturated : bool
+        Whether those are among the dead; too many of them are not.
     """
 
     dark: NDArray[np.float32]
@@ -53,6 +55,7 @@ class Exposure:
     dead: NDArray[np.bool_]
     largest: float = math.inf
     saturated: int = 0
+    bridges_saturated: bool = False
 
     @classmethod
     def of(cls, flats: Stack, darks: Stack | None) -> "Exposure":
@@ -74,10 +77,11 @@ class Exposure:
         largest, saturated = _saturation(flats)
         saturated &= ~dead
         bridged = dead | saturated
-        if bridged.mean() <= MOST_DEAD:
+        bridges = bool(bridged.mean() <= MOST_DEAD)
+        if bridges:
             dead = bridged
         level = np.where(dead, 1.0, air).astype(np.float32)
-        return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()))
+        return cls(dark.astype(np.float32), level, dead, largest, int(saturated.sum()), bridges)
 
     def same_in_all_rows(self) -> "Exposure":
         """With the mean dark signal and gain of each cell's rows: what one row differs by stays in the line integrals.
@@ -95,11 +99,6 @@ class Exposure:
     def air_level(self) -> NDArray[np.float32]:
         """(rows, detector) float32, in counts; 0 in dead cells. With it the counts can be recovered."""
         return np.where(self.dead, np.float32(0.0), self.level)
-
-    @property
-    def bridges_saturated(self) -> bool:
-        """Whether the saturated cells are among the dead; too many of them are not."""
-        return int(self.dead.sum()) >= self.saturated
 
     def saturated_samples(self, counts: Stack) -> int:
         """The number of samples of any counts that have the detector's largest value."""
