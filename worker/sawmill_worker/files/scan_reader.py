@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -83,6 +82,7 @@ class OpenScan:
 def open_scan(path: Path) -> Iterator[OpenScan]:
     """Open a file that this product wrote; uploads go through `reading_scan`."""
     with open_hdf5(path) as file:
+        present, usable_rows = _rows_present(file)
         yield OpenScan(
             shape=file[DATA].shape,
             angles_rad=np.deg2rad(file[ANGLES][()]),
@@ -90,16 +90,17 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
             row_pitch_mm=float(file[ROW_PITCH][()]) if ROW_PITCH in file else None,
             data=file[DATA],
             air_level=file.get(AIR_LEVEL),
-            **_rows_present(file),
+            present=present,
+            usable_rows=usable_rows,
         )
 
 
-def _rows_present(file: h5py.File) -> dict[str, Any]:
+def _rows_present(file: h5py.File) -> tuple[NDArray[np.bool_], tuple[int, int]] | tuple[None, None]:
     if ROWS_PRESENT not in file:
-        return {}
+        return None, None
     present = file[ROWS_PRESENT]
     first, last = (int(row) for row in present.attrs[USABLE])
-    return {"present": present[()].astype(bool), "usable_rows": (first, last)}
+    return present[()].astype(bool), (first, last)
 
 
 def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.integer] | None = None) -> StoredScan:
@@ -160,8 +161,4 @@ def sinogram(path: Path, row: int) -> Sinogram:
             if not there.any():
                 raise OutOfRange("row-out-of-range", f"no view has row {row}: the views that show it lost it")
             data, angles_deg = data[there], angles_deg[there]
-        return Sinogram(
-            data=data,
-            angles_deg=angles_deg,
-            pitch_mm=float(file[CELL_PITCH][()]),
-        )
+        return Sinogram(data=data, angles_deg=angles_deg, pitch_mm=float(file[CELL_PITCH][()]))

@@ -62,7 +62,17 @@ class NewScan:
         row_shift_deviations: NDArray[np.float64] | None = None,
         rows_present: RowsPresent | None = None,
     ) -> None:
-        """Write what is known when all line integrals are there; the parameters are those of `write_scan`."""
+        """Write what is known when all line integrals are there.
+
+        Parameters
+        ----------
+        air_level, provenance, row_shifts
+            As of `write_scan`.
+        row_shift_deviations : (views,) float64, rows, or None
+            The standard deviation of each shift.
+        rows_present : RowsPresent or None
+            None where every view has all rows.
+        """
         if rows_present is not None:
             self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
             self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable
@@ -128,7 +138,6 @@ def write_scan(
     air_level: NDArray[np.float32] | None,
     provenance: Mapping[str, str],
     row_shifts: NDArray[np.float64] | None = None,
-    rows_present: RowsPresent | None = None,
 ) -> None:
     """Write a scan of line integrals that are in memory.
 
@@ -144,8 +153,6 @@ def write_scan(
         Where the data come from; written into the file.
     row_shifts : (views,) float64, rows, or None
         The shift of each view along the log; None where none was shifted.
-    rows_present : RowsPresent or None
-        None where every view has all rows.
 
     Raises
     ------
@@ -165,7 +172,7 @@ def write_scan(
     )
     with scan as written:
         written.data[...] = line_integrals
-        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts, rows_present=rows_present)
+        written.note(air_level=air_level, provenance=provenance, row_shifts=row_shifts)
 
 
 def write_raw_scan(

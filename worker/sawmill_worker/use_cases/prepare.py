@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -99,9 +100,7 @@ def prepare_scan(
     with scan as written:
         present = _copy(read, written.data, None if afterwards else preparation, window_bytes, progress)
 
-        def prepare() -> None:
-            _prepare_rows(written.data, preparation, window_bytes, progress)
-
+        prepare = partial(_prepare_rows, written.data, preparation, window_bytes, progress) if afterwards else None
         aligned: AlignedRows | None = None
         if aligns:
             views = Views(written.data, present, at_a_time, lambda samples: progress.add(samples, "align rows"))
@@ -110,9 +109,9 @@ def prepare_scan(
                 read.angles_rad,
                 options.align_rows,
                 estimate=preparation.estimate,
-                prepare=prepare if preparation.needed else None,
+                prepare=prepare,
             )
-        elif afterwards:
+        elif prepare is not None:
             prepare()
         remarks = (*read.remarks, *preparation.remarks())
         if aligned is not None:
