@@ -117,7 +117,7 @@ def deviation_slice(path: Path, index: int) -> VolumeSlice:
     """
     with open_hdf5(path) as file:
         if layout.DEVIATION not in file[layout.RECONSTRUCTION]:
-            raise NotStored("no-deviation", "this volume has no standard deviations: reconstruct with uncertainty")
+            raise NotStored("no-deviation", "this volume has no standard deviations: only earlier versions made them")
         return next(_slices(file[layout.RECONSTRUCTION], layout.DEVIATION, [index]))
 
 

@@ -28,7 +28,8 @@ class NewVolume:
 
     def write(self, first: int, slices: NDArray[np.float32]) -> None:
         """Write slices (slices, x, y), and what is densest in them from the side."""
-        _write_slices(self._volume, first, slices)
+        for n, values in enumerate(slices, first):
+            write_packed(self._volume, n, values)
         written = np.s_[first : first + len(slices)]
         self._along_x[written], self._along_y[written] = slices.max(axis=1), slices.max(axis=2)
 
@@ -41,11 +42,6 @@ class NewVolume:
         group = new_group(self._file, layout.ALPHA_CURVE, "NXcollection")
         for name, values in columns.items():
             group[name] = values
-
-
-def _write_slices(dataset: h5py.Dataset, first: int, slices: NDArray[np.float32]) -> None:
-    for n, values in enumerate(slices, first):
-        write_packed(dataset, n, values)
 
 
 @contextmanager
@@ -128,7 +124,11 @@ def _new_volume(
     data.attrs["signal"] = "data"
     data.attrs["axes"] = ["z" if spaced else "slice", "x", "y"]
     data["title"] = entry["title"]
-    volume = _new_pixels(data, layout.VALUES, (len(along), len(x_mm), len(y_mm)), unit)
+    shape = len(along), len(x_mm), len(y_mm)
+    volume: h5py.Dataset = data.create_dataset(
+        layout.VALUES, shape, np.float32, chunks=(1, *shape[1:]), **PACKED, fletcher32=True
+    )
+    volume.attrs["units"] = unit
     volume.attrs["long_name"] = f"attenuation ({unit})"
     # NXtomoproc asks, in texts, how values became numbers: they are stored as they are.
     volume.attrs["transform"], volume.attrs["offset"], volume.attrs["scaling"] = "none", "0", "1"
@@ -142,14 +142,6 @@ def _new_volume(
         data["slice"].attrs["long_name"] = "slice"
         # NXtomoproc requires a z, in whatever unit.
         data["z"] = data["slice"]
-    return volume
-
-
-def _new_pixels(group: h5py.Group, name: str, shape: tuple[int, ...], unit: str) -> h5py.Dataset:
-    volume: h5py.Dataset = group.create_dataset(
-        name, shape, np.float32, chunks=(1, *shape[1:]), **PACKED, fletcher32=True
-    )
-    volume.attrs["units"] = unit
     return volume
 
 

@@ -47,7 +47,7 @@ def describe_image(
 
 
 def _add_values(values: h5py.Dataset, name: str) -> None:
-    """Give VTK further values (z, x, y) of the same pixels; nothing is copied."""
+    """Give VTK the values (z, x, y) of the pixels; nothing is copied."""
     source = h5py.VirtualSource(".", values.name, values.shape)
     if len(values) == 1:
         # VTK reads an image of one slice from two axes.
