@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography import cost
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, GeometryError, view_weights
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, all_round
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.method import FittedMethod
 from sawmill_worker.tomography.methods import METHODS
@@ -171,7 +171,7 @@ def _candidates(geometry: FanBeamGeometry, noise: float, size: int, fitted_size:
     views, cells = geometry.sinogram_shape
     for method in EXPECTED_ERRORS:
         fitted = issubclass(METHODS[method], FittedMethod)
-        if not (fitted or _all_round(geometry)):
+        if not (fitted or all_round(geometry.angles_rad)):
             continue
         pixels = fitted_size if fitted else size
         for step in range(1, max(views // LEAST_VIEWS, 1) + 1) if fitted else (1,):
@@ -180,19 +180,11 @@ def _candidates(geometry: FanBeamGeometry, noise: float, size: int, fitted_size:
             yield _Candidate(method, step, used, expected_error(method, used, noise), seconds)
 
 
-def _all_round(geometry: FanBeamGeometry) -> bool:
-    try:
-        view_weights(geometry.angles_rad)
-    except GeometryError:
-        return False
-    return True
-
-
 def _words(one: _Candidate, geometry: FanBeamGeometry) -> str:
     name = one.method.value
     views = geometry.angles_rad.size
     of = f"{one.views} views" if one.step == 1 else f"{one.views} of the {views} views"
-    if not _all_round(geometry):
+    if not all_round(geometry.angles_rad):
         return f"{name} from {of}, {_milliseconds(one.seconds)}"
     return f"{name} from {of}, relative error {one.error:.2g}, {_milliseconds(one.seconds)}"
 

@@ -31,6 +31,7 @@ __all__ = [
     "SourceFrame",
     "Theta",
     "ThetaBounds",
+    "all_round",
     "angle_difference",
     "bounds_array",
     "cell_borders_mm",
@@ -163,3 +164,12 @@ def view_weights(angles_rad: FloatArray) -> FloatArray:
     weights = np.empty_like(gaps)
     weights[order] = 0.5 * (gaps + np.roll(gaps, 1))
     return weights
+
+
+def all_round(angles_rad: FloatArray) -> bool:
+    """Whether the views cover a full turn, as `view_weights` needs them to."""
+    try:
+        view_weights(angles_rad)
+    except GeometryError:
+        return False
+    return True

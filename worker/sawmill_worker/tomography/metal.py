@@ -14,7 +14,7 @@ from scipy.ndimage import binary_dilation, label, maximum_filter
 
 from sawmill_worker.tomography.bridging import bridged_samples
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, view_weights
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, all_round
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Image, Projector
 
@@ -85,7 +85,7 @@ class MetalSearch:
         few = geometry.with_angles(geometry.angles_rad[::step])
         # A field whose corners reach the source has no rays.
         radius = min(radius_mm, 0.7 * frame.source_distance_mm * math.cos(frame.tilt_rad))
-        if radius <= 0.0 or not (_all_round(geometry) and _all_round(few)):
+        if radius <= 0.0 or not (all_round(geometry.angles_rad) and all_round(few.angles_rad)):
             return None
         size = math.ceil(2.0 * radius * frame.magnification / geometry.scanner.detector_pitch_mm)
         grid = ImageGrid(min(max(size, SMALLEST_SIZE), LARGEST_SIZE), 2.0 * radius)
@@ -118,8 +118,9 @@ class MetalSearch:
 
     def _pieces(self, image: Image) -> NDArray[np.bool_]:
         near = maximum_filter(image, 2 * round(PEAK_REACH_MM / self.fine.grid.pixel_mm) + 1)
-        least = max(TIMES_WOOD * _wood(image), SHARE_OF_LARGEST * float(image.max()))
-        strong = image > np.maximum(SHARE_OF_PEAK * near, TIMES_WOOD * _wood(image))
+        beyond_wood = TIMES_WOOD * _wood(image)
+        least = max(beyond_wood, SHARE_OF_LARGEST * float(image.max()))
+        strong = image > np.maximum(SHARE_OF_PEAK * near, beyond_wood)
         pieces, count = label(strong)
         keep = np.zeros(count + 1, bool)
         keep[pieces[image > least]] = True
@@ -135,14 +136,6 @@ class MetalSearch:
         lengths = self.fine.forward(metal).ravel().astype(np.float64)
         value = max(float(lengths @ samples.ravel()) / float(lengths @ lengths), 0.0)
         return np.where(metal, np.float32(value), np.float32(0.0))
-
-
-def _all_round(geometry: FanBeamGeometry) -> bool:
-    try:
-        view_weights(geometry.angles_rad)
-    except GeometryError:
-        return False
-    return True
 
 
 def _wood(image: Image) -> float:
