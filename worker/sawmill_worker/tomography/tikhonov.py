@@ -16,7 +16,7 @@ from sawmill_worker.tomography.iterative.cross_validation import parabola_minimu
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, part_of
 from sawmill_worker.tomography.method import FittedMethod, LeftOut
-from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on
+from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.vocabulary import AlphaRule
@@ -124,7 +124,7 @@ def tikhonov(
         iterations=np.array([one.iterations for one in solved]),
         converged=np.array([one.converged for one in solved]),
         parameters={"alpha": np.array([one.weight for one in solved])},
-        noise=float(np.sqrt(np.mean(noises**2))),
+        noise=rms_noise(noises),
         misfit=misfit,
         curves=tuple(one.curve.columns() for one in solved),
         remarks=remarks + remarks_on(misfit, lines, noises),
@@ -152,7 +152,7 @@ class _Solved:
 def _solve(projector: Projector, line: Image, request: _Request, on_progress: OnProgress) -> _Solved:
     """One slice: bidiagonalise until the solution at the current weight has converged."""
     rays = int(projector.crossing.sum())
-    small = _Bidiagonalisation(projector, np.where(projector.crossing, line, np.float32(0.0)), request.iterations)
+    small = _Bidiagonalisation(projector, line, request.iterations)
     validating = request.weight is None and request.rule is AlphaRule.CROSS_VALIDATION
     probing = request.weight is None and request.rule in {AlphaRule.DISCREPANCY, AlphaRule.GCV}
     phases = Phases(on_progress, validate=VALIDATION_STEPS * validating, probe=PROBE_STEPS * probing, solve=USUAL_STEPS)
@@ -198,12 +198,7 @@ def _by_cross_validation(projector: Projector, line: Image, on_progress: OnProgr
     training, validation = (
         Projector(geometry.with_angles(geometry.angles_rad[part]), projector.grid) for part in (~left_out, left_out)
     )
-    small = _Bidiagonalisation(
-        training, np.where(training.crossing, line[~left_out], np.float32(0.0)), VALIDATION_STEPS
-    )
-    for step in range(VALIDATION_STEPS):
-        small.extend(1)
-        on_progress((step + 1) / VALIDATION_STEPS)
+    small = _bidiagonalised(training, line[~left_out], VALIDATION_STEPS, on_progress)
     problem = _Projected.of(small)
     weights = problem.singular[0] ** 2 * VALIDATION_SHARES
     images = np.stack([small.combine(problem.solution(weight)) for weight in weights])
@@ -213,19 +208,16 @@ def _by_cross_validation(projector: Projector, line: Image, on_progress: OnProgr
 
 def _probe(projector: Projector, on_progress: OnProgress) -> "_Projected":
     """The same bidiagonalisation started from random signs, which estimates the trace of A's filtered inverse."""
-    signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], projector.crossing.shape)
-    small = _Bidiagonalisation(projector, np.where(projector.crossing, signs, 0.0).astype(np.float32), PROBE_STEPS)
-    for step in range(PROBE_STEPS):
-        small.extend(1)
-        on_progress((step + 1) / PROBE_STEPS)
-    return _Projected.of(small)
+    signs = np.random.default_rng(PROBE_SEED).choice([-1.0, 1.0], projector.crossing.shape).astype(np.float32)
+    return _Projected.of(_bidiagonalised(projector, signs, PROBE_STEPS, on_progress))
 
 
 class _Bidiagonalisation:
-    """A V = U B with B lower bidiagonal, V kept orthogonal in full."""
+    """A V = U B with B lower bidiagonal, V kept orthogonal in full; from the rays of a line that cross the field."""
 
     def __init__(self, projector: Projector, line: Image, most: int) -> None:
         self.projector = projector
+        line = np.where(projector.crossing, line, np.float32(0.0))
         self.data_norm = float(np.linalg.norm(line))
         self._u = (line / max(self.data_norm, 1e-300)).astype(np.float32)
         # Memory that is not written to costs nothing.
@@ -271,6 +263,15 @@ class _Bidiagonalisation:
         n = self.projector.grid.size
         image: Image = (coefficients.astype(np.float32) @ self._basis[: self.size]).reshape(n, n)
         return image
+
+
+def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:
+    """After so many steps, or fewer if the directions are exhausted."""
+    small = _Bidiagonalisation(projector, line, steps)
+    for step in range(steps):
+        small.extend(1)
+        on_progress((step + 1) / steps)
+    return small
 
 
 @dataclass(frozen=True, eq=False)
@@ -329,7 +330,7 @@ class Tikhonov(FittedMethod):
 
     least_images: ClassVar[int] = IMAGES_OF_A_BASIS
     # Slices go one by one, which makes a projection 2.4 times as slow (docs/performance.md#the-projector).
-    pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + PROBE_STEPS)
+    pairs_a_slice: ClassVar[float] = 2.4 * (USUAL_STEPS + VALIDATION_STEPS)
 
     alpha: float | None = None
     alpha_rule: AlphaRule = AlphaRule.CROSS_VALIDATION
