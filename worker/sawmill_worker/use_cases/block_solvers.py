@@ -48,13 +48,6 @@ MOST_FITTED_IMAGES = max(
 
 
 @dataclass(frozen=True, eq=False)
-class Slices:
-    """Slices (slices, x, y) float32."""
-
-    images: Images
-
-
-@dataclass(frozen=True, eq=False)
 class LogTask:
     """The log to reconstruct.
 
@@ -107,8 +100,8 @@ class BlockSolver(Protocol):
     concurrent: int
     curve: Curve | None
 
-    def __call__(self, first: int, rows: Images) -> Slices:
-        """Reconstruct line integrals (views, slices, detector); `first` is the number of the first slice.
+    def __call__(self, first: int, rows: Images) -> Images:
+        """Slices (slices, x, y) of line integrals (views, slices, detector); `first` is the number of the first slice.
 
         NaN in every cell of rows that a view lacks: methods that can leave out rays do without them, others have them
         interpolated in angle.
@@ -168,7 +161,7 @@ class _DirectSolver:
         self._holds_all = task.full_grid()[0].size == size
         self._checked = set(np.linspace(0, task.slices - 1, CHECKED_SLICES).round().astype(int).tolist())
 
-    def __call__(self, first: int, rows: Images) -> Slices:
+    def __call__(self, first: int, rows: Images) -> Images:
         complete = filled(rows, self._projector.geometry.angles_rad)
         block = self._metal(complete.transpose(1, 0, 2))
         images = self._method.reconstruct(self._projector, block.lines).image
@@ -177,7 +170,7 @@ class _DirectSolver:
                 with self._checking:
                     self._check(block.lines[index], images[index])
         block.put_back(images, self._projector.grid)
-        return Slices(images)
+        return images
 
     def _check(self, line: Images, image: Images) -> None:
         lines = np.ascontiguousarray(line)[None]
@@ -235,7 +228,7 @@ class _FittedSolver:
                     "leave it out of the rows, or give the settings",
                 )
 
-    def __call__(self, first: int, rows: Images) -> Slices:
+    def __call__(self, first: int, rows: Images) -> Images:
         complete = filled(rows, self._projector.geometry.angles_rad)
         lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), self._findings), ~present_rows(rows)
         shown = lines.any(axis=(1, 2))
@@ -248,19 +241,18 @@ class _FittedSolver:
             found = self._solve(
                 numbers, block.lines, left_out, lambda share: self._task.on_progress(len(lines) * share)
             )
-            block.put_back(found.images, self._projector.grid)
+            block.put_back(found, self._projector.grid)
             field = (slice(None), *self._field)
-            images[shown] = found.images[field]
+            images[shown] = found[field]
         self._findings.add_empty(int((~shown).sum()))
-        return Slices(images)
+        return images
 
     def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
-        metal = self._metal.left_out(block)
         if not (self._method.leaves_out and lost.any()):
-            return metal
+            return block.left_out
         rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
-        return rays if metal is None else metal | rays
+        return rays if block.left_out is None else block.left_out | rays
 
     def _solve(
         self,
@@ -268,7 +260,7 @@ class _FittedSolver:
         lines: Images,
         left_out: NDArray[np.bool_] | None,
         on_progress: OnProgress,
-    ) -> Slices:
+    ) -> Images:
         """Slices of the full grid, from line integrals (slices, views, detector)."""
         method, counts = self._method, self._task.counts
         choosing = method.is_open and self._task.slices > len(lines)
@@ -280,7 +272,7 @@ class _FittedSolver:
                 sample.lines[0],
                 counts=counts,
                 on_progress=phases.of("choose"),
-                left_out=self._metal.left_out(sample),
+                left_out=sample.left_out,
             )
         found = method.reconstruct(
             self._projector,
@@ -292,7 +284,7 @@ class _FittedSolver:
         self._findings.add(found)
         if found.curves:
             self._keep_nearest_curve(numbers, found.curves, found.parameters)
-        return Slices(found.image)
+        return found.image
 
     def _keep_nearest_curve(
         self, numbers: NDArray[np.int64], curves: tuple[Curve, ...], parameters: Mapping[str, NDArray[np.float64]]

@@ -24,20 +24,13 @@ class WithoutMetal:
     lines : (slices, views, detector) float32
     metal : mapping of int to Metal
         By the slice's place in the block.
+    left_out : (slices, views, detector) bool, optional
+        The rays that the method is to work without; None where there are none.
     """
 
     lines: Images
     metal: Mapping[int, Metal] = field(default_factory=dict)
-
-    @property
-    def trace(self) -> NDArray[np.bool_] | None:
-        """Rays through metal, (slices, views, detector); None without metal."""
-        if not self.metal:
-            return None
-        traces = np.zeros(self.lines.shape, bool)
-        for index, found in self.metal.items():
-            traces[index] = found.trace
-        return traces
+    left_out: NDArray[np.bool_] | None = None
 
     def put_back(self, images: Images, grid: ImageGrid) -> None:
         """Add the metal to images (slices, size, size), in place."""
@@ -82,14 +75,10 @@ class MetalReduction:
         found = {index: metal for index, metal in looked.items() if metal is not None}
         if not found:
             return WithoutMetal(lines)
-        filled = lines.copy()
+        filled, trace = lines.copy(), np.zeros(lines.shape, bool)
         for index, metal in found.items():
-            filled[index] = metal.filled
-        return WithoutMetal(filled, found)
-
-    def left_out(self, block: WithoutMetal) -> NDArray[np.bool_] | None:
-        """The rays (slices, views, detector) that the method is to work without; None where there are none."""
-        return block.trace if self._leave_out else None
+            filled[index], trace[index] = metal.filled, metal.trace
+        return WithoutMetal(filled, found, trace if self._leave_out else None)
 
     def report(self) -> MetalReport | None:
         """The metal of the blocks so far."""

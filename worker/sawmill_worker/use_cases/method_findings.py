@@ -46,7 +46,7 @@ class MethodFindings:
         """Add slices whose image and data are both 0: their misfit is 0."""
         self._misfit.extend([0.0] * slices)
 
-    def report(self, metal: MetalReport | None = None) -> MethodReport:
+    def report(self, metal: MetalReport | None) -> MethodReport:
         """Medians over the slices, the worst misfit, and the metal that was found."""
         chosen = self._recommended
         return MethodReport(

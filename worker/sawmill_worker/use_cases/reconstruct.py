@@ -20,7 +20,7 @@ from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
-from sawmill_worker.use_cases.block_solvers import BlockSolver, LogTask, Slices, method_of, solver_of
+from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
@@ -112,11 +112,7 @@ def run_reconstruction(
     )
     views = run.views
     with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
-
-        def write(start: int, block: Slices) -> None:
-            volume.write(start, block.images)
-
-        result = run.reconstruct(solver, write)
+        result = run.reconstruct(solver, volume.write)
         assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
         volume.note_method(result.method.model_dump(mode="json", exclude_none=True))
         if solver.curve is not None:
@@ -131,9 +127,8 @@ def reconstruct_in_memory(
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
 
-    def keep(start: int, block: Slices) -> None:
-        stop = start + len(block.images)
-        data[start:stop] = block.images
+    def keep(start: int, images: Images) -> None:
+        data[start : start + len(images)] = images
 
     return ReconstructedVolume(data, run.reconstruct(run.solver(), keep))
 
@@ -205,18 +200,18 @@ class _Run:
         )
         return sample[used]
 
-    def reconstruct(self, solver: BlockSolver, write: Callable[[int, Slices], None]) -> ReconstructionResult:
-        """All blocks; `write` takes the number of a block's first slice and the block."""
+    def reconstruct(self, solver: BlockSolver, write: Callable[[int, Images], None]) -> ReconstructionResult:
+        """All blocks; `write` takes the number of a block's first slice and its images."""
         given, options = self._given, self._options
         seen, fewest = ValueRange(self.slices, options.size), [int(given.angles_rad.size)]
 
         def reconstruct_block(start: int, stop: int) -> Iterator[None]:
             rows = given.read(start, stop)
             yield
-            block = solver(start, rows)
+            images = solver(start, rows)
             yield
-            write(start, block)
-            seen.add(block.images)
+            write(start, images)
+            seen.add(images)
             fewest.append(int(present_rows(rows).sum(axis=0).min()))
 
         reconstruct_stack(
