@@ -20,7 +20,7 @@ from scanners import SCANNER
 
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import ConjugateFit, DriftError, drift_change
+from sawmill_worker.tomography.drift import ConjugateFit, DriftError, drift_change, seen_vector
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -57,9 +57,7 @@ class Tally:
 
     def add(self, fit: ConjugateFit, truth: SourceFrame) -> None:
         """Count an answer; an SDD that was held is none."""
-        found = np.array([fit.cor_column_mm, fit.tilt_rad, fit.source_to_detector_mm])
-        true = np.array([truth.cor_column_mm, truth.tilt_rad, truth.source_to_detector_mm])
-        error, deviation = found - true, fit.deviation
+        error, deviation = seen_vector(fit) - seen_vector(truth), fit.deviation
         deviation[:2] = np.hypot(deviation[:2], DISTANCE_ERROR_MM * fit.distance_sensitivity)
         self.alarms += drift_change(SCANNER, truth, None, fit).moved
         self.disturbed += bool(fit.disturbances)

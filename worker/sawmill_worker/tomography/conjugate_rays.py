@@ -9,6 +9,7 @@ is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 import math
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,12 +24,20 @@ from sawmill_worker.tomography.disturbances import (
     undetected_covariance,
     undisturbed,
 )
-from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, seen_vector
+from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, LogMovement, seen_vector
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.log_movement import log_movement
 from sawmill_worker.tomography.metal import MetalSearch
 from sawmill_worker.tomography.object_extent import object_radius_mm
-from sawmill_worker.tomography.paired_rays import ALL_THREE, WITHOUT_DISTANCE, Pairs, Solution, Turn, fan_angles
+from sawmill_worker.tomography.paired_rays import (
+    ALL_THREE,
+    WITHOUT_DISTANCE,
+    Pairs,
+    Solution,
+    Turn,
+    fan_angles,
+    nearest_view,
+)
 from sawmill_worker.tomography.view_gain import view_gain
 from sawmill_worker.vocabulary import Rotation
 
@@ -75,9 +84,8 @@ def _turn(scan: "_Scan", even: FloatArray, first_rad: float) -> Turn:
     views = len(even)
     spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
     orders = np.arange(1, spectrum.shape[1] + 1)
-    at = np.rint((scan.angles_rad - first_rad) * views / TAU).astype(np.intp) % views
     left_out = np.zeros(even.shape, bool)
-    left_out[at] = scan.left_out
+    left_out[nearest_view(scan.angles_rad, first_rad, views)] = scan.left_out
     return Turn(
         np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)),
         even.mean(axis=0),
@@ -129,22 +137,18 @@ def conjugate_fit(
         metal,
         (*screening.adjustments, *without_metal),
     )
-    steady = best, rotation, ratio, used = _fit_without_odd_views(scan, start, rotation)
+    fit = steady = _fit_without_odd_views(scan, start, rotation)
     harmonics = Harmonics.none()
     for _ in range(ROUNDS):
-        found = strongest(best, start.source_distance_mm)
+        found = strongest(fit.best, start.source_distance_mm)
         if found is None:
             break
         harmonics = harmonics.plus(found)
-        best, rotation, ratio, used = _fit_without_odd_views(
-            scan.undisturbed(harmonics, start, rotation), start, rotation
-        )
+        fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
     # A jump of the log has something of every harmonic, and no harmonics explain it.
-    if (
-        harmonics.values.any()
-        and log_movement(best, rotation.apply(angles_rad), start.source_distance_mm).beyond_chance
-    ):
-        harmonics, (best, rotation, ratio, used) = Harmonics.none(), steady
+    if harmonics.values.any() and fit.movement(angles_rad, start).beyond_chance:
+        fit, harmonics = steady, Harmonics.none()
+    best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
     remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
     _check_found(scanner, best, start)
@@ -155,11 +159,11 @@ def conjugate_fit(
         sdd,
         best.covariance + undetected_covariance(best, start.source_distance_mm),
         best.free == WITHOUT_DISTANCE,
-        rotation,
-        ratio,
+        fit.rotation,
+        fit.ratio,
         best.rays.relative_residual,
         best.distance_sensitivity,
-        log_movement(best, rotation.apply(angles_rad), start.source_distance_mm),
+        fit.movement(angles_rad, start),
         (*used.done, remark) if disagreeing else used.done,
         harmonics.amplitudes(start.source_distance_mm),
     )
@@ -204,19 +208,30 @@ class _Scan:
         return replace(self, sinogram=sinogram, angles_rad=rotation.apply(angles))
 
 
-def _fit_without_odd_views(
-    scan: _Scan, start: SourceFrame, rotation: Rotation
-) -> tuple[Solution, Rotation, float, _Scan]:
-    """As `_fit`, to the views that agree with the others."""
-    best, rotation, ratio, used = _fit(scan, start, rotation)
-    while (odd := _odd_views(scan, best, rotation)).any():
-        scan = replace(scan, usable=scan.usable & ~odd)
-        best, rotation, ratio, used = _fit(scan, start, rotation)
-    return best, rotation, ratio, used
-
-
-def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> tuple[Solution, Rotation, float, _Scan]:
+class _Fit(NamedTuple):
     """The fit in the better sense of rotation, how much better it is, and the scan with what was done to it."""
+
+    best: Solution
+    rotation: Rotation
+    ratio: float
+    scan: _Scan
+
+    def movement(self, angles_rad: FloatArray, start: SourceFrame) -> LogMovement:
+        """The log's jump, where the scan's angles are these."""
+        return log_movement(self.best, self.rotation.apply(angles_rad), start.source_distance_mm)
+
+
+def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+    """As `_fit`, to the views that agree with the others."""
+    fit = _fit(scan, start, rotation)
+    while (odd := _odd_views(scan, fit.best, fit.rotation)).any():
+        scan = replace(scan, usable=scan.usable & ~odd)
+        fit = _fit(scan, start, fit.rotation)
+    return fit
+
+
+def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
+    """Of the views that are usable."""
     even, first = _even_views(scan.sinogram, scan.angles_rad, scan.usable)
     turn = _turn(scan, even, first)
     other = next(sense for sense in Rotation if sense is not rotation)
@@ -235,20 +250,20 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> tuple[Solution,
         if gain is None or not best.settled:
             break
         vector = best.vector
-    return best, rotation, ratio, replace(scan, done=done)
+    return _Fit(best, rotation, ratio, replace(scan, done=done))
 
 
 def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bool_]:
     """Views (views,) whose rays differ from their opposites far more than the others' do."""
-    views = scan.angles_rad.size
+    views, first_rad = scan.angles_rad.size, float(scan.angles_rad.min())
     squares = np.where(best.rays.used, best.rays.difference**2, 0.0).ravel()
     sums, counts = np.zeros(views), np.zeros(views)
     for angles in best.pairs.views_of():
-        nearest = np.rint((angles - scan.angles_rad.min()) * views / TAU).astype(np.intp).ravel() % views
+        nearest = nearest_view(angles, first_rad, views).ravel()
         sums += np.bincount(nearest, squares, views)
         counts += np.bincount(nearest, best.rays.used.ravel(), views)
     rms = np.sqrt(sums / np.maximum(counts, 1.0))
-    at = np.rint((rotation.apply(scan.angles_rad) - scan.angles_rad.min()) * views / TAU).astype(np.intp) % views
+    at = nearest_view(rotation.apply(scan.angles_rad), first_rad, views)
     odd: NDArray[np.bool_] = (
         scan.usable & (rms > max(ODD_VIEW * float(np.median(rms)), NEAR_WORST * float(rms.max())))[at]
     )

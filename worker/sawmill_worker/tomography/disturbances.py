@@ -148,7 +148,7 @@ def _estimates(solution: Solution) -> list[Estimate]:
     """Each disturbance fitted alone beside the geometry; without those that the pairs do not show."""
     near, opposite = solution.pairs.views_of()
     geometry = list(range(3))[solution.free]
-    derivatives = solution.rays.derivatives.with_mean(solution.pairs.mean_by_gamma(solution.vector), solution.rays.used)
+    derivatives = solution.derivatives
     estimates = []
     for each in DISTURBANCES:
         rays = solution.rays.with_unknowns(derivatives, *_weights(each, near, opposite))

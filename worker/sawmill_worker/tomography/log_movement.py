@@ -56,7 +56,8 @@ class _Jumps:
         by_s = 1.0 / (source_distance_mm * np.cos(pairs.gamma))[:, None]
         chi = np.arange(near.shape[1]) * TAU / near.shape[1]
         normal = np.sign(near - opposite) * by_s * np.stack([np.cos(chi), np.sin(chi)])[:, None, :]
-        slope, instrument = pairs.sideways(solution.vector)
+        derivatives = solution.derivatives
+        slope, instrument = derivatives.plain[0], derivatives.blurred[0]
         self._difference = rays.difference
         self._jump, self._jump_instrument = normal * slope, normal * instrument
         self._known, self._known_instrument = rays.slopes[solution.free], rays.instruments[solution.free]

@@ -37,6 +37,11 @@ SAMPLE_REACH = 1.0
 ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
 
 
+def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:
+    """The number of the nearest of so many equidistant views to each angle, the first of which stands at an angle."""
+    return np.rint((angles_rad - first_rad) * views / TAU).astype(np.intp) % views
+
+
 @dataclass(frozen=True, eq=False)
 class Turn:
     """A full turn in the Fourier domain of equidistant views.
@@ -75,8 +80,7 @@ class Turn:
 
     def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
         """The row of `left_out` for each angle as it is read."""
-        steps = (self.sense * angles_rad - self.first_rad) * self.views / TAU
-        return np.rint(steps).astype(np.intp) % self.views
+        return nearest_view(self.sense * angles_rad, self.first_rad, self.views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,17 +282,6 @@ class Pairs:
             derivatives,
         )
 
-    def sideways(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Derivative of the pairs' rays by gamma at fixed chi (pairs, chi), and the same blurred twice over chi.
-
-        Unlike the rays and their differences, it has the constant harmonic.
-        """
-        constant = self.mean_by_gamma(vector)[:, None]
-        _, _, slope, opposite_slope = self._both_sides(vector)
-        half_sum = 0.5 * (slope + opposite_slope)
-        once, twice = self._over_chi(half_sum), self._over_chi(half_sum * self._blur**2)
-        return once + constant, (twice + constant) * self._used
-
     def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
         """Rays and opposite rays (pairs, harmonics) over chi, and the derivatives of both by the rays' gamma."""
         fan, covered = fan_angles(self._scanner, vector)
@@ -376,6 +369,11 @@ class Solution:
         covariance = np.zeros((3, 3))
         covariance[self.free, self.free] = self.free_covariance
         return covariance
+
+    @property
+    def derivatives(self) -> Derivatives:
+        """Those of the pairs with the views' mean, for unknowns that vary with chi."""
+        return self.rays.derivatives.with_mean(self.pairs.mean_by_gamma(self.vector), self.rays.used)
 
     @property
     def distance_sensitivity(self) -> FloatArray:
