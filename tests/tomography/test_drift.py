@@ -11,6 +11,7 @@ from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import Disturbance, DriftError, disturbed_turn, drift_change, likely_cause
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
+from sawmill_worker.tomography.paired_rays import Derivatives, PairedRays
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.vocabulary import Rotation
@@ -345,3 +346,12 @@ def test_a_distance_that_has_not_surely_changed_is_held(full_turn, frame):
     worse = replace(fit, covariance=fit.covariance + np.diag([0.0, 0.0, 400.0]), source_to_detector_mm=1650.0)
     assert abs(worse.source_to_detector_mm - frame.source_to_detector_mm) > 20.0
     assert drift_change(MILL, frame, None, worse).ray_change_mm < 0.2
+
+
+def test_pairs_that_no_longer_show_the_unknowns_have_no_error_bars():
+    """Under a mask the normal matrix is not symmetric: definite below its diagonal, and not as a whole."""
+    slopes = np.array([[[1.0, 0.0]], [[3.0, 1.0]]])
+    instruments = np.array([[[1.0, 0.0]], [[0.0, 1.0]]])
+    nothing, derivatives = np.zeros_like(slopes), Derivatives(*[np.zeros((2, 1, 2))] * 4)
+    rays = PairedRays(np.ones((1, 2)), slopes, instruments, nothing, nothing, np.ones((1, 2), bool), 1.0, derivatives)
+    assert np.isinf(rays.covariance(slice(0, 2), corrected=True)).all()

@@ -181,7 +181,7 @@ class PairedRays:
         Infinite where the pairs do not show them.
         """
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
-        if not (_is_definite(noisy) and _signal_share(gram, noisy) > SIGNAL_SHARE):
+        if not (_is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
         scores = self.scores()[:, free]
         bread = np.linalg.inv(gram)
