@@ -58,7 +58,7 @@ class SliceQuery(WindowQuery):
 
     show: Shown = Field(
         Shown.ATTENUATION,
-        description="`deviation`: each pixel's standard deviation, of a reconstruction that was asked for uncertainty.",
+        description="`deviation`: each pixel's standard deviation, where an earlier version computed it.",
     )
     bits: Bits = Field(
         Bits.EIGHT, description="8: for people, with scale bar and colour bar. 16: for machines, the values alone."
