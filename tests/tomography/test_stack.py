@@ -13,7 +13,7 @@ SLICES = 40
 
 @pytest.mark.parametrize("concurrent", [1, 3])
 @pytest.mark.parametrize("step", [7, 16, 48])
-def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, concurrent):
+def test_blocks_cover_the_whole_volume_and_one_at_a_time_they_are_in_order(step, concurrent):
     begun, reported, at_work, most = [], [], set(), []
     lock = threading.Lock()
 
@@ -27,7 +27,9 @@ def test_blocks_are_begun_in_order_and_cover_the_whole_volume(step, concurrent):
             at_work.remove(start)
 
     reconstruct_stack(SLICES, reconstruct, step=step, concurrent=concurrent, done=reported.append)
-    assert begun == [(start, min(start + step, SLICES)) for start in range(0, SLICES, step)]
+    # Threads take blocks in order, but one may wait for the processor before it says so.
+    in_order = begun if concurrent == 1 else sorted(begun)
+    assert in_order == [(start, min(start + step, SLICES)) for start in range(0, SLICES, step)]
     assert reported == sorted(reported)
     assert reported[-1] == SLICES
     assert max(most) <= concurrent

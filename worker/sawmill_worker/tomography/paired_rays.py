@@ -38,7 +38,7 @@ ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
 
 
 def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:
-    """The number of the nearest of so many equidistant views to each angle, the first of which stands at an angle."""
+    """Of equidistant views, of which the first stands at `first_rad`, the index of the one nearest to each angle."""
     return np.rint((angles_rad - first_rad) * views / TAU).astype(np.intp) % views
 
 

@@ -266,7 +266,7 @@ class _Bidiagonalisation:
 
 
 def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:
-    """After so many steps, or fewer if the directions are exhausted."""
+    """After this number of steps, or fewer if the directions are exhausted."""
     small = _Bidiagonalisation(projector, line, steps)
     for step in range(steps):
         small.extend(1)
