@@ -156,6 +156,12 @@ def _derivatives(scanner: Scanner, frame: SourceFrame, points: FloatArray, cells
     return columns.reshape(-1, 5)
 
 
+def ray_error_of_bias(scanner: Scanner, frame: SourceFrame, bias: FloatArray, *, radius_mm: float = 150.0) -> float:
+    """RMS ray error, mm, of a frame that is off by this bias of (psi, R, SDD, u_c, tau), (5,), to first order."""
+    distances = _linear(scanner, frame, radius_mm).distances @ bias
+    return float(np.sqrt(np.mean(distances * distances)))
+
+
 @dataclass(frozen=True)
 class PredictedRayError:
     """What a covariance says the rays are off by inside the disc.

@@ -1,4 +1,4 @@
-"""The calibration that users get: search -> fit -> faults -> residual -> error bars -> alternatives -> judgement."""
+"""The calibration that users get: search -> fit -> joint fit -> residual -> error bars -> alternatives -> judgement."""
 
 import math
 import time

@@ -27,7 +27,7 @@ from sawmill_worker.tomography.calibration.faults.view_gain import views_differ
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
-from sawmill_worker.tomography.calibration.selection import Test, test_effect
+from sawmill_worker.tomography.calibration.selection import Beside, EffectTest
 from sawmill_worker.tomography.calibration.steps import BY_ANGLES, ROUNDING, is_small, moved, off_by, stepped
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, wrap_angle
@@ -56,6 +56,8 @@ class Fitted:
         It is not to join: other effects explained it, or it was not to be fitted.
     sizes : (columns,) float64
         Of its columns.
+    places : list of int
+        Of its columns in the system at hand.
     """
 
     effect: Effect
@@ -63,6 +65,7 @@ class Fitted:
     trials: float = 1.0
     declined: bool = False
     sizes: FloatArray = field(init=False)
+    places: list[int] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         """Nothing yet."""
@@ -89,7 +92,7 @@ class JointFit:
     used: list[int]
     change: FloatArray
     variance: float
-    beyond_chance: tuple[tuple[Fitted, Test], ...]
+    beyond_chance: tuple[tuple[Fitted, EffectTest], ...]
     angle_variance: float
     converged: bool
     rounds: int
@@ -97,9 +100,8 @@ class JointFit:
     def without(self, one: Fitted) -> tuple[list[Column], FloatArray]:
         """The other columns, and what they would be off by if an effect were not fitted."""
         columns = self.system.columns
-        own = [i for i in self.used if columns[i] in one.columns]
-        rest = [i for i in self.used if i not in own]
-        off = self.system.inverse(rest) @ self.system.normal[np.ix_(rest, own)] @ one.sizes
+        rest = [i for i in self.used if i not in one.places]
+        off = self.system.inverse(rest) @ self.system.normal[np.ix_(rest, one.places)] @ one.sizes
         return [columns[i] for i in rest], off
 
 
@@ -169,7 +171,7 @@ class _JointFitter:
         may_rise = BY_ANGLES if small or self.angle_variance > 0.0 else ROUNDING
         self.model, share = stepped(self.model, system.columns, change, grams, may_rise=may_rise)
         for one in self.fitted:
-            one.sizes = one.sizes + share * change[self.places[id(one)]]
+            one.sizes = one.sizes + share * change[one.places]
         self.last = system, tried, used, change
         self.converged = off_by(system, used, change) <= TOLERABLE * self.variance
         if share == 0.0:
@@ -182,7 +184,8 @@ class _JointFitter:
     def result(self) -> JointFit:
         """Where it ended."""
         system, tried, used, change = self.last
-        tests = [(one, test_effect(system, used, self.places[id(one)])) for one in tried if one not in self.fitted]
+        beside = Beside(system, used)
+        tests = [(one, beside.tested(one.places)) for one in tried if one not in self.fitted]
         beyond = tuple((one, test) for one, test in tests if test.is_beyond_chance(one.trials))
         return JointFit(
             self.model,
@@ -218,13 +221,16 @@ class _JointFitter:
         tried = list(self.waiting)
         system = grams.system([*free, *(c for one in (*self.fitted, *tried) for c in one.columns)])
         used = list(range(len(free) + sum(len(one.columns) for one in self.fitted)))
-        view = likeliest_slip(system, used) if sum(one.trials > 1.0 for one in self.fitted) < MOST_SLIPS else None
+        slips = sum(one.effect.adjustment is Adjustment.SLIP for one in self.fitted)
+        view = likeliest_slip(system, used) if slips < MOST_SLIPS else None
         if view is not None:
             slip, trials = slip_at(view), float(len(system.scores))
             declined = Adjustment.SLIP in self.without
             tried.append(Fitted(slip, slip.columns(self.model), trials, declined=declined))
             system = grams.with_pose_from(system, view, tried[-1].columns)
-        self.places = _places(len(free), [*self.fitted, *tried])
+        first = len(free)
+        for one in (*self.fitted, *tried):
+            one.places = list(range(first, first := first + len(one.columns)))
         return system, tried, used
 
     def _join(self, system: System, tried: Sequence[Fitted], used: list[int]) -> list[Fitted]:
@@ -232,21 +238,22 @@ class _JointFitter:
         joined: list[Fitted] = []
         remaining = [one for one in tried if not one.declined]
         while remaining and len(joined) < MOST_AT_ONCE:
-            tests = [(test_effect(system, used, self.places[id(one)]), one) for one in remaining]
+            beside = Beside(system, used)
+            tests = [(beside.tested(one.places), one) for one in remaining]
             worth = [(test.power, one) for test, one in tests if test.is_fitted(one.trials)]
             if not worth:
                 break
             _, best = max(worth, key=lambda pair: pair[0])
             joined.append(best)
             remaining.remove(best)
-            used += self.places[id(best)]
+            used += best.places
         self.fitted += joined
         self.waiting = [one for one in self.waiting if one not in joined]
         return joined
 
     def _settled(self, system: System, used: list[int], change: FloatArray) -> bool:
         """Whether every effect is still needed, angles scatter no more, and intensities are averaged as modelled."""
-        dropped = [one for one in self.fitted if not _needed(system, used, self.places[id(one)], one)]
+        dropped = [one for one in self.fitted if not _needed(system, used, one)]
         for one in dropped:
             self.model = moved(self.model, one.columns, -one.sizes)
             self.fitted.remove(one)
@@ -272,18 +279,10 @@ def _averaged_anew(model: ScanModel, before: FloatArray) -> ScanModel:
     return replace(model, data=replace(data, sinogram=data.sinogram - before + added))
 
 
-def _places(first: int, effects: Sequence[Fitted]) -> dict[int, list[int]]:
-    places = {}
-    for one in effects:
-        places[id(one)] = list(range(first, first + len(one.columns)))
-        first += len(one.columns)
-    return places
-
-
-def _needed(system: System, used: list[int], own: list[int], one: Fitted) -> bool:
+def _needed(system: System, used: list[int], one: Fitted) -> bool:
     """Whether an effect is still far beyond chance beside the others."""
-    rest = [i for i in used if i not in own]
-    return test_effect(system.without(own, one.sizes), rest, own).is_fitted(one.trials)
+    rest = [i for i in used if i not in one.places]
+    return Beside(system.without(one.places, one.sizes), rest).tested(one.places).is_fitted(one.trials)
 
 
 def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, source_to_cor_mm: float) -> Fit:
@@ -316,9 +315,5 @@ def as_fit(joint: JointFit, covariance: Covariance, true_axis: TrueAxis | None, 
 def _within(joint: JointFit, covariance: Covariance) -> bool:
     """Whether the last step moved no parameter of the geometry by more than a standard deviation of its error bars."""
     deviations = np.sqrt(np.diag(covariance.values))
-    moves = (
-        (Parameter(column.term), abs(size))
-        for column, size in zip(joint.system.columns, joint.change.tolist(), strict=True)
-        if column.term is not None and column.term <= Term.T_Y
-    )
-    return all(size <= deviations[parameter] for parameter, size in moves)
+    changes = zip(joint.system.columns, joint.change.tolist(), strict=True)
+    return all(abs(size) <= deviations[column.parameter] for column, size in changes if column.parameter is not None)

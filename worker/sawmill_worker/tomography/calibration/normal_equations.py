@@ -12,8 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from sawmill_worker.tomography.calibration.noise_weights import sample_noise
+from sawmill_worker.tomography.calibration.faults.structure import mean_beyond_chance
+from sawmill_worker.tomography.calibration.sample_noise import sample_noise
 from sawmill_worker.tomography.calibration.scan_model import POSE, ScanModel, Term
+from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.robust import robust_deviation
 
@@ -47,6 +49,11 @@ class Column:
         (term, shape), *_ = self.parts
         return term if shape is None else None
 
+    @property
+    def parameter(self) -> Parameter | None:
+        """The parameter of the plain fit that it is; None for all others."""
+        return Parameter(self.term) if self.term is not None and self.term <= Term.T_Y else None
+
 
 class ViewGrams:
     """Every view's inner products of the derivatives by all terms, with each other and with the residual.
@@ -75,15 +82,16 @@ class ViewGrams:
         self._stripes(residual)
         rest = residual - self.stripes
         self.rest = rest
-        self.structured = _shared_power(np.sqrt(self.weights) * rest)
+        even = np.sqrt(self.weights) * rest
+        self.structured = mean_beyond_chance(even[:, 1:] * even[:, :-1]) * even[:, 1:].size
         self.power = float((self.weights * rest * residual).sum())
         views, terms = len(residual), len(Term)
         self.grams, self.scores = np.empty((views, terms, terms)), np.empty((views, terms))
         self._sums = np.zeros((terms, residual.shape[1]))
+        # Weighted derivatives (views, cells) by what may be taken out of each view, or change from view to view.
         self._weighted = {term: np.empty_like(residual) for term in (*POSE, Term.GAIN, Term.OFFSET)}
         for first in range(0, views, AT_ONCE):
             self._take(model, slice(first, min(first + AT_ONCE, views)))
-        self._of_pose = {term: self._weighted[term] for term in POSE}
 
     def _take(self, model: ScanModel, views: slice) -> None:
         """The inner products of a few views, as many as a processor's cache holds."""
@@ -141,9 +149,8 @@ class ViewGrams:
         rows = np.stack([self._weighted[term] for term in own], axis=1)
         self.power -= float(np.einsum("ki,kij,kj->", self.scores[:, own], inverse, self.scores[:, own]))
         self._sums = self._sums - np.tensordot(share, rows, axes=((0, 2), (0, 1)))
-        self._of_pose = {
-            term: of_term - np.einsum("ke,kem->km", share[:, term], rows) for term, of_term in self._of_pose.items()
-        }
+        for term, of_term in self._weighted.items():
+            self._weighted[term] = of_term - np.einsum("ke,kem->km", share[:, term], rows)
         self.scores = self.scores - (share @ self.scores[:, own, None])[..., 0]
         self.grams = self.grams - share @ self.grams[:, own]
 
@@ -161,7 +168,7 @@ class ViewGrams:
         for number, column in enumerate(columns):
             for term, shape in column.parts:
                 shapes[:, term, number] += 1.0 if shape is None else shape
-                sums[number] += self._sums[term] if shape is None else shape @ self._of_pose[term]
+                sums[number] += self._sums[term] if shape is None else shape @ self._weighted[term]
         grams = np.swapaxes(shapes, 1, 2) @ self.grams @ shapes
         scores = (np.swapaxes(shapes, 1, 2) @ self.scores[..., None])[..., 0]
         return self._system(columns, grams, scores, sums)
@@ -183,15 +190,8 @@ class ViewGrams:
         wider = np.concatenate(
             [np.concatenate([grams, cross], axis=2), np.concatenate([np.swapaxes(cross, 1, 2), own], axis=2)], axis=1
         )
-        sums = np.concatenate([system.sums, [self._of_pose[term][view:].sum(axis=0) for term in POSE]])
+        sums = np.concatenate([system.sums, [self._weighted[term][view:].sum(axis=0) for term in POSE]])
         return self._system([*system.columns, *columns], wider, np.concatenate([scores, after], axis=1), sums)
-
-
-def _shared_power(residual: FloatArray) -> float:
-    """The power of a residual (views, cells) that neighbouring cells share: noise is not shared, other faults are."""
-    products = residual[:, 1:] * residual[:, :-1]
-    total = float(products.sum())
-    return total if total > SCATTERS * float(products.std()) * math.sqrt(products.size) else 0.0
 
 
 @dataclass(frozen=True, eq=False)

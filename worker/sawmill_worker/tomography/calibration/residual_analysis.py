@@ -13,7 +13,7 @@ from sawmill_worker.tomography.calibration.normal_equations import Column
 from sawmill_worker.tomography.calibration.scatter import Scatter
 from sawmill_worker.tomography.fit_parameters import FRAME, Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
-from sawmill_worker.tomography.ray_error import predicted_ray_error
+from sawmill_worker.tomography.ray_error import ray_error_of_bias
 from sawmill_worker.vocabulary import Adjustment
 
 
@@ -103,10 +103,9 @@ def _not_fitted(joint: JointFit, scanner: Scanner, radius_mm: float) -> Iterator
 
 
 def _off_mm(joint: JointFit, columns: Sequence[Column], off: FloatArray, scanner: Scanner, radius_mm: float) -> float:
-    """The RMS ray error of columns that are off by so much."""
+    """The RMS ray error of columns that are off by as much."""
     bias = np.zeros(len(Parameter))
     for column, moved in zip(columns, off, strict=True):
-        if column.term is not None and column.term <= Parameter.T_Y:
-            bias[column.term] = moved
-    frame = bias[FRAME]
-    return predicted_ray_error(scanner, joint.model.frame, np.outer(frame, frame), radius_mm=radius_mm).rms_mm
+        if column.parameter is not None:
+            bias[column.parameter] = moved
+    return ray_error_of_bias(scanner, joint.model.frame, bias[FRAME], radius_mm=radius_mm)

@@ -151,8 +151,9 @@ class ScanModel:
     def _line_integrals(self, lengths: FloatArray) -> FloatArray:
         """After gain and offset: of wood whose density slopes, and beams that harden."""
         shape = lengths
-        if self.size(Term.HARDENING) or self.size(Term.HARDENING_CUBIC):
-            shape = lengths + self.size(Term.HARDENING) * lengths**2 + self.size(Term.HARDENING_CUBIC) * lengths**3
+        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
+        if square or cubic:
+            shape = lengths + square * lengths**2 + cubic * lengths**3
         if self.size(Term.GRADIENT_X) or self.size(Term.GRADIENT_Y):
             x, y = self.deformations[8:10]
             shape = shape + self.size(Term.GRADIENT_X) * x + self.size(Term.GRADIENT_Y) * y
@@ -249,10 +250,9 @@ class ScanModel:
         raw, lengths, gain = self.deformations[:, views], self.deformations[7, views], self.gain[views]
         rows = np.zeros((len(Term), *lengths.shape))
         chain = gain
-        if self.size(Term.HARDENING) or self.size(Term.HARDENING_CUBIC):
-            chain = gain * (
-                1.0 + 2.0 * self.size(Term.HARDENING) * lengths + 3.0 * self.size(Term.HARDENING_CUBIC) * lengths**2
-            )
+        square, cubic = self.size(Term.HARDENING), self.size(Term.HARDENING_CUBIC)
+        if square or cubic:
+            chain = gain * (1.0 + 2.0 * square * lengths + 3.0 * cubic * lengths**2)
         np.multiply(raw[:7], chain, out=rows[:7])
         np.divide(self.sharp[views] - self.offset[views], gain, out=rows[Term.GAIN])
         rows[Term.OFFSET] = 1.0

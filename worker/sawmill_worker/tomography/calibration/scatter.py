@@ -134,8 +134,7 @@ def _psi_identifiable(joint: JointFit) -> bool:
 
 
 def _free(joint: JointFit) -> list[Parameter]:
-    terms = [column.term for column in joint.system.columns]
-    return [Parameter(term) for term in terms if term is not None and term <= Parameter.T_Y]
+    return [column.parameter for column in joint.system.columns if column.parameter is not None]
 
 
 def _scores(joint: JointFit) -> _Scores:

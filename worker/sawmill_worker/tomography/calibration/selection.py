@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.stats import chi2
@@ -25,8 +26,14 @@ UNTRUSTED = 0.1
 RIDGE = 1e-6
 
 
+@cache
+def chance_limit(probability: float, degrees: int) -> float:
+    """The chi-square that chance exceeds with this probability."""
+    return float(chi2.isf(probability, degrees))
+
+
 @dataclass(frozen=True, eq=False)
-class Test:
+class EffectTest:
     """An effect beside those fitted.
 
     Attributes
@@ -52,55 +59,60 @@ class Test:
 
     def is_fitted(self, trials: float = 1.0) -> bool:
         """Whether it is far beyond chance, of this number of places where it may be."""
-        return self.degrees > 0 and self.significance > float(chi2.isf(FITTED / trials, self.degrees))
+        return self.degrees > 0 and self.significance > chance_limit(FITTED / trials, self.degrees)
 
     def is_beyond_chance(self, trials: float = 1.0) -> bool:
         """Whether chance alone would hardly show as much."""
-        return self.degrees > 0 and self.significance > float(chi2.isf(BEYOND_CHANCE / trials, self.degrees))
+        return self.degrees > 0 and self.significance > chance_limit(BEYOND_CHANCE / trials, self.degrees)
 
 
-def test_effect(system: System, base: Sequence[int], tried: Sequence[int]) -> Test:
-    """Judge the columns `tried` beside the columns `base` of the fit."""
-    base, tried = list(base), list(tried)
-    inverse = system.inverse(base)
-    best = inverse @ system.score[base]
-    cross = system.normal[np.ix_(base, tried)]
-    carried = inverse @ cross
-    matrix = system.normal[np.ix_(tried, tried)] - cross.T @ carried
-    scale = system.scale[tried]
-    values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
-    kept = values > SINGULAR
-    # Unknowns (columns, degrees) of which each has unit information, independent of the others.
-    white = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
-    score = white.T @ (system.score[tried] - cross.T @ best)
-    sizes = white @ score
-    power = float(score @ score)
-    remaining = max(system.power - float(system.score[base] @ best) - power, 0.0)
-    variance = remaining / max(system.samples - len(base) - len(tried), 1.0)
-    bias = -carried @ sizes
-    if variance <= 0.0 or not kept.any():
-        return Test(np.inf if power > 0.0 and kept.any() else 0.0, power, int(kept.sum()), sizes, bias)
-    # It scatters by noise at least: where that explains it, no other scatter need be known.
-    if power < variance * float(chi2.isf(BEYOND_CHANCE, kept.sum())):
-        return Test(power / variance, power, int(kept.sum()), sizes, bias)
-    change = np.zeros(len(system.columns))
-    change[base], change[tried] = best + bias, sizes
-    scores = system.scores - system.grams @ change
-    basis = np.zeros((len(system.columns), white.shape[1]))
-    basis[tried], basis[base] = white, -carried @ white
-    information = np.swapaxes(system.grams @ basis, 1, 2) @ basis
-    explained = float(system.score[base] @ best) + power
-    structured = max(system.structured - explained, UNTRUSTED * system.structured)
-    by_chance = max(variance * _scatter(scores @ basis, information, variance), structured / STRUCTURES)
-    return Test(power / by_chance, power, int(kept.sum()), sizes, bias)
+class Beside:
+    """The columns `base` of a fit, beside which others are judged."""
+
+    def __init__(self, system: System, base: Sequence[int]) -> None:
+        self._system, self._base = system, list(base)
+        self._inverse = system.inverse(self._base)
+        self._best = self._inverse @ system.score[self._base]
+        self._explained = float(system.score[self._base] @ self._best)
+
+    def tested(self, tried: Sequence[int]) -> EffectTest:
+        """Judge these columns."""
+        system, base, tried = self._system, self._base, list(tried)
+        cross = system.normal[np.ix_(base, tried)]
+        carried = self._inverse @ cross
+        matrix = system.normal[np.ix_(tried, tried)] - cross.T @ carried
+        scale = system.scale[tried]
+        values, vectors = np.linalg.eigh(matrix * np.outer(scale, scale))
+        kept = values > SINGULAR
+        # Unknowns (columns, degrees) of which each has unit information, independent of the others.
+        white = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+        score = white.T @ (system.score[tried] - cross.T @ self._best)
+        sizes, power, degrees = white @ score, float(score @ score), int(kept.sum())
+        bias = -carried @ sizes
+        explained = self._explained + power
+        variance = max(system.power - explained, 0.0) / max(system.samples - len(base) - len(tried), 1.0)
+        if variance <= 0.0 or degrees == 0:
+            return EffectTest(np.inf if power > 0.0 and degrees > 0 else 0.0, power, degrees, sizes, bias)
+        # It scatters by noise at least: where that explains it, no other scatter need be known.
+        if power < variance * chance_limit(BEYOND_CHANCE, degrees):
+            return EffectTest(power / variance, power, degrees, sizes, bias)
+        change = np.zeros(len(system.columns))
+        change[base], change[tried] = self._best + bias, sizes
+        basis = np.zeros((len(system.columns), degrees))
+        basis[tried], basis[base] = white, -carried @ white
+        structured = max(system.structured - explained, UNTRUSTED * system.structured)
+        by_chance = max(variance * _scatter(system, change, basis, variance), structured / STRUCTURES)
+        return EffectTest(power / by_chance, power, degrees, sizes, bias)
 
 
-def _scatter(scores: FloatArray, information: FloatArray, variance: float) -> float:
-    """How much more the scores (views, degrees) of unit information scatter than noise does, at least 1.
+def _scatter(system: System, change: FloatArray, basis: FloatArray, variance: float) -> float:
+    """How much more the scores of unknowns of unit information (columns, degrees) scatter than noise does, at least 1.
 
     From view to view they are those that would be seen without the view (the jackknife; MacKinnon and White 1985), or
     one view in which an edge lies along the rays would explain itself.
     """
+    scores = (system.scores - system.grams @ change) @ basis
+    information = np.swapaxes(system.grams @ basis, 1, 2) @ basis
     degrees = scores.shape[1]
     alone = np.linalg.solve(np.eye(degrees) * (1.0 + RIDGE) - information, scores[..., None])[..., 0]
     largest: float = max(1.0, float((alone**2).sum()) / (variance * degrees))

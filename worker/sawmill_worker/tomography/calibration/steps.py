@@ -30,7 +30,7 @@ def is_small(model: ScanModel, system: System, used: Sequence[int], change: Floa
 def off_by(system: System, used: Sequence[int], change: FloatArray) -> float:
     """How far a step moves the geometry, squared, in standard deviations for unit variance of a sample."""
     columns = system.columns
-    own = [n for n, i in enumerate(used) if (term := columns[i].term) is not None and term <= Term.T_Y]
+    own = [n for n, i in enumerate(used) if columns[i].parameter is not None]
     covariance = system.inverse(used)[np.ix_(own, own)]
     step = change[[used[n] for n in own]]
     return float(step @ np.linalg.pinv(covariance, rcond=1e-12, hermitian=True) @ step)

@@ -22,7 +22,7 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
 
     Without it, edges along the rays would pull the geometry.
     """
-    if not averages(now.data, from_counts=now.from_counts):
+    if not now.from_counts or now.data.rays_per_cell == 1:  # a cell of one ray averages nothing
         return now
     data, fit, added = now.data, now.fit, np.zeros(())
     for _ in range(ROUNDS):
@@ -34,11 +34,6 @@ def _adjust(now: AdjustedFit) -> AdjustedFit:
         fit = again
     after = now.after(data, fit, "each cell's averaging of intensities was allowed for")
     return replace(after, averaging=added)
-
-
-def averages(data: SinogramData, *, from_counts: bool) -> bool:
-    """Whether a cell averages intensities: one of a single ray averages nothing."""
-    return from_counts and data.rays_per_cell != 1
 
 
 def averaging(

@@ -1,7 +1,7 @@
 """A phantom that slips, or an angle that jumps, at some view."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,14 +17,7 @@ FEWEST_VIEWS, SHARE_OF_VIEWS = 3, 1 / 24
 TURN_ALONE = 0.1
 
 
-@dataclass(frozen=True)
-class Slip(Effect):
-    """From a view on."""
-
-    view: int = 0
-
-
-def slip_at(view: int) -> Slip:
+def slip_at(view: int) -> Effect:
     """From this view on."""
 
     def columns(model: ScanModel) -> tuple[Column, ...]:
@@ -38,12 +31,11 @@ def slip_at(view: int) -> Slip:
             return f"the angles jump at view {view}, by {by_deg:.2g} degrees"
         return f"the phantom moved at view {view}, by {by_mm:.2g} mm and {by_deg:.2g} degrees"
 
-    return Slip(
+    return Effect(
         Adjustment.SLIP,
         columns,
         sentence,
         "fasten the phantom on the turntable, look at the drive and its encoder, and repeat the scan",
-        view,
     )
 
 

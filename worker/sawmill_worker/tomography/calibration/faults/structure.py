@@ -60,10 +60,12 @@ def shared_power(residual: FloatArray) -> float:
 
     Noise is not shared by neighbours; what a model lacks is.
     """
-    return max(_beyond_chance(residual[:, 1:] * residual[:, :-1]), _beyond_chance(residual[1:] * residual[:-1]), 0.0)
+    return max(
+        mean_beyond_chance(residual[:, 1:] * residual[:, :-1]), mean_beyond_chance(residual[1:] * residual[:-1]), 0.0
+    )
 
 
-def _beyond_chance(products: FloatArray) -> float:
+def mean_beyond_chance(products: FloatArray) -> float:
     """Their mean, or nothing where independent noise, as uneven as it may be, has one as large."""
     mean = float(products.mean())
     return mean if mean > CHANCE * float(products.std()) / math.sqrt(products.size) else 0.0
