@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from misspecified import point_inside, rounded
-from scanners import PHANTOMS, SCANNER
+from scanners import PHANTOMS, SCANNER, draw_scanner, leaves_air
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
@@ -22,9 +22,6 @@ from sawmill_worker.tomography.geometry import (
     FloatArray,
     GeometryError,
     SourceFrame,
-    Theta,
-    ThetaBounds,
-    bounds_array,
 )
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.phantom import Disc, Phantom
@@ -204,19 +201,12 @@ def _scanner(
     rng: np.random.Generator, views: tuple[int, ...]
 ) -> tuple[Phantom, SourceFrame, FloatArray, tuple[float, float], Handedness, Rotation]:
     """A random one whose shadow leaves air at both ends of the detector in every view."""
-    ranges = bounds_array(ThetaBounds())
     while True:
-        phantom = PHANTOMS[rng.integers(len(PHANTOMS))]
-        theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
-        count = int(rng.choice(views))
-        angles = np.arange(count) * TAU / count + rng.uniform(0.0, TAU)
-        x, y = rng.uniform(-OFF_CENTRE_MM, OFF_CENTRE_MM, 2).tolist()
-        handedness, rotation = list(Handedness)[rng.integers(2)], list(Rotation)[rng.integers(2)]
-        seen = phantom if handedness is Handedness.AS_DRAWN else phantom.mirrored()
+        drawn = draw_scanner(rng, PHANTOMS, views, OFF_CENTRE_MM)
         try:
-            frame = theta.source_frame(SCANNER.source_to_cor_mm)
-            shadow = analytic.project(seen, CELLS, frame, rotation.apply(angles), position_mm=(x, y))
+            frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)
+            shadow = analytic.project(drawn.seen, CELLS, frame, drawn.rotation.apply(drawn.angles_rad))
         except GeometryError:  # a corner of the bounds that no scanner can be in
             continue
-        if not shadow[:, :AIR].any() and not shadow[:, -AIR:].any() and shadow.any(axis=1).all():
-            return phantom, frame, angles, (x, y), handedness, rotation
+        if leaves_air(shadow, AIR):
+            return drawn.drawing, frame, drawn.angles_rad, drawn.position_mm, drawn.handedness, drawn.rotation

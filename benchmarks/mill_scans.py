@@ -13,26 +13,22 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from scanners import CUSTOM, SCANNER
+from scanners import CUSTOM, SCANNER, DrawnScanner, draw_scanner, leaves_air
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import (
-    TAU,
     FloatArray,
     GeometryError,
     SourceFrame,
-    Theta,
-    ThetaBounds,
-    bounds_array,
 )
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon
 from sawmill_worker.tomography.physics.simulate import MillScan, simulate_physics
 from sawmill_worker.tomography.preparing.line_integrals import SATURATION, LineIntegrals, line_integrals
 from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
-from sawmill_worker.vocabulary import AirCorrection, Handedness, Rotation
+from sawmill_worker.vocabulary import AirCorrection
 from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
 STEP = Phantom(
@@ -58,6 +54,7 @@ OFF_CENTRE_MM = 10.0
 LOG_RADIUS_MM = 150.0
 # Air at the detector's ends, in cells, for its level to be seen.
 AIR = 14
+CELLS = DetectorCells.of(SCANNER)
 
 Kind = Literal["clean", "single", "pair"]
 # The effect's fields by group, of a size.
@@ -178,49 +175,27 @@ LONGEST_EXPOSURE_RAD = math.radians(2.0)
 
 
 @dataclass(frozen=True)
-class Setting:
+class Setting(DrawnScanner):
     """Scanner, phantom and exposure of one scan."""
 
-    drawing: Phantom
     frame: SourceFrame
-    angles_rad: FloatArray
-    position_mm: tuple[float, float]
-    handedness: Handedness
-    rotation: Rotation
     photons: float
     attenuation_per_mm: float
-
-    @property
-    def seen(self) -> Phantom:
-        """As it is seen and where it stands, by its drawing."""
-        seen = self.drawing if self.handedness is Handedness.AS_DRAWN else self.drawing.mirrored()
-        return seen.moved(*self.position_mm)
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> "Setting":
         """A scanner of the published bounds whose shadow leaves air at both ends of the detector in every view."""
-        ranges = bounds_array(ThetaBounds())
         while True:
-            drawing = PHANTOMS[rng.integers(len(PHANTOMS))]
-            theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
-            count = int(rng.choice(VIEWS))
-            angles = np.arange(count) * TAU / count + rng.uniform(0.0, TAU)
-            x, y = rng.uniform(-OFF_CENTRE_MM, OFF_CENTRE_MM, 2).tolist()
-            handedness, rotation = list(Handedness)[rng.integers(2)], list(Rotation)[rng.integers(2)]
+            drawn = draw_scanner(rng, PHANTOMS, VIEWS, OFF_CENTRE_MM)
             photons, attenuation = (math.exp(rng.uniform(*np.log(range_))) for range_ in (PHOTONS, ATTENUATION_PER_MM))
             try:
-                frame = theta.source_frame(SCANNER.source_to_cor_mm)
-                setting = cls(drawing, frame, angles, (x, y), handedness, rotation, photons, attenuation)
-                if setting._leaves_air():
-                    return setting
+                frame = drawn.theta.source_frame(SCANNER.source_to_cor_mm)
+                # Also around a phantom that is larger, or moves, by a few millimetres.
+                shadow = analytic.project(drawn.seen.scaled(1.05), CELLS, frame, drawn.rotation.apply(drawn.angles_rad))
             except GeometryError:  # a corner of the bounds that no scanner can be in
                 continue
-
-    def _leaves_air(self) -> bool:
-        """Also around a phantom that is larger, or moves, by a few millimetres."""
-        cells, turned = DetectorCells.of(SCANNER), self.rotation.apply(self.angles_rad)
-        shadow = analytic.project(self.seen.scaled(1.05), cells, self.frame, turned)
-        return bool(not shadow[:, :AIR].any() and not shadow[:, -AIR:].any() and shadow.any(axis=1).all())
+            if leaves_air(shadow, AIR):
+                return cls(**vars(drawn), frame=frame, photons=photons, attenuation_per_mm=attenuation)
 
 
 @dataclass(frozen=True)

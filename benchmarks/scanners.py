@@ -1,5 +1,6 @@
 """Random scanners, scans and truths for the benchmarks: never the published data's own numbers."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import (
     TAU,
+    FloatArray,
     GeometryError,
     Scanner,
     SourceFrame,
@@ -32,6 +34,43 @@ PHANTOMS = (L_SHAPE, RECTANGLE_WITH_HOLE, CUSTOM)
 VIEWS = (20, 30, 45, 60, 90, 120, 180, 360)
 MOST_NOISE = 0.03
 REACH_MM = 20.0
+
+
+@dataclass(frozen=True)
+class DrawnScanner:
+    """A random scanner of the published bounds, and a phantom on it; whether they can be is for their user to see."""
+
+    drawing: Phantom
+    theta: Theta
+    angles_rad: FloatArray
+    position_mm: tuple[float, float]
+    handedness: Handedness
+    rotation: Rotation
+
+    @property
+    def seen(self) -> Phantom:
+        """As it is seen and where it stands, by its drawing."""
+        seen = self.drawing if self.handedness is Handedness.AS_DRAWN else self.drawing.mirrored()
+        return seen.moved(*self.position_mm)
+
+
+def draw_scanner(
+    rng: np.random.Generator, phantoms: Sequence[Phantom], views: Sequence[int], off_centre_mm: float
+) -> DrawnScanner:
+    """One of the phantoms, equidistant views all round, and a phantom that stands near the centre of rotation."""
+    ranges = bounds_array(ThetaBounds())
+    drawing = phantoms[rng.integers(len(phantoms))]
+    theta = Theta.from_vector(rng.uniform(ranges[:, 0], ranges[:, 1]))
+    count = int(rng.choice(views))
+    angles = np.arange(count) * TAU / count + rng.uniform(0.0, TAU)
+    x, y = rng.uniform(-off_centre_mm, off_centre_mm, 2).tolist()
+    handedness, rotation = list(Handedness)[rng.integers(2)], list(Rotation)[rng.integers(2)]
+    return DrawnScanner(drawing, theta, angles, (x, y), handedness, rotation)
+
+
+def leaves_air(shadow: FloatArray, cells: int) -> bool:
+    """Whether a shadow (views, cells) is in every view, and leaves air in this number of cells at both ends."""
+    return bool(not shadow[:, :cells].any() and not shadow[:, -cells:].any() and shadow.any(axis=1).all())
 
 
 @dataclass(frozen=True)
@@ -75,7 +114,7 @@ def random_scan(rng: np.random.Generator) -> RandomScan:
             )
         except GeometryError:  # a corner of the bounds that no scanner can be in
             continue
-        if clean[:, :2].any() or clean[:, -2:].any() or not clean.any(axis=1).all():
+        if not leaves_air(clean, 2):
             continue
         rms = np.sqrt(np.mean(clean**2))
         measured = rng.uniform(0.5, 2.0) * clean + rng.uniform(-5.0, 5.0)

