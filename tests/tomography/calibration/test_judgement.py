@@ -185,7 +185,6 @@ def test_a_distance_too_short_by_more_than_noise_contradicts_the_scanner(verdict
         ({"size": 0.0025}, None),
         ({"size": 0.003}, "0.59 % (95 %) where 0.5 % is allowed: most of it is the phantom's size tolerance"),
         ({"size": 0.001, "statistical": 0.003}, "most of it is the error of R/SDD, so use more views"),
-        ({"size": 0.001, "residual": 0.003}, "what the model leaves of the sinogram"),
         # The aspect is added, not in quadrature: 1.96 * 0.15 + 0.3.
         ({"size": 0.0015, "aspect_half": 0.003}, "0.59 % (95 %) where 0.5 % is allowed: the phantom's two directions"),
     ],

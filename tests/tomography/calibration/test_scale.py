@@ -17,10 +17,10 @@ R_S = 859.46
 
 
 def test_standard_uncertainties_add_in_quadrature_and_half_the_aspect_on_top():
-    found = ScaleUncertainty(1.0, 0.1, size=0.003, statistical=0.004, residual=0.012, aspect_half=0.001)
-    # 3, 4 and 12 make 13.
-    assert found.percent_95 == pytest.approx(1.96 * 1.3 + 0.1)
-    assert found.largest is ScaleSource.RESIDUAL
+    found = ScaleUncertainty(1.0, 0.1, size=0.003, statistical=0.004, aspect_half=0.001)
+    # 3 and 4 make 5.
+    assert found.percent_95 == pytest.approx(1.96 * 0.5 + 0.1)
+    assert found.largest is ScaleSource.NOISE
 
 
 def test_a_stated_size_tolerance_is_reported_as_1_96_times_it(scanner, theta):

@@ -255,7 +255,7 @@ class CalibrationResult(Contract):
     scale_uncertainty_percent: float | None = Field(
         None,
         description="The image's millimetres are right to this with 95 %: 1.96 times the standard uncertainties of the "
-        "phantom's size, of R/SDD and of what the residual shows, in quadrature, and half the phantom's aspect. "
+        "phantom's size and of R/SDD, in quadrature, and half the phantom's aspect. "
         "Null: an answer of an earlier version.",
     )
     predicted_ray_error_mm: PredictedRayError | None = Field(description="Null without error bars.")

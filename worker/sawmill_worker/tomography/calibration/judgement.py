@@ -45,7 +45,6 @@ SCALE_CURES = {
     "(size_tolerance of its drawing, or size_tolerance_percent)",
     ScaleSource.NOISE: "most of it is the error of R/SDD, so use more views, more rows, a longer exposure or a larger "
     "phantom",
-    ScaleSource.RESIDUAL: "most of it is what the model leaves of the sinogram, as another reason states",
     ScaleSource.ASPECT: "the phantom's two directions differ from its drawing's, so measure it along both and draw it "
     "anew, or give the direction that is right (true_axis)",
 }

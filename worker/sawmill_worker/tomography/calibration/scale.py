@@ -17,7 +17,6 @@ class ScaleSource(Enum):
 
     SIZE = "the phantom's size tolerance"
     NOISE = "the error of R/SDD"
-    RESIDUAL = "the residual"
     ASPECT = "the phantom's aspect"
 
 
@@ -29,8 +28,8 @@ class ScaleUncertainty:
     ----------
     source_distance_mm, ray_error_mm : float
         What R, and the rays (RMS), inherit from the size tolerance.
-    size, statistical, residual : float
-        Standard uncertainties: the size tolerance; the error of R/SDD by the covariance; what the residual shows.
+    size, statistical : float
+        Standard uncertainties: the size tolerance; the error of R/SDD by the covariance.
     aspect_half : float
         Half the difference between the phantom's directions, of which none is known to be the true one.
     """
@@ -39,13 +38,12 @@ class ScaleUncertainty:
     ray_error_mm: float
     size: float
     statistical: float = 0.0
-    residual: float = 0.0
     aspect_half: float = 0.0
 
     @property
     def percent_95(self) -> float:
         """The scale is right to this with 95 %: standard uncertainties in quadrature, the aspect's share added."""
-        standard = math.hypot(self.size, self.statistical, self.residual)
+        standard = math.hypot(self.size, self.statistical)
         return 100.0 * (TWO_SIDED_95 * standard + self.aspect_half)
 
     @property
@@ -54,7 +52,6 @@ class ScaleUncertainty:
         shares = {
             ScaleSource.SIZE: TWO_SIDED_95 * self.size,
             ScaleSource.NOISE: TWO_SIDED_95 * self.statistical,
-            ScaleSource.RESIDUAL: TWO_SIDED_95 * self.residual,
             ScaleSource.ASPECT: self.aspect_half,
         }
         return max(shares, key=lambda source: shares[source])
@@ -68,7 +65,6 @@ def scale_uncertainty(
     radius_mm: float,
     *,
     aspect_half: float = 0.0,
-    residual: float = 0.0,
 ) -> ScaleUncertainty:
     """For rays inside a disc of this radius around the COR (docs/geometry.md#the-scale).
 
@@ -76,7 +72,7 @@ def scale_uncertainty(
     ----------
     covariance : (5, 5) float64 or None
         Of (psi, R, SDD, u_c, tau); None where there are no error bars, which then count as zero.
-    aspect_half, residual : float
+    aspect_half : float
         As of `ScaleUncertainty`.
     """
     size = phantom.size_tolerance
@@ -85,6 +81,5 @@ def scale_uncertainty(
         ray_error_mm=scale_ray_error(scanner, frame, size, radius_mm=radius_mm),
         size=size,
         statistical=0.0 if covariance is None else scale_deviation(scanner, frame, covariance, radius_mm=radius_mm),
-        residual=residual,
         aspect_half=aspect_half,
     )
