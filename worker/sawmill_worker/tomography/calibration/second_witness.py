@@ -65,6 +65,8 @@ class SecondWitness:
     agreement : Agreement
     moved : MovedBody or None
         Which body moved during the scan, where one did. A log that moved is not heard.
+    taken : WitnessTaken
+        Whose u_c and tau are reported.
     vector, covariance : (5,), (5, 5) float64
         The geometry (psi, R, SDD, u_c, tau) that follows from both.
     """
@@ -79,15 +81,9 @@ class SecondWitness:
     ray_change_mm: float
     agreement: Agreement
     moved: MovedBody | None
+    taken: WitnessTaken
     vector: FloatArray
     covariance: FloatArray
-
-    @property
-    def taken(self) -> WitnessTaken:
-        """Whose u_c and tau are reported."""
-        if self.other_sense or self.moved in {MovedBody.LOG, MovedBody.BOTH}:
-            return "phantom"
-        return "both" if self.moved is None else "log"
 
     @property
     def reported(self) -> FloatArray:
@@ -149,19 +145,22 @@ def compare_witnesses(
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
+    other_sense = log.rotation is not rotation
+    taken = _taken(moved, other_sense=other_sense)
     prior = _Prior(vector, covariance, sees)
-    if log.rotation is not rotation or moved in {MovedBody.LOG, MovedBody.BOTH}:
-        conditioned = vector, covariance
-    elif moved is MovedBody.PHANTOM:
-        conditioned = prior.replaced(difference, log.covariance)
-    else:
-        conditioned = prior.combined(difference, log.covariance, max(1.0, chi_squared / AGREE))
+    match taken:
+        case "phantom":
+            conditioned = vector, covariance
+        case "log":
+            conditioned = prior.replaced(difference, log.covariance)
+        case "both":
+            conditioned = prior.combined(difference, log.covariance, max(1.0, chi_squared / AGREE))
     bias = np.zeros((len(vector), 1))
     bias[BOTH, 0] = difference
     change = predicted_ray_error(scanner, frame, bias @ bias.T, radius_mm=radius_mm)
     return SecondWitness(
         log,
-        log.rotation is not rotation,
+        other_sense,
         vector[BOTH],
         covariance[np.ix_(BOTH, BOTH)],
         difference,
@@ -170,6 +169,7 @@ def compare_witnesses(
         change.rms_mm,
         agreement,
         moved,
+        taken,
         *_with_theta(scanner, *conditioned),
     )
 
@@ -193,6 +193,12 @@ def _moved(log: LogMovement, agreement: Agreement, *, phantom_moved: bool) -> Mo
     if log.beyond_chance:
         return MovedBody.BOTH if phantom_moved else MovedBody.LOG
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
+
+
+def _taken(moved: MovedBody | None, *, other_sense: bool) -> WitnessTaken:
+    if other_sense or moved in {MovedBody.LOG, MovedBody.BOTH}:
+        return "phantom"
+    return "both" if moved is None else "log"
 
 
 @dataclass(frozen=True, eq=False)
