@@ -63,6 +63,10 @@ class CalibrationInput:
     views: NDArray[np.intp] | None = None
     log_rows: tuple[int, ...] = ()
 
+    def of_views(self, read: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The sinogram's views of what was read, (views, ...)."""
+        return read if self.views is None else read[self.views]
+
     def of_rows(self, stack: NDArray[np.float32], rows: tuple[int, int]) -> "CalibrationInput":
         """With the mean over these rows of a stack (views, rows, detector), whose views are those of the sinogram."""
         mean = mean_of_rows(stack)
@@ -109,7 +113,7 @@ def _in_phantom_rows(
 
     None where nothing changes from row to row, or no run of rows explains itself by the phantom: all rows stay.
     """
-    stack = stack if given.views is None else stack[given.views]
+    stack = given.of_views(stack)
     runs = segments(stack)[:MOST_RUNS]
     if len(runs) <= 1:
         return None

@@ -19,10 +19,9 @@ from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.
 MARGIN = 1.15
-# A row with less than this share of the phantom's shadow shows air.
-LEAST_SHADOW = 0.25
-# A row that correlates better than this with the phantom's shows the phantom.
-SAME_BODY = 0.99
+# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
+# phantom's shows the phantom.
+LEAST_SHADOW, SAME_BODY = 0.25, 0.99
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,15 @@ def log_row_beside(
     if after_last <= first:
         return None
     row = (first + after_last) // 2
-    lines = read(row)
-    lines = lines if given.views is None else lines[given.views]
-    sinogram = filled(lines[:, None], given.angles_rad)[:, 0].astype(np.float64)
-    return LogRow(row, sinogram) if _shows_another_body(sinogram, given.sinogram) else None
+    sinogram = filled(given.of_views(read(row))[:, None], given.angles_rad)[:, 0].astype(np.float64)
+    return LogRow(row, sinogram) if shows_another_body(sinogram, given.sinogram) else None
+
+
+def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
+    """Whether a row shows neither air nor the phantom, and has no value that is not finite."""
+    if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
+        return False
+    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
 
 
 def log_images(
@@ -77,10 +81,3 @@ def _image(
         return fbp(Projector(fan, ImageGrid(SIZE, field_mm)), log.sinogram).image
     except GeometryError:
         return None
-
-
-def _shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
-    spread = float(sinogram.std())
-    if spread < LEAST_SHADOW * float(phantom.std()):
-        return False
-    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY

@@ -15,14 +15,13 @@ from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.log_comparison import shows_another_body
 
 # Opposite rays are paired in steps of 3 degrees or less.
 FEWEST_VIEWS = 120
 # Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
 MOST_ROWS, GAP = 16, 1
-# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
-# phantom's rows shows the phantom. Both of means over blocks of views and cells, in which noise has no part.
-LEAST_SHADOW, SAME_BODY = 0.25, 0.99
+# Rows are told from the phantom's by means over blocks of views and cells, in which noise has no part.
 BLOCK_VIEWS, BLOCK_CELLS = 6, 8
 
 
@@ -79,8 +78,8 @@ def log_rows(
     beside = _beside(given, rows) if asked is None else _asked(given, asked, rows)
     tried = [beside[at] for at in np.unique(np.linspace(0, len(beside) - 1, MOST_ROWS).astype(int))] if beside else []
     phantom = _coarse(given.sinogram)
-    views = slice(None) if given.views is None else given.views
-    shown = {row: sinogram for row in tried if _shows_log(sinogram := read(row)[views].astype(np.float64), phantom)}
+    lines = ((row, given.of_views(read(row)).astype(np.float64)) for row in tried)
+    shown = {row: sinogram for row, sinogram in lines if shows_another_body(_coarse(sinogram), phantom)}
     if asked is not None and not shown:
         raise refused("log-not-found", f"rows {asked} of the scan show no log: give rows that do, or leave it out")
     return LogRows(tuple(shown), np.mean(list(shown.values()), axis=0)) if shown else None
@@ -150,13 +149,6 @@ def _coarse(sinogram: FloatArray) -> FloatArray:
     blocks = sinogram[:views, :cells].reshape(views // BLOCK_VIEWS, BLOCK_VIEWS, -1, BLOCK_CELLS)
     means: FloatArray = blocks.mean(axis=(1, 3)).ravel()
     return means
-
-
-def _shows_log(sinogram: FloatArray, phantom: FloatArray) -> bool:
-    coarse = _coarse(sinogram)
-    if not np.isfinite(coarse).all() or coarse.std() < LEAST_SHADOW * phantom.std():
-        return False
-    return float(np.corrcoef(coarse, phantom)[0, 1]) < SAME_BODY
 
 
 def _with_remark(given: CalibrationInput, remark: str) -> CalibrationInput:
