@@ -7,12 +7,10 @@ import numpy as np
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.repeatability import PairDifference, RepeatabilityResult
+from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.use_cases.failures import refused
-
-# Two-sided 95 % of a Gaussian.
-TWO_SIDED_95 = 1.96
 
 
 def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityResult:
@@ -37,10 +35,9 @@ def _difference(first: str, one: CalibrationResult, second: str, other: Calibrat
         raise refused(
             "other-scanner", f"{first} and {second} have not the same scanner's constants: compare those of one scanner"
         )
-    if one.covariance is None or other.covariance is None or one.predicted_ray_error_mm is None:
+    if one.covariance is None or other.covariance is None:
         raise refused("without-error-bars", f"{first} or {second} has no error bars: calibrate with --method default")
-    radius_mm = one.predicted_ray_error_mm.radius_mm
-    covariance = np.array(one.covariance) + np.array(other.covariance)
+    radius_mm, covariance = one.radius_mm, np.array(one.covariance) + np.array(other.covariance)
     rays = ray_error(one.scanner, one.source_frame, other.source_frame, radius_mm=radius_mm)
     expected = predicted_ray_error(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
     scale = scale_deviation(one.scanner, one.source_frame, covariance, radius_mm=radius_mm)
