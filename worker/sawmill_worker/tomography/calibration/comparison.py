@@ -72,7 +72,6 @@ def _complaints(
     scanner: Scanner, active: CalibratedGeometry, new: CalibratedGeometry, change: GeometryChange, limits: ChangeLimits
 ) -> Iterator[str]:
     """A sentence for each limit that the change exceeds, the gravest first."""
-    scale = _described_scale(change)
     if new.rotation is not active.rotation:
         yield "the log turns the other way than at the active calibration: check the drive's direction"
     moved_mm, resized = change.ray_change_mm, abs(change.scale_change_percent) > limits.scale_change_percent
@@ -87,7 +86,8 @@ def _complaints(
         )
         if moved_mm > limits.ray_change_mm:
             yield f"the rays moved {moved_mm:.2f} mm RMS where {limits.ray_change_mm:.2f} mm is allowed: {cause}"
-        yield f"{scale} where {limits.scale_change_percent:.2g} % is allowed: {cause}"
+        if resized:
+            yield f"{_described_scale(change)} where {limits.scale_change_percent:.2g} % is allowed: {cause}"
     if limits.angle_change_deg is not None and abs(change.angle_change_deg) > limits.angle_change_deg:
         yield (
             f"the first angle changed by {change.angle_change_deg:+.3f} degrees and the rays did not move: the phantom "
