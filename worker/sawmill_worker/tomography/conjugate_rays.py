@@ -146,8 +146,10 @@ def conjugate_fit(
         harmonics = harmonics.plus(found)
         fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
     # A jump of the log has something of every harmonic, and no harmonics explain it.
-    if harmonics.values.any() and fit.movement(angles_rad, start).beyond_chance:
+    movement = fit.movement(angles_rad, start)
+    if harmonics.values.any() and movement.beyond_chance:
         fit, harmonics = steady, Harmonics.none()
+        movement = fit.movement(angles_rad, start)
     best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
     remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
@@ -163,7 +165,7 @@ def conjugate_fit(
         fit.ratio,
         best.rays.relative_residual,
         best.distance_sensitivity,
-        fit.movement(angles_rad, start),
+        movement,
         (*used.done, remark) if disagreeing else used.done,
         harmonics.amplitudes(start.source_distance_mm),
     )
