@@ -155,5 +155,5 @@ def install(app: FastAPI) -> None:
     """Give every kind of error its problem; the observer sees to the rest."""
     app.add_exception_handler(RequestValidationError, _on_validation)
     app.add_exception_handler(HTTPException, _on_http)
-    for stored in (StorageError, NotStored, OutOfRange):
+    for stored in (StorageError, FileError):
         app.add_exception_handler(stored, _on_stored)
