@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibration_arrays import LogImages
 from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
+from sawmill_worker.tomography.calibration.phantom_rows import shows_another_body
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
 from sawmill_worker.tomography.image_grid import ImageGrid
@@ -19,9 +20,6 @@ from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 SIZE = 256
 # Beyond the largest log's radius, so that its bark is seen to be round.
 MARGIN = 1.15
-# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
-# phantom's shows the phantom.
-LEAST_SHADOW, SAME_BODY = 0.25, 0.99
 
 
 @dataclass(frozen=True)
@@ -50,13 +48,6 @@ def log_row_beside(
     row = (first + after_last) // 2
     sinogram = filled(given.of_views(read(row))[:, None], given.angles_rad)[:, 0].astype(np.float64)
     return LogRow(row, sinogram) if shows_another_body(sinogram, given.sinogram) else None
-
-
-def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
-    """Whether a row shows neither air nor the phantom, and has no value that is not finite."""
-    if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
-        return False
-    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
 
 
 def log_images(

@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts import calibrations as contracts
 from sawmill_worker.contracts.base import parse_rows
 from sawmill_worker.tomography.calibration.calibration import Calibration
+from sawmill_worker.tomography.calibration.phantom_rows import shows_another_body
 from sawmill_worker.tomography.calibration.second_witness import SecondWitness
-from sawmill_worker.tomography.calibration.with_log import with_log
 from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
-from sawmill_worker.use_cases.log_comparison import shows_another_body
 
 # Opposite rays are paired in steps of 3 degrees or less.
 FEWEST_VIEWS = 120
@@ -61,6 +60,9 @@ def hear_log(
     found = log_rows(given, asked=asked, rows=rows, read=read)
     if found is None:
         return given, calibration
+    # Imported here because it brings the reconstruction along, for which a scan without a log need not wait.
+    from sawmill_worker.tomography.calibration.with_log import with_log  # noqa: PLC0415
+
     try:
         heard = with_log(calibration, found.sinogram)
     except DriftError as error:

@@ -1,4 +1,4 @@
-"""Which rows of a stack show the phantom: those between two jumps that the phantom explains best."""
+"""Which rows of a stack show the phantom, those between two jumps that it explains best, and which another body."""
 
 from itertools import pairwise
 
@@ -11,6 +11,9 @@ from sawmill_worker.tomography.geometry import FloatArray
 JUMP, JUMP_SHARE = 4.0, 0.1
 # Rows that are compared are averaged over cells and taken at this number of views: jumps are coarse.
 VIEWS, CELLS = 60, 64
+# A row with less than this share of the phantom's shadow shows air; one that correlates better than this with the
+# phantom's shows the phantom.
+LEAST_SHADOW, SAME_BODY = 0.25, 0.99
 
 
 def segments(stack: NDArray[np.floating]) -> list[slice]:
@@ -31,6 +34,13 @@ def segments(stack: NDArray[np.floating]) -> list[slice]:
     edges = [0, *jumps.tolist(), rows]
     runs = [slice(first, last) for first, last in pairwise(edges)]
     return sorted(runs, key=lambda run: run.start - run.stop)
+
+
+def shows_another_body(sinogram: FloatArray, phantom: FloatArray) -> bool:
+    """Whether a row shows neither air nor the phantom, and has no value that is not finite."""
+    if not np.isfinite(sinogram).all() or sinogram.std() < LEAST_SHADOW * phantom.std():
+        return False
+    return float(np.corrcoef(sinogram.ravel(), phantom.ravel())[0, 1]) < SAME_BODY
 
 
 def _coarse(stack: NDArray[np.floating]) -> FloatArray:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import ConjugateFit, LogMovement
+from sawmill_worker.tomography.drift import LogMovement
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, to_vector
 from sawmill_worker.tomography.ray_error import predicted_ray_error
@@ -96,24 +95,6 @@ class SecondWitness:
         return self.covariance[np.ix_(BOTH, BOTH)]
 
 
-def ask_log(
-    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
-) -> LogAnswer:
-    """What the opposite rays of a log's sinogram (views, detector) give near the phantom's answer.
-
-    Raises
-    ------
-    DriftError
-        The views are sparse or do not go all round, or this log does not show the two.
-    """
-    fit = conjugate_fit(scanner, sinogram, angles_rad, frame, rotation)
-    sensitivity, covariance = _at_known_distance(fit)
-    seen = np.array([fit.cor_column_mm, fit.tilt_rad])
-    seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
-    turned = fit.rotation if fit.rotation_decided else rotation
-    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement)
-
-
 def compare_witnesses(
     scanner: Scanner,
     frame: SourceFrame,
@@ -172,14 +153,6 @@ def compare_witnesses(
         taken,
         *_with_theta(scanner, *conditioned),
     )
-
-
-def _at_known_distance(fit: ConjugateFit) -> tuple[FloatArray, FloatArray]:
-    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
-    if fit.distance_held:
-        return fit.distance_sensitivity, fit.covariance[:2, :2]
-    sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
-    return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
 
 
 def _agreement(chi_squared: float) -> Agreement:

@@ -10,10 +10,13 @@ from sawmill_worker.tomography.calibration.error_bars import ErrorBars
 from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
-from sawmill_worker.tomography.calibration.second_witness import BOTH, SecondWitness, ask_log, compare_witnesses
+from sawmill_worker.tomography.calibration.second_witness import BOTH, LogAnswer, SecondWitness, compare_witnesses
+from sawmill_worker.tomography.conjugate_rays import conjugate_fit
+from sawmill_worker.tomography.drift import ConjugateFit
 from sawmill_worker.tomography.fit_parameters import Parameter
-from sawmill_worker.tomography.geometry import FloatArray, SourceFrame, Theta
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_worker.tomography.ray_error import predicted_ray_error
+from sawmill_worker.vocabulary import Rotation
 
 POSITION = [Parameter.T_X, Parameter.T_Y]
 
@@ -35,7 +38,7 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
     if evidence is None:
         return calibration
     covariance = evidence.error_bars.covariance.values
-    log = ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
+    log = _ask_log(task.scanner, log_sinogram, task.angles_rad, calibration.frame, calibration.rotation)
     witness = compare_witnesses(
         task.scanner,
         calibration.frame,
@@ -46,6 +49,32 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
         radius_mm=calibration.radius_mm,
     )
     return _following(calibration, evidence, witness)
+
+
+def _ask_log(
+    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
+) -> LogAnswer:
+    """What the opposite rays of a log's sinogram (views, detector) give near the phantom's answer.
+
+    Raises
+    ------
+    DriftError
+        The views are sparse or do not go all round, or this log does not show the two.
+    """
+    fit = conjugate_fit(scanner, sinogram, angles_rad, frame, rotation)
+    sensitivity, covariance = _at_known_distance(fit)
+    seen = np.array([fit.cor_column_mm, fit.tilt_rad])
+    seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
+    turned = fit.rotation if fit.rotation_decided else rotation
+    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement)
+
+
+def _at_known_distance(fit: ConjugateFit) -> tuple[FloatArray, FloatArray]:
+    """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
+    if fit.distance_held:
+        return fit.distance_sensitivity, fit.covariance[:2, :2]
+    sensitivity = fit.covariance[:2, 2] / fit.covariance[2, 2]
+    return sensitivity, fit.covariance[:2, :2] - np.outer(sensitivity, fit.covariance[2, :2])
 
 
 def _following(calibration: Calibration, evidence: Evidence, witness: SecondWitness) -> Calibration:
