@@ -108,7 +108,13 @@ def calibrate(
 @app.command(cls=Command)
 def repeatability(
     results: Annotated[
-        list[Path], typer.Argument(help="RESULT.json or result.h5 of two or more calibrations of one scanner.")
+        list[Path],
+        typer.Argument(
+            metavar="RESULT.json",
+            exists=True,
+            dir_okay=False,
+            help="RESULT.json or result.h5 of two or more calibrations of one scanner.",
+        ),
     ],
     as_json: shared.JsonFlag = False,
 ) -> None:

@@ -73,9 +73,10 @@ def print_drift(result: DriftResult) -> None:
 def print_repeatability(result: RepeatabilityResult) -> None:
     """Print one row for a pair of calibrations, differences with their standard deviations."""
     colour = "green" if result.verdict == "repeatable" else "red"
-    table = Table(title=f"Repeatability: [bold {colour}]{result.verdict}[/]", box=box.SIMPLE)
-    for column in ("pair", "rays mm", "95 % mm", "scale %", "COR mm", "tilt °", ""):
-        table.add_column(column, justify="left" if column == "pair" else "right")
+    table = Table(title=f"Repeatability: [bold {colour}]{result.verdict}[/]", box=box.SIMPLE, padding=0)
+    table.add_column("pair", overflow="fold")
+    for column in ("rays mm", "95 % mm", "scale %", "COR mm", "tilt °", ""):
+        table.add_column(column, justify="right", no_wrap=True)
     for pair in result.pairs:
         table.add_row(
             escape(f"{pair.first} - {pair.second}"),

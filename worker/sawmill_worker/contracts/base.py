@@ -70,7 +70,7 @@ SteppedRows = Annotated[
     str,
     AfterValidator(_check_stepped_rows),
     Field(
-        description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B:STEP.",
+        description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B[:STEP].",
         examples=["0:16", "0:2500:10"],
     ),
 ]

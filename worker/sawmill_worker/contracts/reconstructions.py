@@ -67,7 +67,7 @@ class ReconstructionOptions(Contract):
     rows: SteppedRows | None = Field(
         None,
         description="Detector rows to reconstruct, one slice each: A:B, the first included, the last not, or every "
-        "STEP-th of them, A:B:STEP. By default all.",
+        "STEP-th of them, A:B[:STEP]. By default all.",
     )
     views: Annotated[int, Field(ge=3)] | None = Field(
         None, description="Use every (total / views)-th view, each with its own angle. By default all."

@@ -32,9 +32,9 @@ def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
     if predicted is not None:
         bound = f"95 % below {predicted.upper_95:.4f} mm"
         rows.append(("predicted ray error", f"{predicted.rms:.4f} mm RMS, {bound}"))
+    rows.append(("ray error from phantom size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
     if result.scale_uncertainty_percent is not None:
         rows.append(("scale of the image", f"± {result.scale_uncertainty_percent:.2g} % (95 %)"))
-    rows.append(("  from the phantom's size", f"± {result.scale_ray_error_mm:.3g} mm RMS (systematic)"))
     return [*rows, *_circumstances(result)]
 
 

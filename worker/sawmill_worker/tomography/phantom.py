@@ -79,7 +79,7 @@ class Phantom:
         """
         if aspect == 0.0 and shear == 0.0:
             return self
-        shapes = tuple(_cornered(shape) for shape in self.shapes)
+        shapes = tuple(cornered(shape) for shape in self.shapes)
 
         def move(point: tuple[float, float]) -> tuple[float, float]:
             x, y = point
@@ -108,8 +108,7 @@ class Phantom:
         rows = []
         for shape in self.shapes:
             if isinstance(shape, Polygon):
-                corners = np.array(shape.vertices_mm, np.float64)
-                corners = corners if _signed_area(corners) > 0.0 else corners[::-1]
+                corners = counter_clockwise(shape)
                 density = np.full((len(corners), 1), shape.density)
                 rows.append(np.concatenate([corners, np.roll(corners, -1, axis=0), density], axis=1))
         return np.concatenate(rows) if rows else np.zeros((0, 5))
@@ -187,14 +186,20 @@ def _map_shape(shape: Shape, move: MovePoint) -> Shape:
     return replace(shape, vertices_mm=tuple(move(corner) for corner in shape.vertices_mm))
 
 
-def _cornered(shape: Shape) -> Polygon:
+def counter_clockwise(shape: Polygon) -> FloatArray:
+    """Its corners (corners, 2), counter-clockwise however it is written."""
+    corners = np.array(shape.vertices_mm, np.float64)
+    return corners if _signed_area(corners) > 0.0 else corners[::-1]
+
+
+def cornered(shape: Shape, corners_per_disc: int = CORNERS_PER_DISC) -> Polygon:
     """A disc as a polygon of the same area."""
     if isinstance(shape, Polygon):
         return shape
-    step = TAU / CORNERS_PER_DISC
+    step = TAU / corners_per_disc
     radius = shape.radius_mm * math.sqrt(step / math.sin(step))
     x, y = shape.center_mm
-    corners = ((x + radius * math.cos(i * step), y + radius * math.sin(i * step)) for i in range(CORNERS_PER_DISC))
+    corners = ((x + radius * math.cos(i * step), y + radius * math.sin(i * step)) for i in range(corners_per_disc))
     return Polygon(tuple(corners), shape.density)
 
 

@@ -2,11 +2,8 @@
 
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from sawmill_worker.contracts.base import placed_complaint
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomDrawing
-from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.json_file import read_json
 
 
 def read_drawing(path: Path) -> PhantomDrawing:
@@ -17,7 +14,4 @@ def read_drawing(path: Path) -> PhantomDrawing:
     JobFailure
         The file holds no phantom.
     """
-    try:
-        return PhantomAsk.model_validate_json(path.read_bytes())
-    except ValidationError as error:
-        raise refused("phantom", f"{path.name} is not a phantom's drawing: {placed_complaint(error)}") from error
+    return read_json(path, PhantomAsk, code="phantom", otherwise="not a phantom's drawing")

@@ -20,12 +20,15 @@ def repeatability(named: list[tuple[str, CalibrationResult]]) -> RepeatabilityRe
     pairs = [_difference(*first, *second) for first, second in combinations(named, 2)]
     beyond = [pair for pair in pairs if not pair.within_error_bars]
     worst = max(pair.ray_difference_mm for pair in pairs)
-    reason = (
-        f"{len(beyond)} of {len(pairs)} pairs differ by more than their error bars: fasten the phantom, let the "
-        "scanner warm up, and look at the reasons of each calibration"
-        if beyond
-        else f"all {len(pairs)} pairs agree within their error bars; the rays differ by {worst:.3f} mm at most"
-    )
+    if beyond:
+        who = "the two calibrations differ" if len(pairs) == 1 else f"{len(beyond)} of {len(pairs)} pairs differ"
+        reason = (
+            f"{who} by more than their error bars: fasten the phantom, let the scanner warm up, and look at the "
+            "reasons of each calibration"
+        )
+    else:
+        who = "the two calibrations" if len(pairs) == 1 else f"all {len(pairs)} pairs"
+        reason = f"{who} agree within their error bars; the rays differ by {worst:.3f} mm at most"
     verdict = "beyond-error-bars" if beyond else "repeatable"
     return RepeatabilityResult(pairs=pairs, worst_ray_difference_mm=worst, verdict=verdict, reason=reason)
 

@@ -7,7 +7,8 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape
+from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon, Shape, cornered
+from sawmill_worker.tomography.physics.directions import direction
 from sawmill_worker.vocabulary.physics import WoodEffects
 
 # Chords of a rounded corner, and millimetres between the points of a sawn side and of its correlation.
@@ -54,7 +55,7 @@ def stand(phantom: Phantom, effects: WoodEffects, rng: np.random.Generator) -> B
     screws = [
         (*point_inside(wood, rng), 0.5 * effects.screw_diameter_mm, effects.steel_per_mm) for _ in range(effects.screws)
     ]
-    slope = effects.density_slope_percent / 1e4 * _direction(effects.density_slope_towards_deg)
+    slope = effects.density_slope_percent / 1e4 * direction(effects.density_slope_towards_deg)
     return Body(wood, _rows(rings + knots), _rows(screws), slope)
 
 
@@ -80,15 +81,11 @@ def _rows(discs: list[tuple[float, float, float, float]]) -> FloatArray:
     return np.array(discs, np.float64).reshape(-1, 4)
 
 
-def _direction(angle_deg: float) -> FloatArray:
-    return np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])
-
-
 def _affine(effects: WoodEffects) -> FloatArray:
     """What size, aspect, shear and a tilted plane make of the drawing, (2, 2)."""
     half = 0.5 * effects.aspect_percent / 100.0
     change = np.array([[1.0 + half, effects.shear_percent / 100.0], [0.0, 1.0 - half]])
-    along = _direction(effects.plane_tilt_towards_deg)
+    along = direction(effects.plane_tilt_towards_deg)
     longer = 1.0 / math.cos(math.radians(effects.plane_tilt_deg)) - 1.0
     tilted = np.eye(2) + longer * np.outer(along, along)
     return np.asarray((1.0 + effects.size_percent / 100.0) * tilted @ change)
@@ -96,20 +93,11 @@ def _affine(effects: WoodEffects) -> FloatArray:
 
 def _mapped(shape: Shape, change: FloatArray) -> Shape:
     """A disc stays one under a change of size alone."""
-    if isinstance(shape, Disc):
-        if np.allclose(change, change[0, 0] * np.eye(2), rtol=0.0, atol=1e-12):
-            x, y = change @ shape.center_mm
-            return replace(shape, center_mm=(float(x), float(y)), radius_mm=shape.radius_mm * float(change[0, 0]))
-        shape = _circle(shape)
-    return _polygon(shape, np.array(shape.vertices_mm) @ change.T)
-
-
-def _circle(disc: Disc) -> Polygon:
-    """A polygon of the disc's area."""
-    bends = TAU * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
-    radius = disc.radius_mm / math.sqrt(math.sin(TAU / CIRCLE_CORNERS) / (TAU / CIRCLE_CORNERS))
-    corners = np.array(disc.center_mm) + radius * np.stack([np.cos(bends), np.sin(bends)], -1)
-    return Polygon(tuple((float(x), float(y)) for x, y in corners), disc.density)
+    if isinstance(shape, Disc) and np.allclose(change, change[0, 0] * np.eye(2), rtol=0.0, atol=1e-12):
+        x, y = change @ shape.center_mm
+        return replace(shape, center_mm=(float(x), float(y)), radius_mm=shape.radius_mm * float(change[0, 0]))
+    polygon = cornered(shape, CIRCLE_CORNERS)
+    return _polygon(polygon, np.array(polygon.vertices_mm) @ change.T)
 
 
 def _polygon(shape: Polygon, corners: FloatArray) -> Polygon:

@@ -7,13 +7,15 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError
 from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
 
 # Of every detector: counts without light, the noise of its electronics in photons, and flat and dark fields.
 DARK_LEVEL, DARK_NOISE_PHOTONS, FIELDS = 200.0, 5.0, 10
 # Counts without light and in air, against the largest value, of a converter of 12 bits.
 DARK_OF_12_BITS, AIR_OF_12_BITS = 0.02, 0.8
+# Photons and dark level of 16 bits where a photon is a count.
+LARGEST_COUNTS = 60_000.0
 # By how much a hot cell's gain changes at most.
 HOT = 0.3
 
@@ -52,9 +54,9 @@ def _gain_change(detector: DetectorEffects, cells: int) -> FloatArray:
 
 
 def tube_output(views: int, effects: Physics, rng: np.random.Generator) -> FloatArray:
-    """Of each view, (views,)."""
+    """Of each view, (views,); none is below 0."""
     drift = effects.beam.drift_share * np.linspace(0.0, 1.0, views)
-    return 1.0 + drift + effects.beam.flicker_share * rng.standard_normal(views)
+    return np.maximum(1.0 + drift + effects.beam.flicker_share * rng.standard_normal(views), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,11 +77,27 @@ class Converter:
 
     @classmethod
     def of(cls, detector: DetectorEffects, photons: float, cells: int, rng: np.random.Generator) -> "Converter":
-        """Of a detector whose cells receive this number of photons in air."""
+        """Of a detector whose cells receive this number of photons in air.
+
+        Raises
+        ------
+        GeometryError
+            If air is no brighter than the dark level, or counts do not fit 16 bits.
+        """
         largest = 2.0**detector.bits - 1.0
         twelve = detector.bits == 12
         dark = DARK_OF_12_BITS * largest if twelve else DARK_LEVEL
         air = detector.air_of_full_scale or (AIR_OF_12_BITS if twelve else None)
+        if air is None and photons + dark > LARGEST_COUNTS:
+            raise GeometryError(
+                f"{photons:g} photons and a dark level of {dark:g} do not fit 16 bits: {LARGEST_COUNTS:g} in all; ask "
+                "for fewer photons, or state air_of_full_scale"
+            )
+        if air is not None and air * largest <= dark:
+            raise GeometryError(
+                f"air at {air:g} of the full scale is {air * largest:.0f} counts, no more than the dark level of "
+                f"{dark:.0f}: raise air_of_full_scale"
+            )
         gain = 1.0 + detector.gain_spread * rng.standard_normal(cells).clip(-3.0, 3.0)
         return cls(gain, 1.0 if air is None else (air * largest - dark) / photons, dark, largest)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.physics.directions import direction
 from sawmill_worker.vocabulary.physics import MotionEffects
 
 
@@ -40,14 +41,10 @@ def move(angles_rad: FloatArray, effects: MotionEffects, rng: np.random.Generato
     turned = angles_rad + effects.pace_percent / 100.0 * (angles_rad - angles_rad[0]) + encoder + jitter
     slip_view = round(effects.slip_at * views) if effects.slip_mm or effects.slip_turn_deg else None
     slipped = (np.arange(views) >= (views if slip_view is None else slip_view)).astype(np.float64)
-    slip = effects.slip_mm * slipped[:, None] * _direction(effects.slip_towards_deg)
-    creep = effects.creep_mm * np.linspace(0.0, 1.0, views)[:, None] * _direction(effects.creep_towards_deg)
+    slip = effects.slip_mm * slipped[:, None] * direction(effects.slip_towards_deg)
+    creep = effects.creep_mm * np.linspace(0.0, 1.0, views)[:, None] * direction(effects.creep_towards_deg)
     wave = turned - math.radians(effects.wobble_phase_deg)
     swing = effects.wobble_once_mm * np.cos(wave) + effects.wobble_twice_mm * np.cos(2.0 * wave)
-    hall = swing[:, None] * _direction(effects.wobble_towards_deg)
+    hall = swing[:, None] * direction(effects.wobble_towards_deg)
     turn = math.radians(effects.slip_turn_deg) * slipped
     return Motion(turned, np.asarray(turn), np.asarray(slip + creep), hall, slip_view)
-
-
-def _direction(angle_deg: float) -> FloatArray:
-    return np.array([math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))])

@@ -4,17 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.physics.body import Body, stand
-from sawmill_worker.tomography.physics.detector import DARK_LEVEL, FIELDS, Converter, Counts, signal, spoil, tube_output
+from sawmill_worker.tomography.physics.detector import FIELDS, Converter, Counts, signal, spoil, tube_output
 from sawmill_worker.tomography.physics.motion import Motion, move
 from sawmill_worker.tomography.physics.transmission import transmission
 from sawmill_worker.vocabulary.physics import Physics
 
 # The streams of random numbers: equal seeds give equal wood and motion, whatever else is on.
 _WOOD, _MOTION, _TUBE, _CELLS, _NOISE, _SPOILT = range(6)
-LARGEST_COUNTS = 60_000.0
 NOTHING = Physics()
 
 
@@ -76,21 +75,16 @@ def simulate_physics(
     Raises
     ------
     GeometryError
-        If the phantom reaches the source, or counts do not fit 16 bits.
+        If the phantom reaches the source, air is no brighter than the dark level, or counts do not fit 16 bits.
     """
     collected = photons * effects.beam.row_share
-    a_count_each = effects.detector.bits == 16 and effects.detector.air_of_full_scale is None
-    if a_count_each and collected + DARK_LEVEL > LARGEST_COUNTS:
-        raise GeometryError(
-            f"{collected:g} photons and a dark level of {DARK_LEVEL:g} do not fit 16 bits: {LARGEST_COUNTS:g} in all"
-        )
+    cells, noise = scanner.num_detector_pixels, _stream(seed, _NOISE, row)
+    converter = Converter.of(effects.detector, collected, cells, _stream(seed, _CELLS, row))
     body = stand(phantom, effects.wood, _stream(seed, _WOOD))
     motion = move(angles_rad, effects.motion, _stream(seed, _MOTION))
     tube = tube_output(angles_rad.size, effects, _stream(seed, _TUBE))
     passed = transmission(body, scanner, frame, motion, effects, _step(angles_rad))
     received = signal(passed, scanner.detector_pitch_mm, effects, tube)
-    cells, noise = scanner.num_detector_pixels, _stream(seed, _NOISE, row)
-    converter = Converter.of(effects.detector, collected, cells, _stream(seed, _CELLS, row))
     exposed = converter.expose(collected * received, noise)
     flats, darks = (converter.expose(np.full((fields, cells), level), noise) for level in (collected, 0.0))
     counts = spoil(exposed, converter, effects.detector, _stream(seed, _SPOILT, row))

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from sawmill_worker.tomography.geometry import TAU, FloatArray, GeometryError, Scanner, SourceFrame
-from sawmill_worker.tomography.phantom import Polygon
+from sawmill_worker.tomography.phantom import Polygon, counter_clockwise
 from sawmill_worker.tomography.physics._chords_numba import CROSSINGS, transmit
 from sawmill_worker.tomography.physics.body import Body
 from sawmill_worker.tomography.physics.motion import Motion
@@ -42,7 +42,7 @@ def transmission(
             f"the phantom {body.wood.name!r} reaches {body.wood.radius_mm + moved:.4g} mm from the centre of rotation, "
             f"so far that it touches the source at {frame.source_distance_mm:.4g} mm"
         )
-    polygons = [_counter_clockwise(shape) for shape in body.wood.shapes if isinstance(shape, Polygon)]
+    polygons = [counter_clockwise(shape) for shape in body.wood.shapes if isinstance(shape, Polygon)]
     out = np.empty((motion.angles_rad.size, scanner.num_detector_pixels))
     most = transmit(
         np.concatenate([np.empty((0, 2)), *polygons]),
@@ -112,9 +112,3 @@ def _energies(spread: float) -> FloatArray:
         return np.ones((1, 3))
     factors = np.array([1.0 + spread, 1.0, 1.0 - spread])
     return np.stack([np.array(ENERGY_SHARES), factors, factors**STEEL_EXPONENT], -1)
-
-
-def _counter_clockwise(shape: Polygon) -> FloatArray:
-    corners = np.array(shape.vertices_mm, np.float64)
-    x, y = corners.T
-    return corners if np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) > 0.0 else corners[::-1]

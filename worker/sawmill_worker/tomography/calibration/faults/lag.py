@@ -7,7 +7,7 @@ from sawmill_worker.vocabulary import Adjustment
 
 
 def _sentence(_: ScanModel, sizes: FloatArray) -> str:
-    return f"a lag of the detector, of {sizes[0]:.1%} of the view before,"
+    return f"a lag of the detector, of {sizes[0]:.1%} of the view before"
 
 
 LAG = Effect(Adjustment.LAG, terms(Term.LAG, counts=True), _sentence)

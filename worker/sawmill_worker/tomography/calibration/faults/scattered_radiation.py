@@ -15,7 +15,7 @@ def _sentence(model: ScanModel, sizes: FloatArray) -> str:
     around, wide = model.halos
     deepest = model.blurred > np.quantile(model.blurred, DEEPEST)
     added = float((sizes[0] * around + sizes[1] * wide)[deepest].mean())
-    return f"scattered radiation, which adds {added:+.1%} to the intensity of the deepest shadow"
+    return f"scattered radiation, which adds {added:.1%} to the intensity of the deepest shadow"
 
 
 SCATTERED_RADIATION = Effect(

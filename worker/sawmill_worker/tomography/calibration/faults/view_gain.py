@@ -4,7 +4,7 @@ import math
 
 from sawmill_worker.tomography.calibration.normal_equations import ViewGrams
 
-SENTENCE = "the views differ in gain or background: each has its own"
+SENTENCE = "the views differ in gain or background, so each has its own"
 # What gains of each view explain counts when it is more than chance by this number of standard deviations, and than
 # this share of what is no noise in the residual.
 DEVIATIONS, LEAST_SHARE = 8.0, 0.5

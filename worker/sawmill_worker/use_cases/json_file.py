@@ -1,0 +1,30 @@
+"""A JSON file that holds one contract."""
+
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from sawmill_worker.contracts.base import placed_complaint
+from sawmill_worker.use_cases.failures import refused
+
+Held = TypeVar("Held")
+
+
+def read_json(path: Path, contract: type[Held], *, code: str, otherwise: str) -> Held:
+    """What the file holds, a model or a dataclass of pydantic's.
+
+    Parameters
+    ----------
+    code, otherwise : str
+        Of the refusal; its sentence is that the file is `otherwise`, and what is wrong where.
+
+    Raises
+    ------
+    JobFailure
+        The file holds something else.
+    """
+    try:
+        return TypeAdapter(contract).validate_json(path.read_bytes())
+    except ValidationError as error:
+        raise refused(code, f"{path.name} is {otherwise}: {placed_complaint(error)}") from error
