@@ -5,7 +5,7 @@ import sys
 import threading
 from pathlib import Path
 
-from sawmill_worker.execution.poller import _listen_to_parent, run_worker
+from sawmill_worker.execution.poller import ReportToParent, _listen_to_parent, run_worker
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -14,4 +14,5 @@ stop, wake = threading.Event(), threading.Event()
 signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
 threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
-run_worker(Store(StorageSettings()), ExecutionSettings(), stop, command=command, wake=wake)
+store = Store(StorageSettings())
+run_worker(store, ExecutionSettings(), stop, command=command, wake=wake, on_able=ReportToParent())

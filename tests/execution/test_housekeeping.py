@@ -1,12 +1,18 @@
+import errno
+import io
+import os
+import sys
 import threading
 import time
 
 import pytest
+import structlog
 from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import Job, JobState
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.housekeeping import Housekeeping
+from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.storage.errors import StorageUnavailable
 
 pytestmark = pytest.mark.slow
@@ -54,3 +60,30 @@ class Away:
         if len(self.calls) == 1:
             raise StorageUnavailable("the database does not answer: away")
         return []
+
+
+def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, monkeypatch):
+    """Standard error is often a file on the disk that is full."""
+    rounds = []
+
+    def stumble(**_):
+        rounds.append(1)
+        raise StorageUnavailable("the database does not answer: away")
+
+    class Full(io.StringIO):
+        def flush(self):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(store.jobs, "requeue_expired", stumble)
+    monkeypatch.setattr(sys, "stderr", Full())
+    before = structlog.get_config()
+    configure_logs("json")
+    stop = threading.Event()
+    housekeeping = Housekeeping(store, settings.model_copy(update={"lease_s": 0.1}), stop)
+    housekeeping.start()
+    try:
+        wait_for(lambda: len(rounds) > 2)
+    finally:
+        stop.set()
+        housekeeping.join()
+        structlog.configure(**before)

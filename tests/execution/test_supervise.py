@@ -1,10 +1,14 @@
+import errno
 import os
 import signal
+import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.environment import environment_with
@@ -13,6 +17,7 @@ from sawmill_worker.execution.supervise import WorkerSupervisor
 pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
+IDLE = [sys.executable, "-c", "import os; os.read(0, 1)"]
 WORKER = [sys.executable, str(HERE / "fake_worker.py")]
 
 
@@ -121,3 +126,63 @@ def test_a_worker_that_cannot_start_is_tried_again_ever_more_slowly(storage, set
     first, second, third = map(float, log.read_text().splitlines())
     assert second - first > 0.5
     assert third - second > 1.0
+
+
+def heard(supervisor: WorkerSupervisor) -> bool:
+    """Whether the first worker has reported that it works."""
+    try:
+        return bool(supervisor._workers[0]._line.recv(1, socket.MSG_PEEK))
+    except BlockingIOError:
+        return False
+
+
+def test_a_worker_that_had_worked_is_replaced_within_a_second_however_often_it_is_killed(storage, settings, wait_for):
+    able = [sys.executable, "-c", "import os, time; os.write(0, bytes(1)); time.sleep(60)"]
+    with WorkerSupervisor(storage, settings, command=able) as supervisor:
+        for _ in range(4):
+            wait_for(lambda: supervisor.process_ids)
+            victim = supervisor.process_ids[0]
+            wait_for(lambda: heard(supervisor))
+            os.kill(victim, signal.SIGKILL)
+            killed_at = time.monotonic()
+            wait_for(lambda victim=victim: supervisor.process_ids not in ([], [victim]))
+            # 0.2 s until it is seen, 0.5 s of patience, and what a slow machine takes for a fork.
+            assert time.monotonic() - killed_at < 1.5
+
+
+def test_a_real_worker_reports_that_it_works_before_its_first_job_ends(storage, settings, queue, wait_for):
+    queue("talk")
+    with WorkerSupervisor(storage, settings, command=WORKER) as supervisor:
+        wait_for(lambda: heard(supervisor))
+
+
+def test_a_system_that_cannot_start_a_process_is_asked_again(storage, settings, monkeypatch, wait_for):
+    started = subprocess.Popen
+    refused = []
+
+    def refuse_twice(*arguments, **options):
+        if len(refused) < 2:
+            refused.append(arguments)
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        return started(*arguments, **options)
+
+    monkeypatch.setattr("sawmill_worker.execution.supervise.subprocess.Popen", refuse_twice)
+    with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE) as supervisor:
+        wait_for(lambda: supervisor.process_ids)
+    assert [(entry["event"], entry["restart_in_s"]) for entry in log] == [
+        ("worker-not-started", 0.5),
+        ("worker-not-started", 1.0),
+    ]
+
+
+def test_workers_are_watched_whatever_happens(storage, settings, monkeypatch, wait_for):
+    rounds = []
+
+    def stumble(_):
+        rounds.append(time.monotonic())
+        raise MemoryError
+
+    monkeypatch.setattr("sawmill_worker.execution.supervise._WatchedWorker.restart_if_due", stumble)
+    with capture_logs() as log, WorkerSupervisor(storage, settings, command=IDLE):
+        wait_for(lambda: len(rounds) > 2)
+    assert {entry["event"] for entry in log} == {"worker-not-watched"}

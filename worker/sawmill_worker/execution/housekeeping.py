@@ -5,6 +5,7 @@ import time
 
 import structlog
 
+from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.store import Store
@@ -41,10 +42,8 @@ class Housekeeping:
     def once(self) -> None:
         """Everything that is due now; what cannot be done does not keep the rest from being done."""
         for duty in (self._requeue_expired, self._run_due_schedules, self._store.files.remove_leftovers):
-            try:
+            with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()
-            except Exception:  # noqa: BLE001 - nobody else does these duties: whatever happens, the next round comes
-                structlog.get_logger().exception("housekeeping-put-off", duty=duty.__name__.strip("_"))
 
     def _requeue_expired(self) -> None:
         """Give up on workers without heartbeats; not on those that could not renew their leases in an outage."""
@@ -66,4 +65,5 @@ class Housekeeping:
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):
-            self.once()
+            with going_on("housekeeping-round-lost"):
+                self.once()

@@ -1,7 +1,9 @@
 """Structured logs on standard error."""
 
 import sys
-from typing import Literal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from typing import Literal, TextIO, cast
 
 import structlog
 
@@ -24,4 +26,31 @@ def configure_logs(log_format: Literal["console", "json"]) -> None:
     else:
         plain = structlog.dev.plain_traceback
         processors.append(structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), exception_formatter=plain))
-    structlog.configure(processors=processors, logger_factory=structlog.WriteLoggerFactory(sys.stderr))
+    # The factory asks for no more of a file than `_BestEffort` has.
+    factory = structlog.WriteLoggerFactory(cast("TextIO", _BestEffort(sys.stderr)))
+    structlog.configure(processors=processors, logger_factory=factory)
+
+
+@contextmanager
+def going_on(event: str, **details: object) -> Iterator[None]:
+    """Log whatever the block raises, and go on: for a thread that nobody would start again."""
+    try:
+        yield
+    except Exception:  # noqa: BLE001 - the next round comes whatever happens in this one
+        with suppress(Exception):  # out of memory, say: then there is nothing left to say it with
+            structlog.get_logger().exception(event, **details)
+
+
+class _BestEffort:
+    """A log's stream: what a full disk or a reader that is gone does not take is lost, and nothing else is."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> None:
+        with suppress(OSError):
+            self._stream.write(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._stream.flush()

@@ -4,7 +4,8 @@ import argparse
 import os
 import signal
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 
 import structlog
 
@@ -24,6 +25,7 @@ def run_worker(
     *,
     command: Sequence[str] = ATTEMPT_COMMAND,
     wake: threading.Event | None = None,
+    on_able: Callable[[], None] | None = None,
 ) -> None:
     """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
 
@@ -31,6 +33,8 @@ def run_worker(
     ----------
     wake
         Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
+    on_able
+        As for `Runner`.
 
     Raises
     ------
@@ -38,7 +42,7 @@ def run_worker(
         No job can be run on this installation.
     """
     wake = wake or threading.Event()
-    runner = Runner(store, settings, stop, command=command)
+    runner = Runner(store, settings, stop, command=command, on_able=on_able)
     housekeeping = Housekeeping(store, settings, stop)
     housekeeping.start()
     try:
@@ -73,8 +77,22 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     store = Store.open(StorageSettings())
-    run_worker(store, settings, stop, wake=wake)
+    run_worker(store, settings, stop, wake=wake, on_able=ReportToParent() if options.watch_parent else None)
     store.close()
+
+
+class ReportToParent:
+    """Tell the process that started this one, once, that it works (`supervise`)."""
+
+    def __init__(self) -> None:
+        self._told = False
+
+    def __call__(self) -> None:
+        """Write the one byte, on standard input: it is a socket."""
+        if not self._told:
+            self._told = True
+            with suppress(OSError):  # the parent is gone: `_listen_to_parent` sees to that
+                os.write(0, b"\n")
 
 
 def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
@@ -94,7 +112,8 @@ def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:
 
 
 def _listen_to_parent(stop: threading.Event, wake: threading.Event) -> None:
-    with open(0, "rb", buffering=0, closefd=False) as parent:
+    # A parent that is killed before it has read this worker's report resets the connection instead of closing it.
+    with suppress(ConnectionResetError), open(0, "rb", buffering=0, closefd=False) as parent:
         while parent.read(1024):
             wake.set()
     stop.set()

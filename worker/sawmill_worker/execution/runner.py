@@ -42,6 +42,8 @@ class Runner:
         Starts a process that speaks `sawmill_worker.execution.protocol`.
     on_ended
         Called with the id of each job that has ended: others may have waited for it.
+    on_able
+        Called at each look for a job, before it is run: a process is ready, and the database answers.
     """
 
     def __init__(
@@ -52,9 +54,11 @@ class Runner:
         *,
         command: Sequence[str] = ATTEMPT_COMMAND,
         on_ended: Callable[[str], None] | None = None,
+        on_able: Callable[[], None] | None = None,
     ) -> None:
         self._store = store
         self._on_ended = on_ended
+        self._on_able = on_able
         self._settings = settings
         self._stop = stop
         self._command = tuple(command)
@@ -87,6 +91,8 @@ class Runner:
         except BaseException:
             self._keep(process)
             raise
+        if self._on_able is not None:
+            self._on_able()
         if claim is None:
             self._keep(process)
             return None

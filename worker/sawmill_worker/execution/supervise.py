@@ -1,6 +1,6 @@
 """Embedded worker processes for a service on one machine: started, watched, started again."""
 
-import os
+import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +13,7 @@ from typing import Self
 import structlog
 
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 
@@ -20,13 +21,13 @@ WORKER_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.poller", "--wa
 _LOOK_S = 0.2
 _FIRST_BACK_OFF_S = 0.5
 _LONGEST_BACK_OFF_S = 30.0
-_HEALTHY_S = 60.0
 
 
 class WorkerSupervisor:
     """Keeps `settings.workers` worker processes running, as a context manager.
 
-    Each one's standard input announces jobs, and ends with this process, however that ends.
+    Each one's standard input announces jobs, and ends with this process, however that ends. A worker that had been able
+    to run jobs is replaced at once, one that never was ever more slowly.
 
     Parameters
     ----------
@@ -73,75 +74,97 @@ class WorkerSupervisor:
     @property
     def process_ids(self) -> list[int]:
         """Of the workers that run at the moment."""
-        return [worker.process.pid for worker in self._workers if worker.process and worker.process.poll() is None]
+        return [worker.process.pid for worker in self._workers if worker.process and worker.is_running]
 
     def _watch(self) -> None:
         while not self._stop.wait(_LOOK_S):
             for worker in self._workers:
-                worker.restart_if_due()
+                with going_on("worker-not-watched"):
+                    worker.restart_if_due()
 
 
 class _WatchedWorker:
-    """One place for a worker process, and how patient to be before it is filled again."""
+    """One place for a worker process, and how patient to be before it is filled again.
+
+    A socket is the process's standard input: bytes down announce jobs, one byte up reports that it works.
+    """
 
     def __init__(self, command: Sequence[str], environment: dict[str, str]) -> None:
         self._command = tuple(command)
         self._environment = environment
-        self._started_at = 0.0
         self._restart_at: float | None = None
         self._back_off_s = 0.0
         self._speaking = threading.Lock()
+        self._line: socket.socket | None = None
         self.process: subprocess.Popen[bytes] | None = None
 
+    @property
+    def is_running(self) -> bool:
+        return self.process is not None and self.process.poll() is None
+
     def start(self) -> None:
-        self._started_at = time.monotonic()
+        """Start the process; one that the system does not start now is tried again like one that ended."""
         self._restart_at = None
-        # In a session of its own, so that Ctrl-C reaches the service alone, which then stops its workers in order.
-        self.process = subprocess.Popen(  # noqa: S603 - our own command
-            self._command, stdin=subprocess.PIPE, bufsize=0, stdout=2, start_new_session=True, env=self._environment
-        )
+        ours, theirs = socket.socketpair()
+        try:
+            with theirs:
+                # In a session of its own, so that Ctrl-C reaches the service alone, which then stops it in order.
+                self.process = subprocess.Popen(  # noqa: S603 - our own command
+                    self._command, stdin=theirs.fileno(), stdout=2, start_new_session=True, env=self._environment
+                )
+        except OSError as error:
+            ours.close()
+            self._put_off("worker-not-started", reason=str(error))
+            return
+        ours.settimeout(0.0)  # a worker that hangs and reads nothing must not make a request wait
+        with self._speaking:
+            self._line = ours
 
     def wake(self) -> None:
-        with self._speaking:
-            if self.process is None or self.process.stdin is None or self.process.stdin.closed:
-                return
-            # A worker that hangs and reads nothing must not make a request wait.
-            os.set_blocking(self.process.stdin.fileno(), False)
-            with suppress(BrokenPipeError):
-                self.process.stdin.write(b"\n")
+        with self._speaking, suppress(OSError):  # it is full of announcements, or the worker has ended
+            if self._line is not None:
+                self._line.send(b"\n")
 
     def restart_if_due(self) -> None:
-        if self.process is None or self.process.poll() is None:
+        if self.is_running:
             return
-        now = time.monotonic()
         if self._restart_at is None:
-            healthy = now - self._started_at > _HEALTHY_S
-            doubled_s = 0.0 if healthy else 2 * self._back_off_s
-            self._back_off_s = min(max(doubled_s, _FIRST_BACK_OFF_S), _LONGEST_BACK_OFF_S)
-            self._restart_at = now + self._back_off_s
-            structlog.get_logger().error(
-                "worker-ended", exit_code=self.process.returncode, restart_in_s=self._back_off_s
-            )
+            if self._has_worked():
+                self._back_off_s = 0.0
             self._hang_up()
-        elif now >= self._restart_at:
+            self._put_off("worker-ended", exit_code=self.process and self.process.returncode)
+        elif time.monotonic() >= self._restart_at:
             self.start()
 
     def ask_to_stop(self) -> None:
-        if self.process is not None and self.process.poll() is None:
+        if self.process is not None and self.is_running:
             self.process.terminate()
 
     def end(self, patience_s: float) -> None:
-        if self.process is None:
-            return
-        try:
-            self.process.wait(patience_s)
-        except subprocess.TimeoutExpired:
-            structlog.get_logger().error("worker-killed", after_s=patience_s)
-            self.process.kill()
-            self.process.wait()
+        if self.process is not None:
+            try:
+                self.process.wait(patience_s)
+            except subprocess.TimeoutExpired:
+                structlog.get_logger().error("worker-killed", after_s=patience_s)
+                self.process.kill()
+                self.process.wait()
         self._hang_up()
+
+    def _has_worked(self) -> bool:
+        """Whether the process that has ended reported that it could run jobs."""
+        try:
+            return self._line is not None and bool(self._line.recv(1))
+        except OSError:
+            return False
+
+    def _put_off(self, event: str, **details: object) -> None:
+        """Wait before the next start: the first time, then twice as long as the last time until a worker has worked."""
+        self._back_off_s = min(max(2 * self._back_off_s, _FIRST_BACK_OFF_S), _LONGEST_BACK_OFF_S)
+        self._restart_at = time.monotonic() + self._back_off_s
+        structlog.get_logger().error(event, restart_in_s=self._back_off_s, **details)
 
     def _hang_up(self) -> None:
         with self._speaking:
-            if self.process is not None and self.process.stdin is not None:
-                self.process.stdin.close()
+            if self._line is not None:
+                self._line.close()
+                self._line = None
