@@ -14,6 +14,7 @@ from sawmill_service.dependencies import Wake
 from sawmill_service.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.celery_app import Waker, make_celery
+from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.supervise import WorkerSupervisor
@@ -59,6 +60,7 @@ def serve_until_stopped(
             closing(listen(settings.host, settings.port, guarded=settings.token is not None))
         )
         store = stack.enter_context(closing(Store.open(storage)))
+        stack.enter_context(ClockKeeper(store))
         wake: Wake = no_wake
         if execution.broker_url is not None:
             waker = stack.enter_context(closing(Waker(make_celery(execution, storage))))

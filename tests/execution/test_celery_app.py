@@ -178,7 +178,7 @@ def test_a_silent_redis_holds_up_neither_housekeeping_nor_the_end(
         queue("succeed")
         time.sleep(1.5)  # by now the sweep asks for this job, in vain
         queue("succeed")
-        lost = store.jobs.claim("lost", lease_s=0.01).job
+        lost = store.jobs.claim("lost").job
         wait_for(lambda: store.jobs.get(lost.id).state is JobState.QUEUED, timeout_s=5)
         os.kill(redis_process, signal.SIGCONT)
         wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in store.jobs.page().items))

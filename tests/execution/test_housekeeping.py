@@ -9,18 +9,19 @@ import pytest
 import structlog
 from structlog.testing import capture_logs
 
-from sawmill_worker.contracts.jobs import Job, JobState
+from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.jobs import Pulse
 
 pytestmark = pytest.mark.slow
 
 
 def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wait_for):
     job = queue("succeed")
-    store.jobs.claim("lost", lease_s=0.01)
+    store.jobs.claim("lost")
     schedule = store.schedules.create(
         ScheduleSpec(scanner_id=store.scans.get(job.subject_id).scanner_id, cron="* * * * *")
     )
@@ -37,7 +38,7 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
 
 def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):
     away = Away()
-    monkeypatch.setattr(store.jobs, "requeue_expired", away)
+    monkeypatch.setattr(store.jobs, "pulses", away)
     stop = threading.Event()
     with capture_logs() as log:
         housekeeping = Housekeeping(store, settings, stop)
@@ -45,8 +46,7 @@ def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, m
         wait_for(lambda: len(away.calls) > 1)
         stop.set()
         housekeeping.join()
-    assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "requeue_expired")]
-    assert away.calls[1] - away.calls[0] >= settings.lease_s, "nobody could renew a lease meanwhile"
+    assert [(entry["event"], entry["duty"]) for entry in log] == [("housekeeping-put-off", "take_back_silent")]
 
 
 class Away:
@@ -55,7 +55,7 @@ class Away:
     def __init__(self) -> None:
         self.calls: list[float] = []
 
-    def __call__(self, **_: object) -> list[Job]:
+    def __call__(self) -> list[Pulse]:
         self.calls.append(time.monotonic())
         if len(self.calls) == 1:
             raise StorageUnavailable("the database does not answer: away")

@@ -40,7 +40,7 @@ def finish(store: Store) -> Callable[[Attempt, dict[str, Any]], Job]:
     """Commit what an attempt made."""
 
     def commit(attempt: Attempt, result: dict[str, Any]) -> Job:
-        claim = store.jobs.claim("test", lease_s=60)
+        claim = store.jobs.claim("test")
         assert claim is not None
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         for path in attempt.output.iterdir():

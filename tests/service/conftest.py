@@ -132,7 +132,7 @@ class FakeWorker:
     store: Store
 
     def claim(self) -> Claim:
-        claim = self.store.jobs.claim("test", lease_s=60)
+        claim = self.store.jobs.claim("test")
         assert claim is not None
         return claim
 

@@ -35,7 +35,7 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
         claim = worker.claim()
         for step in (0.25, 0.5):
             time.sleep(0.2)
-            store.jobs.heartbeat(claim, Progress(fraction=step, stage="search", generation=3), lease_s=60)
+            store.jobs.heartbeat(claim, Progress(fraction=step, stage="search", generation=3))
         time.sleep(0.2)
         store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here"))
 
@@ -70,7 +70,7 @@ def test_a_queued_job_is_cancelled_at_once(seeded, job_id):
 def test_a_running_job_is_asked_to_stop(seeded, store, worker, job_id):
     claim = worker.claim()
     assert seeded.post(f"/v1/jobs/{job_id}/cancel").json()["cancel_requested"]
-    assert store.jobs.heartbeat(claim, lease_s=60)
+    assert store.jobs.heartbeat(claim)
 
 
 def test_cancelling_what_has_ended_changes_nothing(seeded):

@@ -70,7 +70,7 @@ def finish() -> Callable[..., Claim]:
     """Do the oldest job as a worker would, without any science."""
 
     def do(store: Store, **changes: Any) -> Claim:
-        claim = store.jobs.claim("test", lease_s=60)
+        claim = store.jobs.claim("test")
         assert claim is not None
         output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
         (output / "result").write_text(f"attempt {claim.attempt}")

@@ -34,7 +34,7 @@ def test_jobs_from_before_are_kept_and_may_start(settings, tmp_path):
         )
     database.engine.dispose()
     upgraded = Store.open(settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/old.db"}))
-    held = upgraded.jobs.claim("test", lease_s=60)
+    held = upgraded.jobs.claim("test")
     upgraded.close()
     assert (held.job_id, held.attempt, held.job.losses, held.job.background) == ("old", 3, 0, False)
 

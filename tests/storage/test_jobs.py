@@ -26,16 +26,21 @@ AT_ONCE = Retries(loss_wait_s=0, outage_wait_s=0)
 READING = reading()
 
 
-def claim(store, lease_s: float = 60.0):
-    taken = store.jobs.claim("test", lease_s=lease_s)
+def claim(store):
+    taken = store.jobs.claim("test")
     assert taken is not None
     return taken
+
+
+def take_back_all(store):
+    """As an observer that has seen no heartbeat for the time of a lease."""
+    return [store.jobs.take_back(pulse, retries=AT_ONCE) for pulse in store.jobs.pulses()]
 
 
 def claim_all(settings: StorageSettings) -> list[str]:
     store = Store(settings)
     taken = []
-    while (claimed := store.jobs.claim("racer", lease_s=60)) is not None:
+    while (claimed := store.jobs.claim("racer")) is not None:
         taken.append(claimed.job_id)
     store.close()
     return taken
@@ -55,7 +60,7 @@ def test_each_job_is_claimed_once_by_processes(store, upload):
     program = (
         "from sawmill_worker.storage.settings import StorageSettings; from sawmill_worker.storage.store import Store\n"
         f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
-        "while (claimed := store.jobs.claim('racer', lease_s=60)) is not None: print(claimed.job_id)"
+        "while (claimed := store.jobs.claim('racer')) is not None: print(claimed.job_id)"
     )
     racers = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(3)]
     taken = [job_id for racer in racers for job_id in racer.communicate(timeout=60)[0].split()]
@@ -71,7 +76,7 @@ def test_the_oldest_job_comes_first_and_knows_its_place(store, upload):
     assert [store.jobs.get(job_id).queue_position for job_id in jobs] == [None, 0, 1]
     assert (first.job.state, first.attempt, first.job.worker) == (JobState.RUNNING, 1, "test")
     assert [claim(store).job_id for _ in range(2)] == jobs[1:]
-    assert store.jobs.claim("test", lease_s=60) is None
+    assert store.jobs.claim("test") is None
 
 
 def test_a_job_waits_for_what_it_needs(store, upload, finish):
@@ -82,11 +87,11 @@ def test_a_job_waits_for_what_it_needs(store, upload, finish):
     for job_id, next_id in zip(chain, [*chain[1:], None], strict=True):
         assert list(store.jobs.queued_job_ids()) == [job_id]
         held = claim(store)
-        assert store.jobs.claim("test", lease_s=60) is None
+        assert store.jobs.claim("test") is None
         store.jobs.release(held)
         assert finish(store).job_id == job_id
         assert list(store.jobs.waiting_for(job_id)) == ([next_id] if next_id else [])
-    assert store.jobs.claim("test", lease_s=60) is None
+    assert store.jobs.claim("test") is None
 
 
 def test_a_job_may_start_when_what_it_needs_has_failed(store, upload):
@@ -108,17 +113,16 @@ def test_a_result_and_its_files_appear_together(store, upload, finish):
 
 def test_an_attempt_that_lost_its_lease_changes_nothing(store, upload, finish):
     scan = upload(store)
-    late = claim(store, lease_s=0.01)
+    late = claim(store)
     output = store.files.folder / "late"
     output.mkdir()
     (output / "result").write_text("late")
-    time.sleep(0.05)
-    assert [job.state for job in store.jobs.requeue_expired(retries=AT_ONCE)] == [JobState.QUEUED]
+    assert [job.state for job in take_back_all(store)] == [JobState.QUEUED]
     finish(store)
     for act in (
         lambda: store.jobs.succeed(late, READING, output),
         lambda: store.jobs.fail(late, OURS),
-        lambda: store.jobs.heartbeat(late, lease_s=60),
+        lambda: store.jobs.heartbeat(late),
         lambda: store.jobs.cancelled(late),
         lambda: store.jobs.release(late),
     ):
@@ -149,13 +153,15 @@ def test_files_that_cannot_be_published_leave_the_row_as_it_was(store, upload):
 
 def test_a_heartbeat_keeps_the_lease_and_carries_progress_out(store, upload):
     upload(store)
-    held = claim(store, lease_s=0.01)
+    held = claim(store)
     progress = Progress(fraction=0.5, stage="search", generation=3)
-    assert store.jobs.heartbeat(held, progress, lease_s=60) is False
-    time.sleep(0.05)
-    assert list(store.jobs.requeue_expired()) == []
+    (seen,) = store.jobs.pulses()
+    assert store.jobs.is_silent_still(seen)
+    assert store.jobs.heartbeat(held, progress) is False
+    assert not store.jobs.is_silent_still(seen)
+    assert store.jobs.take_back(seen) is None
     assert store.jobs.get(held.job_id).progress == progress
-    store.jobs.heartbeat(held, lease_s=60)
+    store.jobs.heartbeat(held)
     assert store.jobs.get(held.job_id).progress == progress, "no news is not news"
 
 
@@ -163,11 +169,10 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
     scan = upload(store)
     states = []
     for attempt in (1, 2, 3):
-        held = claim(store, lease_s=0.01)
+        held = claim(store)
         assert held.attempt == attempt
         store.files.make_attempt_folder(held.job_id, attempt)
-        time.sleep(0.05)
-        states += [job.state for job in store.jobs.requeue_expired(retries=AT_ONCE)]
+        states += [job.state for job in take_back_all(store)]
     assert states == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
     job = store.jobs.get(scan.job_id)
     assert (job.failure.kind, job.failure.code) == (FailureKind.PASSING, "worker-lost")
@@ -207,7 +212,7 @@ def test_waits_double_up_to_a_minute_and_are_spread(store, upload):
         before = datetime.now(UTC)
         store.jobs.fail(claim(store), FULL)
         waits.append((store.jobs.get(scan.job_id).not_before - before).total_seconds())
-        assert store.jobs.claim("test", lease_s=60) is None
+        assert store.jobs.claim("test") is None
         assert list(store.jobs.queued_job_ids()) == []
         with store._database.write() as session:
             session.connection().exec_driver_sql("UPDATE jobs SET not_before_s = 0")
@@ -233,7 +238,7 @@ def test_a_cancelled_job_is_not_waited_for(store, upload):
 def test_a_wait_ends(store, upload):
     upload(store)
     store.jobs.fail(claim(store), PASSING, retries=Retries(loss_wait_s=0.2))
-    assert store.jobs.claim("test", lease_s=60) is None
+    assert store.jobs.claim("test") is None
     time.sleep(0.3)
     assert claim(store).job.not_before is None
 
@@ -250,7 +255,7 @@ def test_other_failures_are_final(store, ready_scan, kind):
 def test_a_queued_job_is_cancelled_at_once(store, upload):
     scan = upload(store)
     assert store.jobs.request_cancel(scan.job_id).state is JobState.CANCELLED
-    assert store.jobs.claim("test", lease_s=60) is None
+    assert store.jobs.claim("test") is None
     assert store.scans.get(scan.id).state is ScanState.REFUSED
     with pytest.raises(Conflict, match="has cancelled already"):
         store.jobs.request_cancel(scan.job_id)
@@ -261,17 +266,16 @@ def test_a_running_job_hears_of_its_cancellation(store, upload):
     held = claim(store)
     asked = store.jobs.request_cancel(scan.job_id)
     assert (asked.state, asked.cancel_requested) == (JobState.RUNNING, True)
-    assert store.jobs.heartbeat(held, lease_s=60) is True
+    assert store.jobs.heartbeat(held) is True
     store.jobs.cancelled(held)
     assert store.jobs.get(scan.job_id).state is JobState.CANCELLED
 
 
 def test_a_cancelled_job_of_a_lost_worker_is_not_tried_again(store, upload):
     scan = upload(store)
-    claim(store, lease_s=0.01)
+    claim(store)
     store.jobs.request_cancel(scan.job_id)
-    time.sleep(0.05)
-    assert [job.state for job in store.jobs.requeue_expired()] == [JobState.CANCELLED]
+    assert [job.state for job in take_back_all(store)] == [JobState.CANCELLED]
 
 
 def test_a_released_job_goes_back_to_its_place(store, upload):
@@ -340,6 +344,22 @@ def test_jobs_are_counted_and_listed_by_state(store, upload):
     assert [job.id for job in store.jobs.page(state=JobState.RUNNING).items] == [held.job_id]
     with pytest.raises(NotFound):
         store.jobs.get("nothing")
+
+
+def test_the_fate_of_each_attempt_is_kept(store, upload, finish):
+    scan = upload(store)
+    claim(store)
+    take_back_all(store)
+    store.jobs.fail(claim(store), FULL, retries=AT_ONCE)
+    store.jobs.release(claim(store))
+    finish(store)
+    history = [(event.attempt, event.what.value) for event in store.events.of_job(scan.job_id)]
+    assert history == [
+        *[(1, "started"), (1, "lost"), (2, "started"), (2, "put-off")],
+        *[(3, "started"), (3, "given-back"), (4, "started"), (4, "succeeded")],
+    ]
+    lost = store.events.of_job(scan.job_id)[1]
+    assert (lost.worker, lost.detail["code"]) == ("test", "worker-lost")
 
 
 def test_only_jobs_that_have_waited_are_swept(store, upload):

@@ -45,7 +45,7 @@ def test_a_plan_waits_for_its_phantom_to_be_traced(store, scanner, finish):
 
 def test_a_refused_phantom_and_unknown_ones_are_reported(store, scanner):
     phantom = traced_later(store)
-    claim = store.jobs.claim("test", lease_s=60)
+    claim = store.jobs.claim("test")
     store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="no-picture", detail="there is no wood in it"))
     ask = PlanAsk(scanner_id=scanner.id, theta=NOMINAL)
     with pytest.raises(Conflict, match="cannot be used: there is no wood in it"):

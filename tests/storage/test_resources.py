@@ -96,7 +96,7 @@ def test_a_read_scan_reports_what_was_found(ready_scan):
 
 def test_a_scan_whose_reading_failed_is_refused_with_the_reason(store, upload):
     scan = upload(store)
-    store.jobs.fail(store.jobs.claim("test", lease_s=60), REFUSAL)
+    store.jobs.fail(store.jobs.claim("test"), REFUSAL)
     refused = store.scans.get(scan.id)
     assert (refused.state, refused.reason) == (ScanState.REFUSED, REFUSAL.detail)
     with pytest.raises(Conflict, match="was refused and cannot be used: the file carries no angles"):
@@ -235,7 +235,7 @@ def test_a_picture_is_traced_by_a_job_and_a_calibration_waits_for_it(store, uplo
 def test_a_refused_picture_reports_why(store):
     picture = PhantomPicture(name="cross", width_mm=400)
     phantom = store.phantoms.accept_picture(picture, store.files.receive([b"png"], max_bytes=10))
-    store.jobs.fail(store.jobs.claim("test", lease_s=60), REFUSAL)
+    store.jobs.fail(store.jobs.claim("test"), REFUSAL)
     refused = store.phantoms.get(phantom.id)
     assert (refused.state, refused.reason) == (PhantomState.REFUSED, REFUSAL.detail)
     store.phantoms.delete(phantom.id)

@@ -12,6 +12,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.events import JobHistory
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
 from sawmill_worker.storage.errors import Conflict
 
@@ -68,6 +69,12 @@ async def stream_job(job: TheJob, store: TheStore, settings: TheSettings) -> Asy
 def _pause_s(waited_s: float, longest_s: float) -> float:
     """Until the next look at a job: a tenth of the wait so far, so that short jobs are not reported late."""
     return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
+
+
+@router.get("/{job_id}/history", summary="Each attempt at a job and its fate")
+def job_history(job_id: Identifier, store: TheStore) -> JobHistory:
+    """When each attempt started, on which worker, and how it ended: `lost`, `put-off`, `given-back` or for good."""
+    return JobHistory(events=store.events.of_job(job_id))
 
 
 @router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job")

@@ -1,7 +1,7 @@
 """Jobs: the row is the job, a message only announces that there is one (docs/architecture.md#jobs)."""
 
 from datetime import datetime
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from typing import Annotated, Self
 
 from pydantic import Field
@@ -43,6 +43,14 @@ class JobState(StrEnum):
     def ended(self) -> bool:
         """Whether nothing more will happen."""
         return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
+
+
+class Priority(IntEnum):
+    """Which job comes first: somebody waits for it, it is one of many as of a schedule, or it is for idle times."""
+
+    WAITED_FOR = 0
+    BATCH = 1
+    BACKGROUND = 2
 
 
 class FailureKind(StrEnum):

@@ -1,14 +1,19 @@
 """What has to be done now and then, whichever engine runs the jobs."""
 
 import threading
-import time
 
 import structlog
 
+from sawmill_worker.execution.leases import LeaseObserver
 from sawmill_worker.execution.logs import going_on
+from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.jobs import Pulse
 from sawmill_worker.storage.store import Store
+
+# Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
+TOLERABLE_S = 5.0
 
 
 class Housekeeping:
@@ -28,7 +33,10 @@ class Housekeeping:
         self._store = store
         self._settings = settings
         self._stop = stop
-        self._leases_hold_until = 0.0
+        # A worker that lives hears of a cancellation with its next heartbeat.
+        cancel_s = settings.heartbeat_s + settings.housekeeping_s
+        self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
+        self._clock_is_off = False
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -41,23 +49,40 @@ class Housekeeping:
 
     def once(self) -> None:
         """Everything that is due now; what cannot be done does not keep the rest from being done."""
-        for duty in (self._requeue_expired, self._run_due_schedules, self._store.files.remove_leftovers):
+        for duty in (self._take_back_silent, self._run_due_schedules, self._compare_clocks, self._remove_leftovers):
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()
 
-    def _requeue_expired(self) -> None:
-        """Give up on workers without heartbeats; not on those that could not renew their leases in an outage."""
-        if time.monotonic() < self._leases_hold_until:
-            return
+    def _take_back_silent(self) -> None:
+        """Give up on workers without heartbeats; not on those that could not write any in an outage."""
         try:
-            jobs = self._store.jobs.requeue_expired(retries=self._settings.retries)
+            silent = list(self._leases.silent(self._store.jobs.pulses()))
+            # A look that can only read would count the silence of an outage.
+            for pulse in self._leases.suspects():
+                self._store.jobs.is_silent_still(pulse)
+            for pulse in silent:
+                self._take_back(pulse)
         except (StorageFull, StorageUnavailable):
-            self._leases_hold_until = time.monotonic() + self._settings.lease_s
+            self._leases.forget()
             raise
-        for job in jobs:
+
+    def _take_back(self, pulse: Pulse) -> None:
+        job = self._store.jobs.take_back(pulse, retries=self._settings.retries)
+        if job is not None:
             structlog.get_logger().warning(
                 "lease-expired", job=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
             )
+
+    def _compare_clocks(self) -> None:
+        """Say once that this machine's clock is off, and again after it was right; no decision goes by it."""
+        off_s = self._store.clock_off_s()
+        was_off, self._clock_is_off = self._clock_is_off, abs(off_s) > TOLERABLE_S
+        if self._clock_is_off and not was_off:
+            structlog.get_logger().warning("clock-off", off_s=round(off_s, 1))
+            self._store.events.clock_off(process_name(), off_s)
+
+    def _remove_leftovers(self) -> None:
+        self._store.files.remove_leftovers()
 
     def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():

@@ -1,7 +1,6 @@
 """Claiming a job and running one attempt at it, under supervision."""
 
 import os
-import socket
 import sys
 import threading
 import time
@@ -14,6 +13,7 @@ from pydantic import ValidationError
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
+from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.process import AttemptProcess
 from sawmill_worker.execution.protocol import Assignment, Failed, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -65,7 +65,7 @@ class Runner:
         self._environment = _attempt_environment(store, settings)
         self._spares: list[AttemptProcess] = []
         self._lock = threading.Lock()
-        self.name = f"{socket.gethostname()}-{os.getpid()}"
+        self.name = process_name()
 
     def run_next(self) -> JobState | None:
         """Claim the job whose turn it is and run it to the end of the attempt.
@@ -87,7 +87,7 @@ class Runner:
             return None
         process = self._take_ready()
         try:
-            claim = self._store.jobs.claim(self.name, lease_s=self._settings.lease_s)
+            claim = self._store.jobs.claim(self.name)
         except BaseException:
             self._keep(process)
             raise
@@ -261,7 +261,7 @@ class _Supervision:
         self._last_beat = time.monotonic()
         progress, self._progress = self._progress, None
         try:
-            return self._store.jobs.heartbeat(self._claim, progress, lease_s=self._settings.lease_s)
+            return self._store.jobs.heartbeat(self._claim, progress)
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
             structlog.get_logger().warning("heartbeat-missed", job=self._claim.job_id, reason=str(error))

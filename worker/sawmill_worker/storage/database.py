@@ -2,51 +2,24 @@
 
 import fcntl
 import sqlite3
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from alembic import command
 from alembic.config import Config
-from sqlalchemy import Connection, Engine, Float, create_engine, event, text
+from sqlalchemy import Connection, Engine, create_engine, event, text
 from sqlalchemy.exc import InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
-from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import Session
-from sqlalchemy.sql.compiler import SQLCompiler
-from sqlalchemy.sql.functions import FunctionElement
 
+from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
-
-Clock = Callable[[], datetime]
 
 _BUSY_TIMEOUT_MS = 30_000
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _MIGRATIONS = Path(__file__).with_name("migrations")
-
-
-def utc_now() -> datetime:
-    """The time of this machine's clock."""
-    return datetime.now(UTC)
-
-
-class database_now_s(FunctionElement[float]):  # noqa: N801 - reads as a SQL function
-    """Seconds since 1970 by the database's clock, to a millisecond."""
-
-    type = Float(53)
-    inherit_cache = True
-
-
-@compiles(database_now_s, "sqlite")
-def _now_on_sqlite(*_: object, **__: object) -> str:
-    return "((julianday('now') - 2440587.5) * 86400.0)"
-
-
-@compiles(database_now_s, "postgresql")
-def _now_on_postgresql(element: database_now_s, compiler: SQLCompiler, **_: object) -> str:  # noqa: ARG001
-    return "extract(epoch from clock_timestamp())::double precision"
 
 
 def make_engine(url: str) -> Engine:
@@ -83,12 +56,13 @@ class Database:
     engine
         From `make_engine`.
     clock
-        The time for rows and schedules. Leases go by the database's clock instead.
+        The time for rows and due times; null: the one that all processes on this database share.
     """
 
-    def __init__(self, engine: Engine, clock: Clock = utc_now) -> None:
+    def __init__(self, engine: Engine, clock: Clock | None = None) -> None:
         self.engine = engine
-        self.now = clock
+        self.clock = SharedClock(self.read)
+        self.now = clock or self.clock
         self._writer = engine.execution_options(writes=True)
 
     @contextmanager
@@ -129,6 +103,17 @@ class Database:
             config.set_main_option("script_location", str(_MIGRATIONS))
             config.attributes["connection"] = connection
             command.upgrade(config, revision)
+
+    def start_clock(self) -> None:
+        """Write the machine's time where this is the first process since its start; the tables must be up to date.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with self.write() as session:
+            set_if_new(session)
 
 
 @contextmanager

@@ -9,19 +9,21 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState
-from sawmill_worker.storage.database import Database, database_now_s
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
+from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
+from sawmill_worker.storage.events import record
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, read_page
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
-from sawmill_worker.storage.tables import JobDependencyRow, JobRow
+from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
 from sawmill_worker.vocabulary import Progress
 
 LONGEST_WAIT_S = 60.0
@@ -52,13 +54,21 @@ class Retries:
 
 
 RETRIES = Retries()
-# Background jobs last; false sorts before true on SQLite and PostgreSQL.
-_ORDER = (JobRow.background, JobRow.created_at, JobRow.id)
+_ORDER = (JobRow.priority, JobRow.created_at, JobRow.id)
+
+
+class Pulse(NamedTuple):
+    """How often a running attempt has sent a heartbeat: what an observer compares with what it saw before."""
+
+    job_id: str
+    attempt: int
+    beats: int
+    cancel_requested: bool
 
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to run one attempt at a job, for as long as heartbeats keep its lease."""
+    """The right to run one attempt at a job, for as long as observers see its heartbeats."""
 
     job: Job
 
@@ -118,26 +128,25 @@ class Jobs:
                 raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
             row.cancel_requested = True
             if row.state is JobState.QUEUED:
-                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                self._cancel(session, row)
             session.flush()
             return _read(session, row)
 
-    def claim(self, worker: str, *, lease_s: float) -> Claim | None:
+    def claim(self, worker: str) -> Claim | None:
         """Take the job whose turn it is: the oldest that could start, a background job only when there is no other.
 
         Parameters
         ----------
         worker
             Who takes it, for people to read.
-        lease_s
-            How long the claim holds without a heartbeat.
 
         Returns
         -------
         Claim or None
             None when there is nothing to do. Of many callers at once, one gets a job.
         """
-        ready = _claimable().with_only_columns(JobRow.id).order_by(*_ORDER).limit(1)
+        now = self._database.now()
+        ready = _claimable(now).with_only_columns(JobRow.id).order_by(*_ORDER).limit(1)
         with self._database.write() as session:
             claimed = session.scalar(
                 update(JobRow)
@@ -147,19 +156,23 @@ class Jobs:
                     state=JobState.RUNNING,
                     attempt=JobRow.attempt + 1,
                     worker=worker,
-                    lease_expires_s=database_now_s() + lease_s,
+                    beats=0,
                     not_before_s=None,
                     waiting_for=None,
-                    started_at=self._database.now(),
+                    started_at=now,
                     progress=None,
                 )
                 .returning(JobRow.id)
                 .execution_options(synchronize_session=False)
             )
-            return Claim(_read(session, found(session, JobRow, "job", claimed))) if claimed is not None else None
+            if claimed is None:
+                return None
+            row = found(session, JobRow, "job", claimed)
+            record(session, now, EventKind.STARTED, row)
+            return Claim(_read(session, row))
 
-    def heartbeat(self, claim: Claim, progress: Progress | None = None, *, lease_s: float) -> bool:
-        """Renew the lease and carry progress out.
+    def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
+        """Say that the attempt is alive, and carry progress out.
 
         Returns
         -------
@@ -171,7 +184,7 @@ class Jobs:
         LeaseLost
             The attempt no longer holds the job.
         """
-        values: dict[str, Any] = {"lease_expires_s": database_now_s() + lease_s}
+        values: dict[str, Any] = {"beats": JobRow.beats + 1}
         if progress is not None:
             values["progress"] = asdict(progress)
         with self._database.write() as session:
@@ -209,7 +222,7 @@ class Jobs:
         checked = checked_result(kind, result)
         with self._database.write() as session:
             row = _held(session, claim)
-            self._end(session, row, JobState.SUCCEEDED)
+            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED)
             record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files.
@@ -236,7 +249,7 @@ class Jobs:
     def cancelled(self, claim: Claim) -> None:
         """End a running job as asked by `request_cancel`, or raise `LeaseLost`."""
         with self._database.write() as session:
-            self._end(session, _held(session, claim), JobState.CANCELLED, reason=_CANCELLED)
+            self._cancel(session, _held(session, claim))
 
     def release(self, claim: Claim) -> JobState:
         """Give a running job back to the queue because its worker stops or others go first, or raise `LeaseLost`.
@@ -249,50 +262,62 @@ class Jobs:
         with self._database.write() as session:
             row = _held(session, claim)
             if row.cancel_requested:
-                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                self._cancel(session, row)
             else:
+                record(session, self._database.now(), EventKind.GIVEN_BACK, row)
                 _requeue(row)
             return row.state
 
-    def requeue_expired(self, *, retries: Retries = RETRIES) -> Sequence[Job]:
-        """See to running jobs whose lease ran out.
+    def pulses(self) -> Sequence[Pulse]:
+        """Of all running jobs."""
+        columns = (JobRow.id, JobRow.attempt, JobRow.beats, JobRow.cancel_requested)
+        with self._database.read() as session:
+            return [Pulse(*row) for row in session.execute(select(*columns).where(JobRow.state == JobState.RUNNING))]
+
+    def is_silent_still(self, pulse: Pulse) -> bool:
+        """Whether no heartbeat has come since, asked by a write: where nobody can write, silence says nothing.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        asked = update(JobRow).where(_silent(pulse)).values(beats=JobRow.beats).returning(JobRow.id)
+        with self._database.write() as session:
+            return session.scalar(asked.execution_options(synchronize_session=False)) is not None
+
+    def take_back(self, pulse: Pulse, *, retries: Retries = RETRIES) -> Job | None:
+        """Take a job from an attempt that has sent no heartbeat since its pulse was seen.
 
         Returns
         -------
-        list of Job
-            As they stand now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked.
+        Job or None
+            As it stands now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked. None: the
+            attempt has ended, or a heartbeat has come.
         """
-        expired = (
-            select(JobRow)
-            .where(JobRow.state == JobState.RUNNING, JobRow.lease_expires_s < database_now_s())
-            .with_for_update(skip_locked=True)
-        )
-        with self._database.read() as session:
-            if session.scalar(expired.with_only_columns(JobRow.id).limit(1)) is None:
-                return []
         with self._database.write() as session:
-            rows = session.scalars(expired).all()
-            for row in rows:
-                self._fail(session, row, _worker_lost(row), retries)
+            row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
+            if row is None:
+                return None
+            self._fail(session, row, _worker_lost(row), retries)
             session.flush()
-            jobs = [_read(session, row) for row in rows]
-        for job in jobs:
-            if job.state.ended:
-                self._files.remove_attempts(job.id)
-        return jobs
+            job = _read(session, row)
+        if job.state.ended:
+            self._files.remove_attempts(job.id)
+        return job
 
     def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
         limit = self._database.now() - timedelta(seconds=older_than_s)
-        due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= database_now_s() - older_than_s)
-        statement = _claimable().with_only_columns(JobRow.id).where(JobRow.created_at <= limit, due)
+        statement = _claimable(limit).with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
         with self._database.read() as session:
             return session.scalars(statement.order_by(*_ORDER)).all()
 
     def is_in_the_way(self, claim: Claim) -> bool:
         """Whether an attempt's job is for idle times, as its row stands now, and one could start that is not."""
-        other = _claimable().with_only_columns(JobRow.id).where(~JobRow.background).limit(1)
-        itself = select(JobRow.id).where(_held_by(claim), JobRow.background)
+        others = JobRow.priority < Priority.BACKGROUND
+        other = _claimable(self._database.now()).with_only_columns(JobRow.id).where(others).limit(1)
+        itself = select(JobRow.id).where(_held_by(claim), ~others)
         with self._database.read() as session:
             return session.scalar(other) is not None and session.scalar(itself) is not None
 
@@ -300,45 +325,69 @@ class Jobs:
         """Queued jobs that needed this one and could start now."""
         needs_it = JobRow.id.in_(select(JobDependencyRow.job_id).where(JobDependencyRow.needs_job_id == job_id))
         with self._database.read() as session:
-            return session.scalars(_claimable().with_only_columns(JobRow.id).where(needs_it)).all()
+            ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
+            return session.scalars(ready.where(needs_it)).all()
 
     def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
+        detail = failure.model_dump(mode="json")
         if failure.kind is FailureKind.PASSING:
             if row.cancel_requested:
-                self._end(session, row, JobState.CANCELLED, reason=_CANCELLED)
+                self._cancel(session, row)
                 return
+            now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                _wait(row, failure, retries.outage_wait_s, row.outages)
+                record(session, now, EventKind.PUT_OFF, row, detail)
+                _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
+            record(session, now, EventKind.LOST, row, detail)
             if row.losses < retries.max_losses:
-                _wait(row, failure, retries.loss_wait_s, row.losses)
+                _wait(row, now, detail, retries.loss_wait_s, row.losses)
                 return
-        row.failure = failure.model_dump(mode="json")
-        self._end(session, row, JobState.FAILED, reason=failure.detail)
+        row.failure = detail
+        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=detail)
 
-    def _end(self, session: Session, row: JobRow, state: JobState, *, reason: str | None = None) -> None:
+    def _cancel(self, session: Session, row: JobRow) -> None:
+        self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
+
+    def _end(
+        self,
+        session: Session,
+        row: JobRow,
+        state: JobState,
+        what: EventKind,
+        *,
+        reason: str | None = None,
+        detail: Json | None = None,
+    ) -> None:
         row.state = state
         row.finished_at = self._database.now()
-        row.lease_expires_s = row.not_before_s = row.waiting_for = None
+        row.not_before_s = row.waiting_for = None
+        record(session, row.finished_at, what, row, detail)
         if reason is not None:
             record_end_without_result(session, row.kind, row.subject_id, reason)
 
 
-def _claimable() -> Select[JobRow]:
+def _claimable(at: datetime) -> Select[JobRow]:
+    """The jobs that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
         JobDependencyRow.job_id == JobRow.id,
         needed.id == JobDependencyRow.needs_job_id,
         needed.state.not_in(_ENDED),
     )
-    due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= database_now_s())
+    due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
     return select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
 
 
 def _held_by(claim: Claim) -> ColumnElement[bool]:
     return and_(JobRow.id == claim.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == claim.attempt)
+
+
+def _silent(pulse: Pulse) -> ColumnElement[bool]:
+    held = and_(JobRow.id == pulse.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == pulse.attempt)
+    return and_(held, JobRow.beats == pulse.beats)
 
 
 def _held(session: Session, claim: Claim) -> JobRow:
@@ -350,15 +399,15 @@ def _held(session: Session, claim: Claim) -> JobRow:
 
 def _requeue(row: JobRow) -> None:
     row.state = JobState.QUEUED
-    row.worker = row.lease_expires_s = row.started_at = row.progress = None
+    row.worker = row.started_at = row.progress = None
 
 
-def _wait(row: JobRow, failure: Failure, first_wait_s: float, time: int) -> None:
+def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: int) -> None:
     """Put a job back into the queue until its wait is over: the first one, the second one, and so on."""
     _requeue(row)
     wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
-    row.not_before_s = database_now_s() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
-    row.waiting_for = failure.model_dump(mode="json")
+    row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
+    row.waiting_for = failure
 
 
 def _worker_lost(row: JobRow) -> Failure:
@@ -373,7 +422,7 @@ def _queue_position(session: Session, row: JobRow) -> int | None:
     if row.state is not JobState.QUEUED:
         return None
     older = or_(JobRow.created_at < row.created_at, and_(JobRow.created_at == row.created_at, JobRow.id < row.id))
-    before = or_(~JobRow.background, older) if row.background else and_(~JobRow.background, older)
+    before = or_(JobRow.priority < row.priority, and_(JobRow.priority == row.priority, older))
     return session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED, before))
 
 
@@ -386,7 +435,7 @@ def _read(session: Session, row: JobRow) -> Job:
             "state": row.state,
             "subject_id": row.subject_id,
             "queue_position": _queue_position(session, row),
-            "background": row.background,
+            "background": row.priority == Priority.BACKGROUND,
             "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
             "waiting_for": row.waiting_for,
             "progress": row.progress,

@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.paging import new_id, refuse_taken
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow
 
@@ -34,8 +34,10 @@ def queue_job(
             kind=kind,
             state=JobState.QUEUED,
             subject_id=subject_id,
-            background=background,
+            priority=Priority.BACKGROUND if background else Priority.WAITED_FOR,
+            short=False,
             attempt=0,
+            beats=0,
             losses=0,
             outages=0,
             cancel_requested=False,
@@ -50,6 +52,6 @@ def queue_job(
 
 def _bring_forward(session: Session, job_ids: Sequence[str]) -> None:
     while job_ids:
-        session.execute(update(JobRow).where(JobRow.id.in_(job_ids)).values(background=False))
+        session.execute(update(JobRow).where(JobRow.id.in_(job_ids)).values(priority=Priority.WAITED_FOR))
         needed = select(JobDependencyRow.needs_job_id).where(JobDependencyRow.job_id.in_(job_ids))
         job_ids = session.scalars(needed).all()

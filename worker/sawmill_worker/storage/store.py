@@ -9,8 +9,10 @@ from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.calibrations import Calibrations
-from sawmill_worker.storage.database import Clock, Database, make_engine, utc_now
+from sawmill_worker.storage.clock import Clock
+from sawmill_worker.storage.database import Database, make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.phantoms import Phantoms
@@ -25,7 +27,7 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events
         The rows.
     files
         The arrays.
@@ -33,7 +35,7 @@ class Store:
         With which another process can open the same store.
     """
 
-    def __init__(self, settings: StorageSettings, *, clock: Clock = utc_now) -> None:
+    def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         self.settings = settings
         self.files = FileStore(settings.data_folder)
         self._database = Database(make_engine(settings.url), clock)
@@ -46,13 +48,14 @@ class Store:
         self.drifts = self.asked(drifts.DECLARATION)
         self.jobs = Jobs(self._database, self.files)
         self.schedules = Schedules(self._database)
+        self.events = Events(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
         return Asked(self._database, declared)
 
     @classmethod
-    def open(cls, settings: StorageSettings, *, clock: Clock = utc_now) -> "Store":
+    def open(cls, settings: StorageSettings, *, clock: Clock | None = None) -> "Store":
         """A store whose tables are up to date and which holds the built-in phantoms.
 
         Parameters
@@ -60,12 +63,22 @@ class Store:
         settings
             Where it is; the data folder is made if it is missing.
         clock
-            The time for rows and schedules; leases go by the database's own.
+            The time for rows and due times; null: the one that all processes on this store share.
         """
         store = cls(settings, clock=clock)
         store._database.upgrade()
+        store._database.start_clock()
         store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
         return store
+
+    @property
+    def time_has_an_owner(self) -> bool:
+        """Whether the time is a row that one process owns, and not a database server's."""
+        return self._database.engine.dialect.name == "sqlite"
+
+    def clock_off_s(self) -> float:
+        """By how much this machine's clock is ahead of the store's."""
+        return self._database.clock.off_s()
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.

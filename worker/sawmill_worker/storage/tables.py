@@ -21,6 +21,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column, relationship
 
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
@@ -50,9 +51,9 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
-def _words(kind: type[StrEnum]) -> Enum:
+def _words(kind: type[StrEnum], length: int = 20) -> Enum:
     """Stored as its value in a plain text column, so that a new word needs no migration."""
-    return Enum(kind, native_enum=False, length=20, values_callable=lambda words: [word.value for word in words])
+    return Enum(kind, native_enum=False, length=length, values_callable=lambda words: [word.value for word in words])
 
 
 class Base(DeclarativeBase):
@@ -69,6 +70,7 @@ class Base(DeclarativeBase):
     type_annotation_map: ClassVar[Mapping[Any, Any]] = {
         Json: JSON(none_as_null=True),
         datetime: UtcDateTime(),
+        EventKind: _words(EventKind, 40),
         JobKind: _words(JobKind),
         JobState: _words(JobState),
         PhantomState: _words(PhantomState),
@@ -94,15 +96,18 @@ class JobRow(Resource):
     kind: Mapped[JobKind]
     state: Mapped[JobState]
     subject_id: Mapped[str] = mapped_column(String(64), index=True)
-    # For idle times: claimed when no other job could start.
-    background: Mapped[bool] = mapped_column(default=False)
+    # `Priority`: lower ones are claimed first.
+    priority: Mapped[int] = mapped_column(default=0)
+    # Whether it takes seconds: such jobs have a lane in which none waits for a long one.
+    short: Mapped[bool] = mapped_column(default=False)
     # Fences: grows with each claim. Attempts that were lost are counted apart, and so are full disks in a row.
     attempt: Mapped[int] = mapped_column(default=0)
     losses: Mapped[int] = mapped_column(default=0)
     outages: Mapped[int] = mapped_column(default=0)
     worker: Mapped[str | None] = mapped_column(String(200))
-    # Seconds since 1970 by the database's clock: the only clock that all workers share.
-    lease_expires_s: Mapped[float | None] = mapped_column(Float(53))
+    # Heartbeats of the attempt: an observer that sees no new one for the time of a lease takes the job back.
+    beats: Mapped[int] = mapped_column(default=0)
+    # Seconds since 1970 by the store's clock.
     not_before_s: Mapped[float | None] = mapped_column(Float(53))
     waiting_for: Mapped[Json | None]
     cancel_requested: Mapped[bool] = mapped_column(default=False)
@@ -119,6 +124,30 @@ class JobDependencyRow(Base):
 
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
     needs_job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True, index=True)
+
+
+class EventRow(Base):
+    """What happened to an attempt or to the clock; written with the change itself."""
+
+    __tablename__ = "events"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    at: Mapped[datetime]
+    what: Mapped[EventKind]
+    job_id: Mapped[str | None] = mapped_column(String(64), index=True)
+    attempt: Mapped[int | None]
+    worker: Mapped[str | None] = mapped_column(String(200))
+    detail: Mapped[Json | None]
+
+
+class ClockRow(Base):
+    """One row, on SQLite alone: seconds since 1970 at the boot of this machine (`storage.clock`)."""
+
+    __tablename__ = "clock"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    boot: Mapped[str] = mapped_column(String(64))
+    offset_s: Mapped[float] = mapped_column(Float(53))
 
 
 class ScannerRow(Resource):
