@@ -1,13 +1,14 @@
 """Every kind declares itself, and one store serves those that are asked for, whichever table holds their rows."""
 
 import pytest
+from alembic import command
+from alembic.config import Config
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
 from sawmill_worker.contracts.plans import PlanAsk
-from sawmill_worker.storage.database import Database, make_engine
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import OWN_TABLES, AskedRow, table_of
@@ -85,13 +86,18 @@ def test_in_the_common_table_too_a_kind_decides_what_stays(store, scanner, ready
         store.scanners.delete(scanner.id)
 
 
+def downgrade(store: Store, revision: str) -> None:
+    """The tables as an earlier version left them."""
+    config = Config()
+    config.set_main_option("script_location", "sawmill_worker.storage:migrations")
+    with store._database._writer.begin() as connection:
+        config.attributes["connection"] = connection
+        command.downgrade(config, revision)
+
+
 def test_what_was_stored_before_the_common_table_is_read_as_before(settings, scanner, upload, finish, tmp_path):
     older = settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/older.db"})
-    database = Database(make_engine(older.url))
-    database.upgrade("0004")
-    database.engine.dispose()
-    before = Store(older)
-    before.phantoms.seed_built_in({"l-shape": Store(settings).phantoms.get("l-shape").drawing})
+    before = Store.open(older)
     before.scanners.create(scanner, scanner_id=scanner.id)
     scan = upload(before)
     finish(before)
@@ -105,6 +111,7 @@ def test_what_was_stored_before_the_common_table_is_read_as_before(settings, sca
         return [store.asked(declaration_of(kind)).page().items for kind in OWN_TABLES]
 
     expected = stored(before)
+    downgrade(before, "0004")
     before.close()
     upgraded = Store.open(older)
     assert stored(upgraded) == expected
