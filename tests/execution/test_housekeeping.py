@@ -74,7 +74,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, m
         def flush(self):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(store.jobs, "requeue_expired", stumble)
+    monkeypatch.setattr(store.jobs, "pulses", stumble)
     monkeypatch.setattr(sys, "stderr", Full())
     before = structlog.get_config()
     configure_logs("json")
