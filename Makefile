@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
+.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -67,6 +67,10 @@ bench-memory: install-dev
 
 bench-http: install-dev
 	@$(BIN)/python benchmarks/http_latency.py
+
+# OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
+bench-job-price: install-dev
+	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)
 
 bench-unsteady: install-dev
 	@$(BIN)/python benchmarks/unsteady.py --scans 62

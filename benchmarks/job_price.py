@@ -1,0 +1,153 @@
+"""What a short job costs: processor seconds a calibration, and the memory of a service at rest.
+
+    python benchmarks/job_price.py [--jobs 10] [--against TREE] [--json FILE]
+
+`sawmill serve` runs as users start it, with its own workers and an empty data folder. Short jobs are calibrations of a
+small scan of 20 views, asked for one after another over HTTP. The system's own books are read (/proc): the
+proportional set size of all processes of the service, and their processor seconds, those of ended children included.
+What the service at rest spends in the same time is subtracted. `--against` measures another checkout of this
+repository too, in turn with this one.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import tempfile
+import time
+from pathlib import Path
+
+import httpx
+from http_latency import by_events, scan_of
+
+from sawmill_worker import demo_client
+from sawmill_worker.demo_client import Json
+
+HERE = Path(__file__).resolve().parents[1]
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+VIEWS, REST_S, QUIET_S = 20, 10.0, 1.5
+
+
+def processes() -> list[int]:
+    """Every descendant of this process: the service's."""
+    parents = {}
+    for folder in Path("/proc").glob("[0-9]*"):
+        try:
+            parents[int(folder.name)] = int(_stat(folder)[1])
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    found = [os.getpid()]
+    for known in found:
+        found += [child for child, parent in parents.items() if parent == known]
+    return found[1:]
+
+
+def _stat(folder: Path) -> list[str]:
+    return (folder / "stat").read_text().rpartition(")")[2].split()
+
+
+def name_of(process_id: int) -> str:
+    """Its part in the service, from its command line."""
+    command = Path(f"/proc/{process_id}/cmdline").read_bytes().replace(b"\0", b" ").decode()
+    parts = {"execution.attempt": "attempt", "execution.poller": "worker", " serve ": "API"}
+    return next((part for words, part in parts.items() if words in command), command)
+
+
+def pss_mib(process_id: int) -> float:
+    """Its memory, what it shares with others divided among them."""
+    lines = Path(f"/proc/{process_id}/smaps_rollup").read_text().splitlines()
+    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
+
+
+def processor_s() -> float:
+    """Processor seconds so far of the service's processes and of those of their children that have ended."""
+    ticks = 0
+    for process_id in processes():
+        try:
+            ticks += sum(map(int, _stat(Path(f"/proc/{process_id}"))[11:15]))
+        except (FileNotFoundError, ProcessLookupError):  # it is in its parent's book at the next look
+            continue
+    return ticks / TICKS_PER_S
+
+
+def settled() -> float:
+    """Wait until the service has nothing left to do; its processor seconds until then."""
+    before = processor_s()
+    while True:
+        time.sleep(QUIET_S)
+        now = processor_s()
+        if now - before < 0.15 * QUIET_S:
+            return now
+        before = now
+
+
+def calibrated(client: httpx.Client, scan_id: str) -> tuple[float, float]:
+    """Processor seconds of one calibration, and those that the calibration itself reports as passed."""
+    before = settled()
+    asked = demo_client.post(client, "/v1/calibrations", json={"scan_id": scan_id})
+    by_events(client, asked["job_id"])
+    answer = demo_client.get(client, f"/v1/calibrations/{asked['id']}")
+    assert answer["state"] == "succeeded", answer
+    return settled() - before, answer["timing_s"]["total"]
+
+
+def measured(tree: Path, jobs: int) -> Json:
+    """The figures of the service of one checkout."""
+    os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
+    with tempfile.TemporaryDirectory(prefix="sawmill-price-") as name:
+        folder = Path(name)
+        with demo_client.running_service(folder) as client:
+            scan_id = scan_of(client, folder, VIEWS)
+            calibrated(client, scan_id)  # the first job of an installation compiles
+            at_rest = settled()
+            time.sleep(REST_S)
+            rate = (processor_s() - at_rest) / REST_S
+            memory = [{"process": name_of(each), "pss_mib": round(pss_mib(each), 1)} for each in processes()]
+            price, passed = [], []
+            for _ in range(jobs):
+                started = time.monotonic()
+                spent_s, core_s = calibrated(client, scan_id)
+                price.append(spent_s - rate * (time.monotonic() - started))
+                passed.append(core_s)
+    return {
+        "job_processor_s": {"median": statistics.median(price), "least": min(price), "most": max(price)},
+        "calibration_s": statistics.median(passed),
+        "rest_processor_share": rate,
+        "rest_pss_mib": sum(each["pss_mib"] for each in memory),
+        "processes": memory,
+    }
+
+
+def print_row(name: str, figures: Json) -> None:
+    """One checkout's figures as a line of the table."""
+    price = figures["job_processor_s"]
+    parts = ", ".join(f"{each['process']} {each['pss_mib']:.0f}" for each in figures["processes"])
+    print(
+        f"{name:6} {price['median']:5.2f} s ({price['least']:.2f} to {price['most']:.2f})   "
+        f"{figures['calibration_s']:.2f} s   {figures['rest_pss_mib']:4.0f} MiB ({parts})   "
+        f"{100 * figures['rest_processor_share']:.1f} %",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Print the table, and the figures as JSON."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--jobs", type=int, default=10)
+    parser.add_argument("--against", type=Path, help="another checkout, in the same environment")
+    parser.add_argument("--json", type=Path, help="where the figures go too")
+    chosen = parser.parse_args()
+    trees = {"here": HERE, **({"before": chosen.against.resolve()} if chosen.against else {})}
+    print("       processor a job           of it science   memory at rest (PSS)   processor at rest")
+    figures = {}
+    for name, tree in trees.items():
+        figures[name] = measured(tree, chosen.jobs)
+        print_row(name, figures[name])
+    text = json.dumps(figures, indent=2)
+    print(text)
+    if chosen.json:
+        chosen.json.write_text(text + "\n")
+
+
+if __name__ == "__main__":
+    main()
