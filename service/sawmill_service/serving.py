@@ -13,7 +13,6 @@ from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import listen
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.execution.celery_app import Waker, make_celery
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -63,6 +62,9 @@ def serve_until_stopped(
         stack.enter_context(ClockKeeper(store))
         wake: Wake = no_wake
         if execution.broker_url is not None:
+            # Imported here: without a broker nobody needs Celery's 11 MiB.
+            from sawmill_worker.execution.celery_app import Waker, make_celery  # noqa: PLC0415
+
             waker = stack.enter_context(closing(Waker(make_celery(execution, storage))))
             waker.start()
             wake = waker

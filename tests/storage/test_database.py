@@ -5,9 +5,10 @@ from pathlib import Path
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
-from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.database import _MIGRATIONS, Database, make_engine, newest_revision
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -20,6 +21,12 @@ def test_the_migrations_make_the_tables_of_the_models(store):
     with store._database.engine.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
         assert compare_metadata(context, Base.metadata) == []
+
+
+def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monkeypatch):
+    assert newest_revision() == ScriptDirectory(_MIGRATIONS).get_current_head()
+    monkeypatch.setattr("sawmill_worker.storage.database._migrate", pytest.fail)
+    store._database.upgrade()
 
 
 def test_jobs_from_before_are_kept_and_may_start(settings, tmp_path):

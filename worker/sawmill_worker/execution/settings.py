@@ -50,9 +50,8 @@ class ExecutionSettings(BaseSettings):
         120.0, description="For a fresh process to import the science; generous because the first import compiles."
     )
     spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
-        2,
-        description="Processes kept ready with the science imported (some 0.2 GB each); "
-        "two, because a calibration often follows a short reading of its scan.",
+        1,
+        description="Processes kept ready with the science imported; more where jobs often come together.",
     )
     workers: Annotated[int, Field(ge=1, le=64)] = Field(
         1, description="Embedded worker processes; one uses all cores, more share them."

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
-from scipy.interpolate import CubicSpline
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.disturbances import (
@@ -76,6 +75,9 @@ def _even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np
     knots = np.append(wrapped[order], wrapped[order[0]] + TAU)
     values = np.concatenate([sinogram[order], sinogram[order[:1]]])
     wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
+    # Imported here: it brings half of SciPy, which every other job can do without.
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
     spline = CubicSpline(knots, values, bc_type="periodic", extrapolate="periodic")
     return np.asarray(spline(wanted), np.float64), first
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from sawmill_worker.tomography.calibration.normal_equations import System
 from sawmill_worker.tomography.geometry import FloatArray
@@ -29,7 +29,7 @@ RIDGE = 1e-6
 @cache
 def chance_limit(probability: float, degrees: int) -> float:
     """The chi-square that chance exceeds with this probability."""
-    return float(chi2.isf(probability, degrees))
+    return float(chdtri(degrees, probability))
 
 
 @dataclass(frozen=True, eq=False)
