@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing clean
+.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -107,6 +107,10 @@ bench-iterative: install-dev
 bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
+
+# No job is lost: kills, stops, outages, wrong clocks. Ten minutes. OPTIONS: --long (an hour), --only, --engine, --seed.
+faults: install-dev
+	@$(BIN)/python benchmarks/inject_faults.py $(OPTIONS)
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

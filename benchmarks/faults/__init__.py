@@ -1,0 +1,1 @@
+"""The product under faults (`benchmarks/inject_faults.py`)."""

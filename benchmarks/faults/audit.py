@@ -1,0 +1,146 @@
+"""The database's own witness of what happened to each job: triggers, in the very transactions that change the rows.
+
+It trusts nothing that the product counts or logs.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqlalchemy import Connection, Engine, MetaData, create_engine, text
+
+ENDS = "('succeeded', 'failed', 'cancelled')"
+PUBLISHED = {"scans": "reading"} | dict.fromkeys(
+    ("calibrations", "reconstructions", "drifts", "plans", "asked"), "result"
+)
+TEMPORARY = ("attempts", "incoming", "removed")
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What the database knows at the end.
+
+    Attributes
+    ----------
+    states : dict of str to str
+        Job -> state.
+    losses : int
+        Attempts that were lost, of all jobs.
+    doubles : list of str
+        Jobs that ended twice, results that were published twice, due times that ran twice; a sentence each.
+    known : frozenset of str
+        The ids of all rows.
+    """
+
+    states: dict[str, str]
+    losses: int
+    doubles: list[str]
+    known: frozenset[str]
+
+
+class Audit:
+    """A connection of the harness's own to the database of a run.
+
+    Parameters
+    ----------
+    url
+        As SQLAlchemy reads it.
+    """
+
+    def __init__(self, url: str) -> None:
+        options = {"timeout": 30} if url.startswith("sqlite") else {"connect_timeout": 5}
+        self._engine: Engine = create_engine(url, connect_args=options, pool_pre_ping=True)
+
+    def install(self) -> None:
+        """Make the triggers; a migration that makes a table anew drops them, so do it when the service is up."""
+        with self._engine.begin() as connection:
+            for statement in self._statements():
+                connection.execute(text(statement))
+
+    def unfinished(self) -> int:
+        """Jobs that have not ended."""
+        with self.reading() as connection:
+            return int(connection.scalar(text(f"SELECT count(*) FROM jobs WHERE state NOT IN {ENDS}")) or 0)  # noqa: S608
+
+    def ledger(self) -> Ledger:
+        """Everything, for the counts."""
+        with self.reading() as connection:
+            rows = connection.execute(text("SELECT id, state, losses FROM jobs")).all()
+            return Ledger(
+                {row.id: row.state for row in rows},
+                sum(row.losses for row in rows),
+                [*_twice(connection), *_schedules(connection)],
+                _all_ids(connection),
+            )
+
+    @contextmanager
+    def reading(self) -> Iterator[Connection]:
+        """A connection."""
+        with self._engine.connect() as connection:
+            yield connection
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._engine.dispose()
+
+    def _statements(self) -> Iterator[str]:
+        sqlite = self._engine.dialect.name == "sqlite"
+        yield "CREATE TABLE IF NOT EXISTS faults_audit (what VARCHAR(20), id VARCHAR(64))"
+        if not sqlite:
+            yield (
+                "CREATE OR REPLACE FUNCTION faults_note() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN "
+                "INSERT INTO faults_audit VALUES (TG_ARGV[0], NEW.id); RETURN NULL; END $$"
+            )
+        watched = [("jobs", "state", f"NEW.state IN {ENDS} AND OLD.state <> NEW.state")]
+        watched += [(name, column, f"NEW.{column} IS NOT NULL") for name, column in PUBLISHED.items()]
+        for table, column, when in watched:
+            what = "ended" if table == "jobs" else table
+            head = f"TRIGGER {'IF NOT EXISTS ' if sqlite else ''}faults_{table} AFTER UPDATE OF {column} ON {table}"
+            if sqlite:
+                yield f"CREATE {head} WHEN {when} BEGIN INSERT INTO faults_audit VALUES ('{what}', NEW.id); END"  # noqa: S608
+            else:
+                yield (f"CREATE OR REPLACE {head} FOR EACH ROW WHEN ({when}) EXECUTE FUNCTION faults_note('{what}')")
+
+
+def orphans(data: Path, known: frozenset[str]) -> list[str]:
+    """Files and folders that no row knows, once nothing runs; `numba-cache` holds compiled kernels."""
+    folders = {path.name: path for path in data.iterdir() if path.is_dir()}
+    found = [path for name in TEMPORARY for path in _in(data / name)]
+    owned = [path for name, path in folders.items() if name not in {*TEMPORARY, "uploads", "numba-cache"}]
+    for folder in [*owned, *_in(data / "uploads")]:
+        found += [path for path in _in(folder) if path.name not in known]
+    return sorted(str(path.relative_to(data)) for path in found)
+
+
+def _in(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if folder.is_dir() else []
+
+
+def _twice(connection: Connection) -> Iterator[str]:
+    noted = connection.execute(text("SELECT what, id FROM faults_audit")).all()
+    for (what, identifier), times in Counter((row.what, row.id) for row in noted).items():
+        if times > 1:
+            yield f"{what} {identifier}: {times} times"
+
+
+def _schedules(connection: Connection) -> Iterator[str]:
+    """Due times that ran twice: two outcomes, or a calibration that no outcome names."""
+    runs = connection.execute(text("SELECT schedule_id, due_at, calibration_id FROM schedule_runs")).all()
+    for due, times in Counter((run.schedule_id, str(run.due_at)) for run in runs).items():
+        if times > 1:
+            yield f"schedule {due}: {times} outcomes"
+    named = {run.calibration_id for run in runs}
+    made = connection.execute(text("SELECT id FROM calibrations WHERE schedule_id IS NOT NULL")).scalars()
+    yield from (f"calibration {identifier}: of no outcome" for identifier in made if identifier not in named)
+
+
+def _all_ids(connection: Connection) -> frozenset[str]:
+    tables = MetaData()
+    tables.reflect(connection)
+    found: set[str] = set()
+    for table in tables.sorted_tables:
+        if "id" in table.columns and not table.name.startswith("faults_"):
+            found |= set(map(str, connection.scalars(table.select().with_only_columns(table.c.id))))
+    return frozenset(found)

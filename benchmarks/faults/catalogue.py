@@ -1,0 +1,108 @@
+"""Which faults are tried on which engines."""
+
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from faults import injections, schedulers, upgrade
+from faults.trial import Trial
+
+DISK_MIB = 64
+# In a mount namespace of its own: nothing stays mounted, however the trial ends.
+_OWN_MOUNTS = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
+_MOUNT = f'mkdir -p "$0" && mount -t tmpfs -o size={DISK_MIB}m tmpfs "$0"'
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Who does the work, and where the rows are."""
+
+    name: str
+    celery: bool
+    postgres: bool
+
+
+ENGINES = (
+    Engine("embedded-sqlite", celery=False, postgres=False),
+    Engine("embedded-postgresql", celery=False, postgres=True),
+    Engine("celery-sqlite", celery=True, postgres=False),
+    Engine("celery-postgresql", celery=True, postgres=True),
+)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One class of faults.
+
+    Attributes
+    ----------
+    disturb : callable
+        Makes them (`injections`).
+    on : callable
+        Whether an engine can have it.
+    jobs_a_fault : int
+        At most one fault for so many jobs.
+    before : callable or None
+        Done with the data folder and the database's URL before the product starts for the first time.
+    begin, finish : callable or None
+        Done with the trial at its beginning and once its jobs have ended.
+    """
+
+    name: str
+    disturb: Callable[[Trial], None]
+    on: Callable[[Engine], bool] = lambda _: True
+    jobs_a_fault: int = 3
+    services: int = 1
+    clocks: bool = False
+    small_disk: bool = False
+    before: Callable[[Path, str], None] | None = None
+    begin: Callable[[Trial], None] | None = None
+    finish: Callable[[Trial], None] | None = None
+
+
+FAULTS = (
+    Fault("kill", injections.kill, jobs_a_fault=2),
+    Fault("stop", injections.stop, on=lambda engine: not engine.celery, jobs_a_fault=6),
+    Fault("terminate", injections.terminate, on=lambda engine: engine.celery != engine.postgres, jobs_a_fault=8),
+    Fault("redis", injections.redis_trouble, on=lambda engine: engine.celery, jobs_a_fault=4),
+    Fault("postgresql", injections.postgres_trouble, on=lambda engine: engine.postgres, jobs_a_fault=4),
+    Fault(
+        "disk",
+        injections.disk_full,
+        on=lambda engine: not engine.celery and not engine.postgres,
+        jobs_a_fault=6,
+        small_disk=True,
+    ),
+    Fault("clock", injections.clock_steps, on=lambda engine: not engine.celery, jobs_a_fault=3, clocks=True),
+    Fault(
+        "schedulers",
+        injections.kill_services,
+        on=lambda engine: not engine.celery,
+        jobs_a_fault=6,
+        services=3,
+        begin=schedulers.begin,
+        finish=schedulers.finish,
+    ),
+    Fault(
+        "upgrade",
+        injections.kill,
+        on=lambda engine: not engine.celery,
+        jobs_a_fault=6,
+        before=upgrade.before,
+        begin=upgrade.begin,
+    ),
+)
+
+
+def mounting(data: Path) -> list[str]:
+    """What to start a service with so that its data folder is a small disk of its own."""
+    return [*_OWN_MOUNTS, f'{_MOUNT} && exec "$@"', str(data)]
+
+
+def cannot_mount(folder: Path) -> str:
+    """Why no disk can be mounted here; empty where it can."""
+    tried = subprocess.run(  # noqa: S603
+        [*_OWN_MOUNTS, _MOUNT, str(folder)], capture_output=True, text=True, check=False
+    )
+    return tried.stderr.strip() if tried.returncode else ""

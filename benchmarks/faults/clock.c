@@ -1,0 +1,82 @@
+/* A wall clock that can be stepped while a process runs.
+
+   Preloaded, it moves CLOCK_REALTIME for its process alone, by the seconds (a double) at the start of the file
+   $FAULTS_CLOCKS/<process id>. The file begins as a copy of $FAULTS_CLOCKS/start. A forked child goes by the file of
+   its parent. No other clock is moved, as none moves when somebody sets a machine's time. */
+
+#define _GNU_SOURCE
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+static volatile double *offset_s = NULL;
+
+__attribute__((constructor)) static void open_own_file(void)
+{
+    const char *folder = getenv("FAULTS_CLOCKS");
+    char path[4096];
+    double start = 0.0;
+    int file;
+    if (folder == NULL)
+        return;
+    snprintf(path, sizeof path, "%s/start", folder);
+    if ((file = open(path, O_RDONLY | O_CLOEXEC)) >= 0) {
+        if (read(file, &start, sizeof start) != sizeof start)
+            start = 0.0;
+        close(file);
+    }
+    snprintf(path, sizeof path, "%s/%d", folder, (int)getpid());
+    if ((file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600)) < 0)
+        return;
+    if (write(file, &start, sizeof start) == sizeof start) {
+        void *shared = mmap(NULL, sizeof start, PROT_READ, MAP_SHARED, file, 0);
+        if (shared != MAP_FAILED)
+            offset_s = shared;
+    }
+    close(file);
+}
+
+static long long offset_ns(void)
+{
+    return offset_s == NULL ? 0 : (long long)(*offset_s * 1e9);
+}
+
+static long long real_ns(void)
+{
+    struct timespec now;
+    syscall(SYS_clock_gettime, CLOCK_REALTIME, &now);
+    return now.tv_sec * 1000000000LL + now.tv_nsec + offset_ns();
+}
+
+int clock_gettime(clockid_t clock, struct timespec *found)
+{
+    long result = syscall(SYS_clock_gettime, clock, found);
+    if (result == 0 && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE)) {
+        long long moved = found->tv_sec * 1000000000LL + found->tv_nsec + offset_ns();
+        found->tv_sec = moved / 1000000000LL;
+        found->tv_nsec = moved % 1000000000LL;
+    }
+    return (int)result;
+}
+
+int gettimeofday(struct timeval *restrict found, void *restrict zone)
+{
+    long long now = real_ns();
+    (void)zone;
+    found->tv_sec = now / 1000000000LL;
+    found->tv_usec = now % 1000000000LL / 1000;
+    return 0;
+}
+
+time_t time(time_t *found)
+{
+    time_t now = real_ns() / 1000000000LL;
+    if (found != NULL)
+        *found = now;
+    return now;
+}

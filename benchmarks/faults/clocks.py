@@ -1,0 +1,48 @@
+"""Wall clocks that are wrong, a process each (`clock.c`)."""
+
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+from faults.servers import NotHere
+
+
+class Clocks:
+    """The clocks of all processes that are started with `variables`.
+
+    Parameters
+    ----------
+    folder
+        Holds the compiled shim and a small file a process.
+
+    Raises
+    ------
+    NotHere
+        There is no `cc`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        compiler = shutil.which("cc")
+        if compiler is None:
+            raise NotHere("no C compiler `cc` is here, which the clocks' shim needs")
+        folder.mkdir(parents=True)
+        self._folder = folder
+        library = folder / "clock.so"
+        source = Path(__file__).with_name("clock.c")
+        subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)  # noqa: S603
+        self.variables = {"LD_PRELOAD": str(library), "FAULTS_CLOCKS": str(folder)}
+
+    def step(self, process_id: int, offset_s: float) -> None:
+        """Put one process's clock off by this from now on."""
+        path = self._folder / str(process_id)
+        if path.exists():
+            with path.open("r+b") as file:  # it is mapped: never cut short
+                file.write(struct.pack("d", offset_s))
+
+    def step_all(self, offset_s: float) -> None:
+        """Put the clocks off of all processes, those that start later too, as a step of the machine's clock does."""
+        (self._folder / "start").write_bytes(struct.pack("d", offset_s))
+        for path in self._folder.iterdir():
+            if path.name.isdigit():
+                self.step(int(path.name), offset_s)

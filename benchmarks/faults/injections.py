@@ -1,0 +1,156 @@
+"""The faults, a function each: it disturbs a trial until there have been enough, and leaves everything as it was."""
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import httpx
+
+from faults.processes import busiest, playing, send
+from faults.product import LEASE_S, LONGEST_STOP_S
+from faults.trial import Trial
+
+HOUR_S = 3600.0
+
+
+def kill(trial: Trial) -> None:
+    """SIGKILL: the API, a worker, an attempt, a template of attempts."""
+    while trial.again(0.5, 4.0):
+        part, victim = _victim(trial, ("api", "worker", "attempt", "attempt", "template"))
+        send([victim], signal.SIGKILL)
+        trial.happened[f"killed {part}"] += 1
+
+
+def stop(trial: Trial) -> None:
+    """SIGSTOP for twice the lease: a worker, and an attempt under a worker that goes on."""
+    while trial.again(0.5, 2.0):
+        part, victim = _victim(trial, ("worker", "attempt"))
+        send([victim], signal.SIGSTOP)
+        time.sleep(2 * LEASE_S)
+        send([victim], signal.SIGCONT)
+        trial.happened[f"stopped {part}"] += 1
+
+
+def terminate(trial: Trial) -> None:
+    """SIGTERM while jobs run and a stream of events is open; then everything is started again."""
+    while trial.again(2.0, 6.0):
+        following = threading.Thread(target=_follow, args=(trial,), daemon=True)
+        following.start()
+        time.sleep(trial.rng.uniform(0.2, 1.0))
+        taken_s = trial.product.restart()
+        trial.happened["terminated"] += 1
+        if taken_s > LONGEST_STOP_S:
+            trial.wrong.append(f"a stop took {taken_s:.0f} s")
+        following.join()
+
+
+def redis_trouble(trial: Trial) -> None:
+    """Redis killed, silent, emptied, and once away for long."""
+    server = trial.redis
+    assert server is not None
+    away_s = 600.0 if trial.long else 15.0
+    waits = {"killed": 0.5, "away": away_s}
+    for what in _mixed(trial, ("killed", "paused", "flushed", "away"), once="away"):
+        if what == "flushed":
+            server.flush()
+        elif what == "paused":
+            with server.paused():
+                time.sleep(2 * LEASE_S)
+        else:
+            server.kill()
+            time.sleep(waits[what])
+            server.start()
+        trial.happened[f"redis {what}"] += 1
+
+
+def postgres_trouble(trial: Trial) -> None:
+    """PostgreSQL restarted in order, crashed, silent for twice the lease, and once away."""
+    server = trial.postgres
+    assert server is not None
+    away_s = 120.0 if trial.long else 10.0
+    for what in _mixed(trial, ("restarted", "crashed", "paused", "away"), once="away"):
+        if what == "paused":
+            with server.paused():
+                time.sleep(2 * LEASE_S)
+        else:
+            server.end(crash=what == "crashed")
+            time.sleep(away_s if what == "away" else 0.0)
+            server.start()
+        trial.happened[f"postgresql {what}"] += 1
+
+
+def clock_steps(trial: Trial) -> None:
+    """The clock of one process, or of all of them, hours off in either direction; and back again."""
+    clocks = trial.clocks
+    assert clocks is not None
+    while trial.again(0.5, 3.0):
+        offset_s = trial.rng.choice((-1.0, 1.0)) * trial.rng.uniform(0.5, 12.0) * HOUR_S
+        if trial.rng.random() < 0.3:
+            clocks.step_all(offset_s)
+            trial.happened["stepped all"] += 1
+        else:
+            part, victim = _victim(trial, ("api", "worker", "attempt"))
+            clocks.step(victim, offset_s)
+            trial.happened[f"stepped {part}"] += 1
+    clocks.step_all(0.0)
+
+
+def disk_full(trial: Trial) -> None:
+    """The disk filled to the last byte, then with room for rows and none for results, and freed."""
+    ballast = trial.product.data / "ballast"
+    while trial.again(1.0, 4.0):
+        for free_bytes in (0, 120_000):
+            _leave_free(ballast, free_bytes)
+            time.sleep(trial.rng.uniform(1.0, 4.0))
+        ballast.unlink()
+        trial.happened["disk filled"] += 1
+
+
+def kill_services(trial: Trial) -> None:
+    """SIGKILL of one of several services, while another goes on."""
+    while trial.again(3.0, 10.0):
+        send([trial.rng.choice(trial.product.api)], signal.SIGKILL)
+        trial.happened["killed api"] += 1
+
+
+def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
+    """A part that runs, and a process that plays it: of attempts rather one that has a job."""
+    while True:
+        part = trial.rng.choice(parts)
+        processes = playing(trial.product.world, part)
+        if processes:
+            busy = part == "attempt" and trial.rng.random() < 0.7
+            return part, busiest(processes) if busy else trial.rng.choice(processes)
+        time.sleep(0.1)
+
+
+def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
+    """Kinds in random order, again and again, one of them once."""
+    left = list(kinds)
+    while trial.again(1.0, 4.0):
+        what = trial.rng.choice(left)
+        if what == once:
+            left.remove(once)
+        yield what
+
+
+def _follow(trial: Trial) -> None:
+    job_id = trial.asker.accepted[-1].job_id
+    with (
+        suppress(httpx.TransportError),
+        trial.product.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=LONGEST_STOP_S) as stream,
+    ):
+        for _ in stream.iter_lines():
+            pass
+
+
+def _leave_free(ballast: Path, free_bytes: int) -> None:
+    with ballast.open("ab", buffering=0) as file:
+        for size in (2**20, 2**12):
+            with suppress(OSError):
+                while True:
+                    file.write(bytes(size))
+        file.truncate(max(0, file.tell() - free_bytes))

@@ -1,0 +1,29 @@
+"""The table of a run."""
+
+from collections.abc import Sequence
+
+from faults.conduct import Outcome
+
+_COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
+
+
+def print_table(outcomes: Sequence[Outcome], seed: int) -> None:
+    """A line a trial, the sums, and a sentence for everything that is wrong."""
+    print(f"seed {seed}")
+    print(f"{'engine':<20} {'fault':<11}" + "".join(f"{name:>9}" for name in _COUNTS) + f"{'s':>6}  what happened")
+    for outcome in outcomes:
+        print(f"{outcome.engine:<20} {outcome.fault:<11}" + _figures(outcome))
+    sums = [sum(getattr(outcome.counts, name) for outcome in outcomes if outcome.counts) for name in _COUNTS]
+    seconds = sum(outcome.counts.seconds for outcome in outcomes if outcome.counts)
+    print(f"{'all':<32}" + "".join(f"{number:>9}" for number in sums) + f"{seconds:>6.0f}")
+    for outcome in outcomes:
+        for sentence in outcome.counts.details if outcome.counts else ():
+            print(f"{outcome.engine} {outcome.fault}: {sentence}")
+
+
+def _figures(outcome: Outcome) -> str:
+    if outcome.counts is None:
+        return f"  skipped: {outcome.skipped}"
+    counts = outcome.counts
+    happened = ", ".join(f"{what} {times}" for what, times in sorted(outcome.happened.items()))
+    return "".join(f"{getattr(counts, name):>9}" for name in _COUNTS) + f"{counts.seconds:>6.0f}  {happened}"

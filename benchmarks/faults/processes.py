@@ -1,0 +1,60 @@
+"""Processes as /proc shows them: found by a mark in their environment, whoever has become their parent."""
+
+import os
+import signal
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+MARK = "FAULTS_WORLD"
+_PARTS = {
+    "sawmill_service": "api",
+    "sawmill_worker.execution.poller": "worker",
+    "sawmill_worker.execution.celery_app": "worker",
+    "sawmill_worker.execution.template": "template",
+    "sawmill_worker.execution": "attempt",
+}
+
+
+def marked(world: str) -> list[int]:
+    """All processes that run and carry a world's mark."""
+    mark = f"{MARK}={world}".encode()
+    return [process_id for process_id in _all() if mark in _read(process_id, "environ").split(b"\0")]
+
+
+def playing(world: str, part: str) -> list[int]:
+    """Those that are `api`, `worker`, `template` or `attempt`."""
+    return [process_id for process_id in marked(world) if _part(process_id) == part]
+
+
+def send(process_ids: Sequence[int], number: signal.Signals) -> None:
+    """A signal to each; one that has ended by now needs none."""
+    for process_id in process_ids:
+        with suppress(ProcessLookupError):
+            os.kill(process_id, number)
+
+
+def busiest(process_ids: Sequence[int]) -> int:
+    """The one that has just computed: of attempts, the one that has a job."""
+    return max(process_ids, key=lambda process_id: (_state(process_id) == "R", process_id))
+
+
+def _part(process_id: int) -> str:
+    words = _read(process_id, "cmdline").decode(errors="replace").split("\0")
+    return next((part for name, part in _PARTS.items() if any(word.startswith(name) for word in words)), "other")
+
+
+def _all() -> list[int]:
+    return [int(path.name) for path in Path("/proc").glob("[0-9]*") if _state(int(path.name)) not in {"", "Z"}]
+
+
+def _state(process_id: int) -> str:
+    fields = _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
+    return fields[0] if fields else ""
+
+
+def _read(process_id: int, name: str) -> bytes:
+    try:
+        return Path(f"/proc/{process_id}/{name}").read_bytes()
+    except (FileNotFoundError, ProcessLookupError, PermissionError):
+        return b""

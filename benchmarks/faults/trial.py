@@ -1,0 +1,164 @@
+"""One trial: the product on an engine, jobs that are asked for, faults meanwhile, and the counts at the end."""
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, field
+from random import Random
+
+from sqlalchemy.exc import DBAPIError
+
+from faults.audit import Audit, Ledger, orphans
+from faults.clocks import Clocks
+from faults.product import Product
+from faults.servers import Postgres, Redis
+from faults.work import MIX, Accepted, Asker, answer_of
+
+MOST_WAITING = 8  # jobs asked for ahead: enough that faults meet running ones
+ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
+SETTLED_S = 15.0  # for the sweep
+
+
+@dataclass
+class Trial:
+    """What faults are made with.
+
+    Attributes
+    ----------
+    most : int
+        Faults, at most: else a job might never find the time to end.
+    long : bool
+        Whether outages last as long as in an hour's run.
+    over : threading.Event
+        Set when every job has ended.
+    happened : Counter of str
+        What was done.
+    wrong : list of str
+        What must not be, beside the four counts.
+    """
+
+    product: Product
+    audit: Audit
+    asker: Asker
+    rng: Random
+    most: int
+    long: bool = False
+    redis: Redis | None = None
+    postgres: Postgres | None = None
+    clocks: Clocks | None = None
+    over: threading.Event = field(default_factory=threading.Event)
+    happened: Counter[str] = field(default_factory=Counter)
+    wrong: list[str] = field(default_factory=list)
+
+    def again(self, shortest_s: float, longest_s: float) -> bool:
+        """Wait a while; whether there is to be another fault then."""
+        if self.happened.total() >= self.most:
+            return False
+        return not self.over.wait(self.rng.uniform(shortest_s, longest_s))
+
+
+@dataclass(frozen=True)
+class Counts:
+    """What a trial came to; the first four must be 0."""
+
+    lost: int
+    double: int
+    unequal: int
+    orphans: int
+    jobs: int
+    faults: int
+    losses: int
+    seconds: float
+    details: list[str]
+
+    @property
+    def sound(self) -> bool:
+        """Whether nothing is wrong."""
+        return not (self.lost or self.double or self.unequal or self.orphans or self.details)
+
+
+def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
+    """Ask for the mix in a random order, never far ahead of what has ended."""
+    names = [MIX[number % len(MIX)] for number in range(jobs)]
+    trial.rng.shuffle(names)
+    for number, name in enumerate(names):
+        while _unfinished(trial.audit) >= MOST_WAITING:
+            time.sleep(0.2)
+        trial.asker.ask(name, number)
+        progress()
+
+
+def disturbed(
+    trial: Trial,
+    fault: Callable[[Trial], None] | None,
+    jobs: int,
+    progress: Callable[[], None],
+) -> None:
+    """Ask, disturb, and wait until all has ended and what was left over has been swept."""
+    with ThreadPoolExecutor(2) as threads:
+        disturbing = threads.submit(fault, trial) if fault else None
+        asking = threads.submit(ask_all, trial, jobs, progress)
+        try:
+            asking.result()
+            _wait_for_end(trial)
+        finally:
+            trial.over.set()
+        if disturbing:
+            disturbing.result()
+    _wait_for_end(trial)
+    trial.product.wait_until_ready()
+    _wait(SETTLED_S, lambda: not orphans(trial.product.data, trial.audit.ledger().known))
+
+
+def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
+    """The four counts, and what they are of."""
+    ledger = trial.audit.ledger()
+    lost = _lost(ledger, trial.asker.accepted)
+    ended = [accepted for accepted in trial.asker.accepted if ledger.states.get(accepted.job_id) == "succeeded"]
+    unequal = [
+        f"unequal: {accepted.work.name}, job {accepted.job_id}"
+        for accepted in ended
+        if answer_of(trial.product.client, trial.product.data, accepted) != right[accepted.work.name]
+    ]
+    left = orphans(trial.product.data, ledger.known)
+    details = [f"lost: {sentence}" for sentence in lost] + [f"double: {sentence}" for sentence in ledger.doubles]
+    details += unequal + [f"orphan: {path}" for path in left] + trial.wrong
+    return Counts(
+        lost=len(lost),
+        double=len(ledger.doubles),
+        unequal=len(unequal),
+        orphans=len(left),
+        jobs=len(ledger.states),
+        faults=trial.happened.total(),
+        losses=ledger.losses,
+        seconds=time.monotonic() - started,
+        details=details,
+    )
+
+
+def _lost(ledger: Ledger, accepted: Sequence[Accepted]) -> list[str]:
+    """What was accepted and did not succeed: jobs whose 202 a fault has swallowed are in the database alone."""
+    states = {one.job_id: "not in the database" for one in accepted} | ledger.states
+    return [f"job {job_id} {state}" for job_id, state in states.items() if state != "succeeded"]
+
+
+def _wait_for_end(trial: Trial) -> None:
+    _wait(ENDED_S, lambda: _unfinished(trial.audit) == 0)
+
+
+def _wait(longest_s: float, done: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + longest_s
+    while time.monotonic() < deadline:
+        if done():
+            return
+        time.sleep(0.3)
+
+
+def _unfinished(audit: Audit) -> int:
+    """Jobs that have not ended; many, while the database does not answer."""
+    with suppress(DBAPIError):
+        return audit.unfinished()
+    return MOST_WAITING
