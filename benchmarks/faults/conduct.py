@@ -20,7 +20,7 @@ from faults.processes import marked
 from faults.product import LONGEST_STOP_S, Product
 from faults.servers import NotHere, Postgres, Redis
 from faults.trial import Counts, Trial, count, disturbed
-from faults.work import MIX, Asker, answer_of
+from faults.work import BASE, MIX, PLANS, Asker, answer_of
 
 FEWEST_JOBS = 6  # of a trial
 
@@ -35,6 +35,7 @@ class Plan:
     seed: int
     long: bool = False
     folder: Path | None = None
+    mix: Sequence[str] = MIX
 
     @property
     def trials(self) -> list[tuple[Engine, Fault]]:
@@ -72,12 +73,12 @@ def conduct_all(plan: Plan) -> list[Outcome]:
         places = Places(folder, stack)
         shares = _shares(plan)
         progress = stack.enter_context(Progress(*bar, console=Console(stderr=True)))
-        task = progress.add_task("right answers", total=sum(shares) + len(MIX))
+        task = progress.add_task("right answers", total=sum(shares))
 
         def tick() -> None:
             progress.advance(task)
 
-        right = right_answers(places, tick)
+        right = right_answers(places, plan)
         outcomes = []
         for number, ((engine, fault), jobs) in enumerate(zip(plan.trials, shares, strict=True)):
             progress.update(task, description=f"{engine.name}: {fault.name}")
@@ -108,15 +109,16 @@ class Places:
         return self._postgres
 
 
-def right_answers(places: Places, tick: Callable[[], None]) -> dict[str, str]:
+def right_answers(places: Places, plan: Plan) -> dict[str, str]:
     """What each kind of work is answered with when nothing happens."""
     engine = Engine("embedded-sqlite", celery=False, postgres=False)
     quiet = Fault("none", lambda _: None)
-    with _trial(places, engine, quiet, Random(0), most=0, long=False) as trial:  # noqa: S311
-        for number, name in enumerate(MIX):
-            trial.asker.ask(name, number)
-            tick()
-        disturbed(trial, None, 0, tick)
+    with _trial(places, plan, engine, quiet, Random(0), most=0) as trial:  # noqa: S311
+        for number in range(PLANS):
+            trial.asker.ask("plan", number)
+        for name in sorted(set(plan.mix) - {"plan", *BASE}):
+            trial.asker.ask(name)
+        disturbed(trial, None, 0, lambda: None)
         client, data = trial.product.client, trial.product.data
         return {accepted.work.name: answer_of(client, data, accepted) for accepted in trial.asker.accepted}
 
@@ -135,7 +137,7 @@ def try_one(
     started = time.monotonic()
     rng = Random(f"{plan.seed} {number} {engine.name} {fault.name}")  # noqa: S311
     try:
-        with _trial(places, engine, fault, rng, most=max(2, jobs // fault.jobs_a_fault), long=plan.long) as trial:
+        with _trial(places, plan, engine, fault, rng, most=max(2, jobs // fault.jobs_a_fault)) as trial:
             if fault.begin:
                 fault.begin(trial)
             disturbed(trial, fault.disturb, jobs, tick)
@@ -149,7 +151,7 @@ def try_one(
 
 
 @contextmanager
-def _trial(places: Places, engine: Engine, fault: Fault, rng: Random, *, most: int, long: bool) -> Iterator[Trial]:
+def _trial(places: Places, plan: Plan, engine: Engine, fault: Fault, rng: Random, *, most: int) -> Iterator[Trial]:
     """The product, started, with everything that its faults need."""
     folder = places.folder / f"{engine.name}-{fault.name}"
     folder.mkdir(parents=True)
@@ -183,8 +185,8 @@ def _trial(places: Places, engine: Engine, fault: Fault, rng: Random, *, most: i
         audit = Audit(url)
         stack.callback(audit.close)
         audit.install()
-        asker = Asker(product.client, 120.0 if not long else 900.0)
-        trial = Trial(product, audit, asker, rng, most, long, redis, postgres, clocks)
+        asker = Asker(product.client, 900.0 if plan.long else 120.0)
+        trial = Trial(product, audit, asker, rng, most, plan.mix, plan.long, redis, postgres, clocks)
         asker.prepare()
         yield trial
         taken_s = product.end()

@@ -30,6 +30,8 @@ class Trial:
     ----------
     most : int
         Faults, at most: else a job might never find the time to end.
+    mix : sequence of str
+        What is asked for.
     long : bool
         Whether outages last as long as in an hour's run.
     over : threading.Event
@@ -45,6 +47,7 @@ class Trial:
     asker: Asker
     rng: Random
     most: int
+    mix: Sequence[str] = MIX
     long: bool = False
     redis: Redis | None = None
     postgres: Postgres | None = None
@@ -82,7 +85,7 @@ class Counts:
 
 def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
     """Ask for the mix in a random order, never far ahead of what has ended."""
-    names = [MIX[number % len(MIX)] for number in range(jobs)]
+    names = [trial.mix[number % len(trial.mix)] for number in range(jobs)]
     trial.rng.shuffle(names)
     for number, name in enumerate(names):
         while _unfinished(trial.audit) >= MOST_WAITING:

@@ -24,6 +24,7 @@ SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pit
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
 # Half of the jobs are plans, which take milliseconds: a fresh process is what the rest of the price is for.
 MIX = ("plan",) * 5 + ("phantom scan", "log scan", "calibration", "drift check", "reconstruction")
+PLANS = 2  # kinds of them
 BASE = ("phantom scan", "calibration", "log scan")
 _DIFFERS = {"id", "created_at", "links", "timing_s", "time_s", "sha256", "input_sha256"}
 
@@ -108,7 +109,7 @@ class Asker:
         """Ask for one of the mix; `number` tells one plan from another."""
         path, plural, options = self._request(name, number)
         answer = self._post(path, **options)
-        work = Work(f"{name} {number % 4}" if name == "plan" else name, plural)
+        work = Work(f"{name} {number % PLANS}" if name == "plan" else name, plural)
         self.accepted.append(Accepted(work, answer["id"], answer["job_id"]))
         return self.accepted[-1]
 
@@ -133,7 +134,7 @@ class Asker:
                     {"json": {"scan_id": base["log scan"], "theta": theta, "size": 64}},
                 )
             case _:
-                ask = {"scanner_id": base["scanner"], "views": 12 + number % 4, "theta": theta}
+                ask = {"scanner_id": base["scanner"], "views": 12 + number % PLANS, "theta": theta}
                 return "/v1/phantoms/l-shape/plans", "plans", {"json": ask}
         return "/v1/calibrations", "calibrations", {"json": ask}
 
