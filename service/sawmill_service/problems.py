@@ -35,6 +35,7 @@ STATUS: Mapping[type[Exception], int] = {
     NotStored: 409,
     OutOfRange: 422,
 }
+COME_BACK = {"Retry-After": "5"}  # of every 503: seconds
 
 
 class FieldProblem(BaseModel):
@@ -148,7 +149,8 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
     if status is None:
         raise error  # ours, not the client's
     code = cast("StorageError | FileError", error).code
-    return problem_response(request.url.path, status, code, str(error))
+    headers = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE else None
+    return problem_response(request.url.path, status, code, str(error), headers=headers)
 
 
 def install(app: FastAPI) -> None:

@@ -73,7 +73,8 @@ class Offline:
     def __post_init__(self) -> None:
         (self.folder / "sitecustomize.py").write_text(GUARD)
         kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
-        self.variables = {**kept, "PYTHONPATH": str(self.folder), "NETWORK_ASKED_FOR": str(self._log)}
+        paths = os.pathsep.join(filter(None, (str(self.folder), kept.get("PYTHONPATH"))))
+        self.variables = {**kept, "PYTHONPATH": paths, "NETWORK_ASKED_FOR": str(self._log)}
 
     @property
     def _log(self) -> Path:

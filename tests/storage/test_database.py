@@ -8,7 +8,8 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from sqlalchemy import text
 
-from sawmill_worker.storage.database import _MIGRATIONS, Database, make_engine, newest_revision
+from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
+from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store

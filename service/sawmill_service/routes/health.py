@@ -8,7 +8,7 @@ from prometheus_client import generate_latest
 from pydantic import Field
 
 from sawmill_service.dependencies import TheStore
-from sawmill_service.problems import MEDIA_TYPE
+from sawmill_service.problems import COME_BACK, MEDIA_TYPE
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.errors import StorageFull
@@ -60,6 +60,7 @@ def ready(store: TheStore, response: Response) -> Health:
         store.check()
     except StorageFull as error:
         response.status_code = 503
+        response.headers.update(COME_BACK)
         return Health(state=Readiness.DISK_FULL, detail=str(error))
     waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S)
     if waiting and not store.jobs.counts()[JobState.RUNNING]:

@@ -1,49 +1,19 @@
-"""Engine, transactions and migrations, on SQLite and PostgreSQL alike."""
+"""Transactions and migrations, on SQLite and PostgreSQL alike."""
 
 import fcntl
-import sqlite3
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, inspect, text
-from sqlalchemy.exc import InterfaceError, OperationalError
-from sqlalchemy.exc import TimeoutError as PoolTimeoutError
+from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.orm import Session
 
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.outages import Door, trouble_translated
 
-_BUSY_TIMEOUT_MS = 30_000
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _MIGRATIONS = Path(__file__).with_name("migrations")
-
-
-def make_engine(url: str) -> Engine:
-    """An engine whose write transactions are serialised where the database is SQLite."""
-    engine = create_engine(url, pool_pre_ping=not url.startswith("sqlite"))
-    if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _configure_sqlite)
-        event.listen(engine, "begin", _begin_sqlite)
-    return engine
-
-
-def _configure_sqlite(connection: sqlite3.Connection, _: object) -> None:
-    connection.isolation_level = None  # `begin` below decides how a transaction starts, not the driver
-    for pragma in (
-        f"busy_timeout={_BUSY_TIMEOUT_MS}",
-        "journal_mode=WAL",
-        "synchronous=FULL",
-        "foreign_keys=ON",
-    ):
-        connection.execute(f"PRAGMA {pragma}")
-
-
-def _begin_sqlite(connection: Connection) -> None:
-    # A reader that turns writer in mid-transaction fails at once with "database is locked", whatever the timeout.
-    writes = connection.get_execution_options().get("writes", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 
 
 class Database:
@@ -52,7 +22,7 @@ class Database:
     Parameters
     ----------
     engine
-        From `make_engine`.
+        From `storage.engines`.
     clock
         The time for rows and due times; null: the one that all processes on this database share.
     """
@@ -62,6 +32,7 @@ class Database:
         self.clock = SharedClock(self.read)
         self.now = clock or self.clock
         self._writer = engine.execution_options(writes=True)
+        self._reading, self._writing = Door(), Door()  # SQLite reads while somebody holds its write lock
 
     @contextmanager
     def read(self) -> Iterator[Session]:
@@ -72,7 +43,8 @@ class Database:
         StorageUnavailable
             The database does not answer.
         """
-        with _database_trouble_translated(), Session(self.engine) as session:
+        with trouble_translated(), Session(self.engine) as session:
+            self._reading.begin(session)
             yield session
 
     @contextmanager
@@ -84,7 +56,8 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write.
         """
-        with _database_trouble_translated(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+        with trouble_translated(), Session(self._writer, expire_on_commit=False) as session, session.begin():
+            self._writing.begin(session)
             yield session
 
     def upgrade(self, revision: str = "head") -> None:
@@ -95,7 +68,7 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write.
         """
-        with _database_trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
             lock_for_setup(connection)
             if revision != "head" or _revision_of(connection) != newest_revision():
                 _migrate(connection, revision)
@@ -133,18 +106,6 @@ def _migrate(connection: Connection, revision: str) -> None:
     config.set_main_option("script_location", str(_MIGRATIONS))
     config.attributes["connection"] = connection
     command.upgrade(config, revision)
-
-
-@contextmanager
-def _database_trouble_translated() -> Iterator[None]:
-    try:
-        yield
-    except OperationalError as error:
-        if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
-            raise StorageFull("the disk is full: the database cannot grow; free some space and try again") from error
-        raise StorageUnavailable(f"the database does not answer: {error.orig}") from error
-    except (InterfaceError, PoolTimeoutError) as error:
-        raise StorageUnavailable(f"the database does not answer: {error}") from error
 
 
 def lock_for_setup(connection: Connection | Session) -> None:

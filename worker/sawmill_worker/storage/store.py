@@ -10,7 +10,8 @@ from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
-from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore

@@ -1,0 +1,65 @@
+"""The API while another process holds SQLite's write lock."""
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+pytestmark = pytest.mark.slow
+
+CLIENTS = 60  # more than the API has threads (40)
+LOCKED_S = 8.0  # longer than any request may wait
+LONGEST_S = 5.0
+
+
+@contextmanager
+def write_lock(database: Path) -> Iterator[None]:
+    with closing(sqlite3.connect(database, isolation_level=None)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        yield
+        connection.execute("ROLLBACK")
+
+
+def test_writers_are_refused_within_five_seconds_and_readers_are_answered(tmp_path, offline, serve):
+    with serve(tmp_path, offline.variables, "--no-examples") as service:
+        scanner_id = service.create_scanner()
+        until = time.monotonic() + LOCKED_S
+
+        def write() -> list[tuple[httpx.Response, float]]:
+            answers = []
+            while time.monotonic() < until:
+                started = time.monotonic()
+                response = service.client.post(
+                    "/v1/scans", params={"scanner_id": scanner_id, "data": "counts"}, content=b"a scan"
+                )
+                answers.append((response, time.monotonic() - started))
+                time.sleep(0.2)
+            return answers
+
+        def read() -> list[float]:
+            waits = []
+            while time.monotonic() < until:
+                started = time.monotonic()
+                assert service.client.get("/v1/scanners").status_code == 200
+                waits.append(time.monotonic() - started)
+                time.sleep(0.2)
+            return waits
+
+        with ThreadPoolExecutor(CLIENTS + 1) as pool, write_lock(service.data / "sawmill.db"):
+            reading = pool.submit(read)
+            written = [answer for writer in [pool.submit(write) for _ in range(CLIENTS)] for answer in writer.result()]
+            read_waits = reading.result()
+        service.create_scanner(name="Line 3")
+    statuses = {response.status_code for response, _ in written}
+    assert statuses == {503}, statuses
+    refused = written[0][0]
+    assert refused.json()["code"] == "storage-unavailable"
+    assert {int(response.headers["retry-after"]) > 0 for response, _ in written} == {True}
+    assert max(seconds for _, seconds in written) < LONGEST_S
+    assert max(read_waits) < LONGEST_S
+    assert sorted(read_waits)[len(read_waits) // 2] < 0.5  # those that come later find free threads
