@@ -1,28 +1,17 @@
 """The API while another process holds SQLite's write lock."""
 
-import sqlite3
 import time
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing, contextmanager
-from pathlib import Path
 
 import httpx
 import pytest
+from write_lock import write_lock
 
 pytestmark = pytest.mark.slow
 
 CLIENTS = 60  # more than the API has threads (40)
 LOCKED_S = 8.0  # longer than any request may wait
 LONGEST_S = 5.0
-
-
-@contextmanager
-def write_lock(database: Path) -> Iterator[None]:
-    with closing(sqlite3.connect(database, isolation_level=None)) as connection:
-        connection.execute("BEGIN IMMEDIATE")
-        yield
-        connection.execute("ROLLBACK")
 
 
 def test_writers_are_refused_within_five_seconds_and_readers_are_answered(tmp_path, offline, serve):

@@ -44,6 +44,13 @@ def succeed(attempt: Attempt) -> dict[str, Any]:
     return {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 342.0)}
 
 
+def wait_for_leave(attempt: Attempt) -> dict[str, Any]:
+    (attempt.output / "waiting").touch()
+    while not (attempt.store.files.folder / "leave").exists():
+        time.sleep(0.05)
+    return succeed(attempt)
+
+
 def refuse(_: Attempt) -> dict[str, Any]:
     raise JobFailure(FailureKind.INPUT, "angles-missing", "the file carries no angles: give angles_deg")
 
@@ -157,6 +164,7 @@ BEHAVIOURS = {
         refuse,
         stumble,
         outlast,
+        wait_for_leave,
         blunder,
         crash_on_a_full_disk,
         fill_the_disk,

@@ -4,6 +4,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from write_lock import write_lock
 
 from sawmill_worker.contracts.jobs import FailureKind, JobState
 from sawmill_worker.contracts.scans import ScanState
@@ -124,13 +125,39 @@ def test_a_crash_is_final_where_the_disk_is_no_more_than_nearly_full(storage, se
     nearly_full.close()
 
 
-@pytest.mark.parametrize("error", [StorageFull("the disk is full"), StorageUnavailable("the database is away")])
-def test_an_end_that_cannot_be_written_is_written_later(store, runner, queue, monkeypatch, error):
-    job = queue("succeed")
+def test_an_end_that_a_full_disk_keeps_from_being_written_is_written_later(store, runner, queue, monkeypatch):
+    job, error = queue("succeed"), StorageFull("the disk is full")
     monkeypatch.setattr(store.jobs, "succeed", Outage(store.jobs.succeed, 1, error))
     monkeypatch.setattr(store.jobs, "fail", Outage(store.jobs.fail, 2, error))
     assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
     assert store.jobs.get(job.id).losses == 0
+    assert leftovers(store) == []
+
+
+def test_a_locked_database_costs_a_running_job_nothing(store, runner, queue, in_background, wait_for, monkeypatch):
+    missed = []
+    original = Jobs.heartbeat
+
+    def heartbeat(self, *arguments, **options):
+        try:
+            return original(self, *arguments, **options)
+        except StorageUnavailable:
+            missed.append(1)
+            raise
+
+    monkeypatch.setattr(Jobs, "heartbeat", heartbeat)
+    job = queue("wait-for-leave")
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: any(store.files.folder.glob("attempts/*/waiting")))
+    with write_lock(store.files.folder / "sawmill.db"):
+        wait_for(lambda: bool(missed))
+        (store.files.folder / "leave").touch()
+        time.sleep(1.0)  # several times what is left of the attempt needs
+        assert not outcome.done()
+    assert outcome.result(timeout=30) is JobState.SUCCEEDED
+    ended = store.jobs.get(job.id)
+    assert (ended.attempt, ended.losses) == (1, 0)
+    assert store.files.scan(job.subject_id).read_text().startswith("attempt 1")
     assert leftovers(store) == []
 
 

@@ -214,7 +214,7 @@ class _Supervision:
         try:
             answer = self._watch()
             if isinstance(answer, Succeeded):
-                self._store.jobs.succeed(self._claim, answer.result, output)
+                self._publish(answer, output)
                 return JobState.SUCCEEDED
         except ValidationError:
             structlog.get_logger().exception("attempt-answered-nonsense", job=self._claim.job_id)
@@ -222,6 +222,20 @@ class _Supervision:
         if isinstance(answer, Failed):
             return self._store.jobs.fail(self._claim, answer.failure, retries=self._settings.retries)
         return answer
+
+    def _publish(self, answer: Succeeded, output: Path) -> None:
+        """Publish as soon as the database answers: what was computed is not computed again for an outage."""
+        while True:
+            try:
+                self._store.jobs.succeed(self._claim, answer.result, output)
+            except StorageUnavailable as error:
+                # Without its folder it was published, and the row's commit failed: the job is run again.
+                if not output.exists() or self._stop.is_set():
+                    raise
+                structlog.get_logger().warning("end-put-off", job=self._claim.job_id, reason=str(error))
+                self._stop.wait(self._settings.housekeeping_s)
+            else:
+                return
 
     def _watch(self) -> Succeeded | Failed | JobState:
         """Wait for the answer, or for the state in which the job was ended without one."""
