@@ -11,6 +11,7 @@ from results import CONSTANTS, RESULTS
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanSpec
+from sawmill_worker.storage.files import Received
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -58,9 +59,16 @@ def scanner(store: Store) -> StoredScanner:
 def upload(scanner: StoredScanner) -> Callable[..., Scan]:
     """Accept a scan of four bytes."""
 
-    def accept(store: Store, *, phantom_id: str | None = "l-shape", scan_id: str | None = None) -> Scan:
+    def accept(
+        store: Store,
+        *,
+        phantom_id: str | None = "l-shape",
+        scan_id: str | None = None,
+        received: Received | None = None,
+    ) -> Scan:
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id=phantom_id)
-        return store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), scan_id=scan_id)
+        received = received or store.files.receive([b"scan"], max_bytes=10)
+        return store.scans.accept(spec, received, scan_id=scan_id)
 
     return accept
 

@@ -105,24 +105,17 @@ def test_publishing_replaces_an_older_folder(files):
     assert list((files.folder / "removed").iterdir()) == []
 
 
-def test_an_attempt_begins_empty_and_ends_earlier_ones(files):
-    first = files.make_attempt_folder("job", 1)
-    other = files.make_attempt_folder("job-2", 1)
-    (first / "half-written").write_text("")
-    again = files.make_attempt_folder("job", 1)
-    assert list(again.iterdir()) == []
-    files.make_attempt_folder("job", 2)
-    assert not first.exists()
-    assert other.exists(), "another job's id may begin with this one's"
+def test_an_attempt_owns_its_folder_alone(files):
+    newer = files.make_attempt_folder("job", 2)
+    (newer / "half-written").write_text("")
+    late = files.make_attempt_folder("job", 1)
+    again = files.make_attempt_folder("job", 2)
+    assert list(late.iterdir()) == list(again.iterdir()) == []
+    assert len({newer, late, again}) == 3
+    files.remove(late)
+    assert (newer / "half-written").exists(), "what others write is theirs"
 
 
 def test_a_result_that_was_not_written_is_not_found(files):
     with pytest.raises(NotFound, match="there is no volume-h5 'one'"):
         files.volume("one")
-
-
-def test_only_old_leftovers_are_removed(files):
-    old, new = (files.receive([b"x"], max_bytes=1).path for _ in range(2))
-    os.utime(old, (0, 0))
-    files.remove_leftovers()
-    assert incoming(files) == [new]

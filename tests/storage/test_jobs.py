@@ -171,13 +171,11 @@ def test_a_lost_worker_s_job_is_tried_three_times(store, upload):
     for attempt in (1, 2, 3):
         held = claim(store)
         assert held.attempt == attempt
-        store.files.make_attempt_folder(held.job_id, attempt)
         states += [job.state for job in take_back_all(store)]
     assert states == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
     job = store.jobs.get(scan.job_id)
     assert (job.failure.kind, job.failure.code) == (FailureKind.PASSING, "worker-lost")
     assert store.scans.get(scan.id).state is ScanState.REFUSED
-    assert list((store.files.folder / "attempts").iterdir()) == []
 
 
 def test_a_passing_failure_is_tried_again_and_the_third_is_final(store, upload):

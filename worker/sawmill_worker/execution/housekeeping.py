@@ -36,6 +36,7 @@ class Housekeeping:
         # A worker that lives hears of a cancellation with its next heartbeat.
         cancel_s = settings.heartbeat_s + settings.housekeeping_s
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
+        self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._clock_is_off = False
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
@@ -81,12 +82,15 @@ class Housekeeping:
             structlog.get_logger().warning("clock-off", off_s=round(off_s, 1))
             self._store.events.clock_off(process_name(), off_s)
 
-    def _remove_leftovers(self) -> None:
-        self._store.files.remove_leftovers()
-
     def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
+
+    def _remove_leftovers(self) -> None:
+        removed = self._leftovers.remove_some()
+        if removed:
+            first = str(removed[0].relative_to(self._store.files.folder))
+            structlog.get_logger().info("leftovers-removed", number=len(removed), first=first)
 
     def _loop(self) -> None:
         while not self._stop.wait(self._settings.housekeeping_s):

@@ -38,6 +38,11 @@ class ExecutionSettings(BaseSettings):
         5.0, description="As `loss_wait_s`, while the disk is full or the database does not answer, however often."
     )
     housekeeping_s: Seconds = Field(2.0, description="How often expired leases and due schedules are looked for.")
+    leftovers_s: Seconds = Field(
+        3600.0,
+        description="How long a file or folder that no row knows is watched before it is removed: what a killed "
+        "process or a failed commit left.",
+    )
     sweep_s: Seconds = Field(
         5.0,
         description="Age in seconds at which a queued job's wake-up counts as lost and is sent again (cluster only).",

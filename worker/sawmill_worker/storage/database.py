@@ -13,6 +13,7 @@ from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
 from sawmill_worker.storage.outages import Door, trouble_translated
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
+_FILES_LOCK = 0x5A3112
 _MIGRATIONS = Path(__file__).with_name("migrations")
 
 
@@ -113,6 +114,23 @@ def lock_for_setup(connection: Connection | Session) -> None:
     bind: Any = connection.get_bind() if isinstance(connection, Session) else connection
     if bind.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:number)"), {"number": _MIGRATION_LOCK})
+
+
+def lock_files_of(session: Session, subject_id: str, *, wait: bool = True) -> bool:
+    """Keep others from naming or removing a subject's files until the write transaction ends; on SQLite any does.
+
+    Returns
+    -------
+    bool
+        False: somebody else does so at the moment, and the caller did not want to wait.
+    """
+    if session.get_bind().dialect.name != "postgresql":
+        return True
+    key = {"files": _FILES_LOCK, "subject": subject_id}
+    if wait:
+        session.execute(text("SELECT pg_advisory_xact_lock(:files, hashtext(:subject))"), key)
+        return True
+    return bool(session.scalar(text("SELECT pg_try_advisory_xact_lock(:files, hashtext(:subject))"), key))
 
 
 def _one_process_at_a_time(engine: Engine) -> AbstractContextManager[None]:

@@ -7,8 +7,10 @@ phantoms/<id>/                  nothing
 calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
 reconstructions/<id>/           volume.h5
 <plural>/<id>/                  of every other kind, by its plural (`contracts/kinds.py`)
-attempts/<job>-<attempt>/       where a running attempt writes; renamed to one of those above when it succeeds
+attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
 removed/                        what is being deleted
+
+What is in none of the rows goes with time (`leftovers`).
 """
 
 import hashlib
@@ -16,16 +18,22 @@ import os
 import re
 import shutil
 import threading
-import time
 from collections.abc import AsyncIterable, Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.storage.errors import NotFound, StorageFull, UploadTooLarge, disk_full_reported, means_disk_full
+from sawmill_worker.storage.errors import (
+    NotFound,
+    StorageFull,
+    StorageUnavailable,
+    UploadTooLarge,
+    disk_full_reported,
+    means_disk_full,
+)
 
 _TEMPORARY = ("incoming", "removed")
 _TRIAL_BYTES = 4096
@@ -107,19 +115,11 @@ class FileStore:
         return self.result(JobKind.RECONSTRUCT, reconstruction_id, "volume.h5")
 
     def make_attempt_folder(self, job_id: str, attempt: int) -> Path:
-        """An empty folder of an attempt's own; what earlier attempts left is removed."""
-        self.remove_attempts(job_id)
-        path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}"
+        """An empty folder that this attempt alone writes and removes; what others left is not touched."""
+        path = self.folder / "attempts" / f"{_checked(job_id)}-{attempt}-{uuid4().hex}"
         with disk_full_reported("a job's output folder"):
             path.mkdir()
         return path
-
-    def remove_attempts(self, job_id: str) -> None:
-        """Remove the output folders of all attempts at a job."""
-        for path in (self.folder / "attempts").glob(f"{_checked(job_id)}-*"):
-            # An id may begin with another one and a hyphen: only numbers follow our own.
-            if path.name.removeprefix(f"{job_id}-").isdigit():
-                self.remove(path)
 
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
@@ -130,16 +130,35 @@ class FileStore:
 
     def remove(self, path: Path) -> None:
         """Remove a file or folder in one step, as others see it; nothing happens if there is none."""
+        parting = self.set_aside(path)
+        if parting is not None:
+            self.delete(parting)
+
+    def set_aside(self, path: Path) -> Path | None:
+        """Take a file or folder away from its name; `delete` must follow.
+
+        Returns
+        -------
+        Path or None
+            Where it is until then. None: there is none, or somebody else was faster.
+        """
         parting = self.folder / "removed" / uuid4().hex
         try:
             path.rename(parting)
         except FileNotFoundError:
-            return
+            return None
         except OSError as error:
             if not means_disk_full(error):
                 raise
-            parting = path  # a full disk may have no room for one more name: then its files go one by one
-        _delete(parting)
+            return path  # a full disk may have no room for one more name: then its files go one by one
+        return parting
+
+    def delete(self, path: Path) -> None:
+        """Delete what was set aside."""
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
 
     def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
         """Check that files can be written, by writing one.
@@ -169,11 +188,20 @@ class FileStore:
             trial.unlink(missing_ok=True)
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
-        """Give an upload its owner."""
+        """Give an upload its owner.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The disk is full, or the upload was so long on its way that it was taken for a leftover.
+        """
         path = self.upload(kind, subject_id)
         with disk_full_reported("storing the upload"):
             path.parent.mkdir(parents=True, exist_ok=True)
-            received.path.rename(path)
+            try:
+                received.path.rename(path)
+            except FileNotFoundError as error:
+                raise StorageUnavailable("the upload stood still until it was given up: send it again") from error
             _flush(path.parent)
             _flush(path.parent.parent)
 
@@ -216,15 +244,6 @@ class FileStore:
             async for chunk in chunks:
                 upload.write(chunk)
             return upload.finish()
-
-    def remove_leftovers(self, older_than_s: float = 86_400.0) -> None:
-        """Remove uploads that never ended and deletions that were cut short, a day old by default."""
-        limit = time.time() - older_than_s
-        for name in _TEMPORARY:
-            for path in (self.folder / name).iterdir():
-                with suppress(FileNotFoundError):  # an upload that has just found its owner
-                    if path.stat().st_mtime < limit:
-                        _delete(path)
 
     def _keep(self, content: bytes, path: Path) -> None:
         with self._incoming(len(content)) as file:
@@ -291,13 +310,6 @@ def _flush(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
-
-
-def _delete(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
 
 
 def _checked(identifier: str) -> str:

@@ -17,7 +17,7 @@ from sqlalchemy.orm import Session, aliased
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
-from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import record
 from sawmill_worker.storage.files import FileStore
@@ -225,7 +225,9 @@ class Jobs:
             self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED)
             record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
-            # Renamed while the row is locked: a late attempt cannot replace a newer one's files.
+            # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
+            # the files stay: it may have come through. If not, the next attempt replaces them, or `leftovers` does.
+            lock_files_of(session, subject_id)
             self._files.publish(output, self._files.results(kind, subject_id))
 
     def fail(self, claim: Claim, failure: Failure, *, retries: Retries = RETRIES) -> JobState:
@@ -301,10 +303,7 @@ class Jobs:
                 return None
             self._fail(session, row, _worker_lost(row), retries)
             session.flush()
-            job = _read(session, row)
-        if job.state.ended:
-            self._files.remove_attempts(job.id)
-        return job
+            return _read(session, row)
 
     def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""

@@ -75,7 +75,7 @@ class Phantoms:
             row.job_id = queue_job(session, JobKind.TRACE_PHANTOM, row.id, row.created_at)
             session.add(row)
             session.flush()
-            keep()
+            keep(session)
         return _read(row)
 
     def get(self, phantom_id: str) -> StoredPhantom:

@@ -63,7 +63,7 @@ class Scans:
             row.job_id = queue_job(session, JobKind.INGEST, row.id, row.created_at, background=background)
             session.add(row)
             session.flush()
-            keep()
+            keep(session)
         return _read(row)
 
     def get(self, scan_id: str) -> Scan:

@@ -16,6 +16,7 @@ from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.jobs import Jobs
+from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
@@ -54,6 +55,10 @@ class Store:
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
         return Asked(self._database, declared)
+
+    def leftovers(self, *, grace_s: float) -> Leftovers:
+        """An observer of what no row knows, which removes it after a grace."""
+        return Leftovers(self._database, self.files, grace_s=grace_s)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None) -> "Store":

@@ -3,28 +3,37 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from sqlalchemy.orm import Session
+
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.database import lock_files_of
+from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.storage.files import FileStore, Received
 
 
 @contextmanager
-def kept_upload(files: FileStore, received: Received, kind: JobKind, subject_id: str) -> Iterator[Callable[[], None]]:
+def kept_upload(
+    files: FileStore, received: Received, kind: JobKind, subject_id: str
+) -> Iterator[Callable[[Session], None]]:
     """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
 
-    When the block raises, the commit included, the upload is removed wherever it is by then; a file
-    that an older subject of the same id owns is not touched.
+    When the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
+    not touched. After it, only the commit is left to fail. A full disk is the database's own answer: there are no rows,
+    and the upload is removed. A connection that was lost may have committed: then the upload stays where its row will
+    look for it, and goes with the `leftovers` if there is no row.
     """
-    kept = False
+    named = False
 
-    def keep() -> None:
-        nonlocal kept
+    def keep(session: Session) -> None:
+        nonlocal named
+        lock_files_of(session, subject_id)
+        named = True
         files.keep_upload(received, kind, subject_id)
-        kept = True
 
     try:
         yield keep
-    except BaseException:
+    except BaseException as error:
         files.discard(received)
-        if kept:
+        if named and isinstance(error, StorageFull):
             files.remove_upload(kind, subject_id)
         raise

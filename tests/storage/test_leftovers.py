@@ -1,0 +1,231 @@
+"""What kills and failed commits leave goes with time, and nothing else does."""
+
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from results import RESULTS
+from sqlalchemy import event
+from sqlalchemy.exc import OperationalError
+
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.jobs import Claim
+from sawmill_worker.storage.leftovers import NAMES_A_ROUND, Leftovers
+from sawmill_worker.storage.store import Store
+
+GRACE_S = 3600.0
+AWAY = sqlite3.OperationalError("server closed the connection unexpectedly")
+FULL = sqlite3.OperationalError("database or disk is full")
+FULL.sqlite_errorcode = sqlite3.SQLITE_FULL
+INPUT = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here")
+
+
+class Observer:
+    """Looks through a store at times of its own clock."""
+
+    def __init__(self, store: Store) -> None:
+        self.now_s = 0.0
+        self.leftovers = Leftovers(store._database, store.files, grace_s=GRACE_S, now_s=lambda: self.now_s)
+
+    def look(self, after_s: float = 0.0) -> list[Path]:
+        self.now_s += after_s
+        return self.leftovers.remove_some()
+
+
+@pytest.fixture
+def observer(store: Store) -> Observer:
+    return Observer(store)
+
+
+@pytest.fixture
+def claimed(store: Store, upload: Callable[..., object]) -> Claim:
+    upload(store)
+    claim = store.jobs.claim("test", lease_s=60)
+    assert claim is not None
+    return claim
+
+
+def made(path: Path) -> Path:
+    path.mkdir(parents=True)
+    (path / "file").write_text("")
+    return path
+
+
+@contextmanager
+def failing_commit(store: Store, error: Exception) -> Iterator[None]:
+    """The next commit fails."""
+
+    def fail(_):
+        raise OperationalError("COMMIT", {}, error)
+
+    event.listen(store._database.engine, "commit", fail)
+    try:
+        yield
+    finally:
+        event.remove(store._database.engine, "commit", fail)
+
+
+def test_what_no_row_knows_goes_after_its_grace_and_nothing_else_does(store, observer, ready_scan, claimed):
+    files, running = store.files, claimed
+    refused = store.scans.get(claimed.job.subject_id)
+    known = [
+        files.results(JobKind.INGEST, ready_scan.id),
+        files.upload(JobKind.INGEST, ready_scan.id),
+        files.upload(JobKind.INGEST, refused.id),
+        files.make_attempt_folder(running.job_id, running.attempt),
+        made(files.folder / "kept" / running.job_id),
+        made(files.folder / "scans" / "Not a name of ours"),
+    ]
+    unknown = [
+        files.make_attempt_folder(running.job_id, running.attempt + 1),
+        files.make_attempt_folder(ready_scan.job_id, 1),
+        made(files.folder / "attempts" / f"{ready_scan.job_id}-1"),  # as the first versions named it
+        made(files.folder / "kept" / ready_scan.job_id),
+        made(files.upload(JobKind.INGEST, "nobodys").parent),
+        made(files.upload(JobKind.TRACE_PHANTOM, "nobodys").parent),
+        made(files.results(JobKind.INGEST, refused.id)),
+        *(made(files.results(kind, "nobodys")) for kind in JobKind),
+        files.receive([b"x"], max_bytes=1).path,
+        made(files.folder / "removed" / ("0" * 32)),
+    ]
+    assert observer.look() == observer.look(GRACE_S - 1.0) == []
+    assert Observer(store).look() == [], "one that starts anew begins to count anew"
+    assert sorted(observer.look(0.25 * GRACE_S)) == sorted(unknown)
+    assert not any(path.exists() for path in unknown)
+    assert all(path.exists() for path in known)
+    assert list((files.folder / "removed").iterdir()) == []
+
+
+def test_an_upload_that_still_arrives_is_left_alone(store, observer):
+    arriving = store.files.folder / "incoming" / ("a" * 32)
+    for size in range(1, 9):
+        arriving.write_bytes(bytes(size))
+        assert observer.look(0.9 * GRACE_S) == []
+    assert observer.look(1.1 * GRACE_S) == [arriving]
+
+
+def test_an_upload_that_was_given_up_is_refused_when_it_comes_after_all(store, upload):
+    received = store.files.receive([b"scan"], max_bytes=10)
+    received.path.unlink()
+    with pytest.raises(StorageUnavailable, match="stood still until it was given up: send it again"):
+        upload(store, received=received)
+    assert store.scans.page().items == []
+
+
+def test_what_is_named_and_not_yet_committed_stays(store, observer, upload):
+    named, goes_on = threading.Event(), threading.Event()
+
+    def linger(_):
+        named.set()
+        goes_on.wait(10.0)
+
+    accepting = threading.Thread(target=upload, args=(store,), kwargs={"scan_id": "mine"})
+    event.listen(store._database.engine, "commit", linger, once=True)
+    accepting.start()
+    named.wait(10.0)
+    folder = store.files.upload(JobKind.INGEST, "mine").parent
+    assert folder.exists()
+    threading.Timer(0.3, goes_on.set).start()
+    observer.look()
+    # The reading at the second look may come before the commit; its removing then waits for it.
+    assert observer.look(2 * GRACE_S) == observer.look(2 * GRACE_S) == []
+    accepting.join()
+    assert folder.exists()
+    assert store.scans.get("mine").state is ScanState.INGESTING
+
+
+def test_an_upload_whose_commit_finds_the_disk_full_leaves_nothing(store, upload):
+    with failing_commit(store, FULL), pytest.raises(StorageFull):
+        upload(store, scan_id="mine")
+    assert list(store.files.folder.glob("uploads/scans/*")) == list(store.files.folder.glob("incoming/*")) == []
+
+
+def test_an_upload_whose_commit_may_have_come_through_waits_for_its_row(store, observer, upload):
+    with failing_commit(store, AWAY), pytest.raises(StorageUnavailable):
+        upload(store, scan_id="mine")
+    folder = store.files.upload(JobKind.INGEST, "mine").parent
+    assert store.scans.page().items == []
+    assert folder.exists(), "had the answer to the commit been lost alone, the scan would need it"
+    observer.look()
+    assert observer.look(GRACE_S) == [folder]
+    assert upload(store, scan_id="mine").state is ScanState.INGESTING
+
+
+@pytest.mark.parametrize("error", [FULL, AWAY])
+def test_a_result_whose_commit_fails_is_not_there_and_its_job_runs_again(store, observer, claimed, finish, error):
+    scan_id = claimed.job.subject_id
+    output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
+    (output / "result").write_text("attempt 1")
+    with failing_commit(store, error), pytest.raises((StorageFull, StorageUnavailable)):
+        store.jobs.succeed(claimed, RESULTS[JobKind.INGEST](), output)
+    assert store.jobs.get(claimed.job_id).state is JobState.RUNNING
+    assert store.scans.get(scan_id).state is ScanState.INGESTING
+    store.jobs.release(claimed)
+    finish(store)
+    folder = store.files.results(JobKind.INGEST, scan_id)
+    assert (folder / "result").read_text() == "attempt 2"
+    observer.look()
+    assert observer.look(GRACE_S) == []
+
+
+def test_a_result_whose_commit_failed_goes_when_its_job_never_succeeds(store, observer, claimed):
+    output = store.files.make_attempt_folder(claimed.job_id, claimed.attempt)
+    with failing_commit(store, AWAY), pytest.raises(StorageUnavailable):
+        store.jobs.succeed(claimed, RESULTS[JobKind.INGEST](), output)
+    store.jobs.fail(claimed, INPUT)
+    observer.look()
+    assert observer.look(GRACE_S) == [store.files.results(JobKind.INGEST, claimed.job.subject_id)]
+
+
+def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan, monkeypatch):
+    with monkeypatch.context() as killed:
+        killed.setattr(store.files, "remove", lambda _: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            store.scans.delete(ready_scan.id)
+    observer.look()
+    gone = [
+        store.files.results(JobKind.INGEST, ready_scan.id),
+        store.files.upload(JobKind.INGEST, ready_scan.id).parent,
+    ]
+    assert sorted(observer.look(GRACE_S)) == sorted(gone)
+
+
+def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
+    number = 2 * NAMES_A_ROUND + 1
+    for index in range(number):
+        (store.files.folder / "plans" / f"nobodys-{index}").mkdir()
+    statements: list[str] = []
+    event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    counts = []
+    for _ in range(3):
+        observer.look()
+        counts.append(len(statements))
+        statements.clear()
+    # A round has one question for each batch, and the next ones none until it is time again.
+    assert max(counts) <= 2
+    assert observer.look() == []
+    assert statements == []
+    observer.now_s += GRACE_S
+    assert [len(observer.look()) for _ in range(3)] == [NAMES_A_ROUND, NAMES_A_ROUND, 1]
+
+
+def test_one_that_cannot_be_removed_does_not_keep_the_others(store, observer, monkeypatch):
+    stuck, other = (made(store.files.results(JobKind.PLAN, name)) for name in ("a-stuck", "b-other"))
+    set_aside = store.files.set_aside
+
+    def refuse(path: Path) -> Path | None:
+        if path == stuck:
+            raise PermissionError(path)
+        return set_aside(path)
+
+    monkeypatch.setattr(store.files, "set_aside", refuse)
+    observer.look()
+    with pytest.raises(PermissionError, match="a-stuck"):
+        observer.look(GRACE_S)
+    assert stuck.exists()
+    assert not other.exists()
