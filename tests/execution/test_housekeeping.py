@@ -66,7 +66,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, m
     """Standard error is often a file on the disk that is full."""
     rounds = []
 
-    def stumble(**_):
+    def stumble():
         rounds.append(1)
         raise StorageUnavailable("the database does not answer: away")
 
@@ -79,7 +79,7 @@ def test_a_log_that_cannot_be_written_stops_nothing(store, settings, wait_for, m
     before = structlog.get_config()
     configure_logs("json")
     stop = threading.Event()
-    housekeeping = Housekeeping(store, settings.model_copy(update={"lease_s": 0.1}), stop)
+    housekeeping = Housekeeping(store, settings, stop)
     housekeeping.start()
     try:
         wait_for(lambda: len(rounds) > 2)

@@ -45,7 +45,7 @@ def observer(store: Store) -> Observer:
 @pytest.fixture
 def claimed(store: Store, upload: Callable[..., object]) -> Claim:
     upload(store)
-    claim = store.jobs.claim("test", lease_s=60)
+    claim = store.jobs.claim("test")
     assert claim is not None
     return claim
 
