@@ -148,6 +148,37 @@ def hang(_: Attempt) -> dict[str, Any]:
     return {}
 
 
+def hang_once(attempt: Attempt) -> dict[str, Any]:
+    """In the middle of its first attempt."""
+    if attempt.job.attempt == 1:
+        attempt.report(Progress(fraction=0.5, stage="prepare"))
+        return hang(attempt)
+    return succeed(attempt)
+
+
+def repeat(attempt: Attempt) -> dict[str, Any]:
+    """Say the same for a minute."""
+    for second in range(600):
+        attempt.report(Progress(fraction=0.5, stage="search", seconds_left=600 - second))
+        time.sleep(0.1)
+    return {}
+
+
+def freeze(attempt: Attempt) -> dict[str, Any]:
+    """As by a debugger or a frozen container."""
+    (attempt.output / "pid").write_text(str(os.getpid()))
+    os.kill(os.getpid(), signal.SIGSTOP)
+    return {}
+
+
+def creep(attempt: Attempt) -> dict[str, Any]:
+    """For four seconds, and ever a little further."""
+    for step in range(20):
+        attempt.report(Progress(fraction=step / 1e6, stage="search"))
+        time.sleep(0.2)
+    return succeed(attempt)
+
+
 def pause(attempt: Attempt) -> dict[str, Any]:
     time.sleep(0.3)
     return succeed(attempt)
@@ -171,6 +202,10 @@ BEHAVIOURS = {
         eat_memory,
         talk,
         hang,
+        hang_once,
+        repeat,
+        freeze,
+        creep,
         pause,
         answer_nonsense,
         burn,

@@ -88,7 +88,7 @@ def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, queue):
     for behaviour, code, words in (
         ("eat-memory", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
         ("start-a-thread", "out-of-memory", "more memory than the 0.5 GiB that it may take"),
-        ("burn", "too-long", "hours of processor time that it may take"),
+        ("burn", "too-long", "of processor time that it may take: give a smaller file"),
         ("write-much", "file-too-large", "a larger file than it may"),
         ("open-many", "too-many-files", "more than the 256 open files that it may have"),
     ):

@@ -63,12 +63,22 @@ class KindDeclaration:
         What `run` answers with.
     processor_s : int
         Seconds of processor time for each core that a job may use.
+    time_limit_s : int
+        Seconds that an attempt may take.
+    stall_s : int
+        Seconds for which its progress may stand still: several times the longest honest silence on a slow machine
+        (`docs/operations.md#time-and-progress`).
+    lighter : str
+        What to do about a job that takes too long.
     """
 
     kind: JobKind
     noun: str
     result: type[Contract]
     processor_s: int
+    time_limit_s: int
+    stall_s: int
+    lighter: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +87,9 @@ class UploadedKind(KindDeclaration):
 
     upload: str
     processor_s: int = 3600
+    time_limit_s: int = 6 * 3600
+    stall_s: int = 1800
+    lighter: str = "give a smaller file"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +137,9 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     asked_at: str | None = None
     tag: str | None = None
     processor_s: int = 24 * 3600
+    time_limit_s: int = 24 * 3600
+    stall_s: int = 1800
+    lighter: str = "ask for fewer rows, fewer views or a smaller size"
 
 
 def stored_as(answer: type[Answer]) -> Callable[[Mapping[str, Any]], Answer]:

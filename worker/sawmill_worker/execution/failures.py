@@ -44,7 +44,7 @@ def died(exit_code: int, kind: JobKind) -> Failure:
     if number in _CRASHES:
         return _crashed(signal.Signals(number), kind)
     if number == signal.SIGXCPU:
-        return _too_long(kind)
+        return too_long(kind, processor_s(kind), of=" of processor time")
     if number == signal.SIGXFSZ:
         return _too_large()
     how = f"was ended from outside by signal {number}" if exit_code < 0 else f"ended with exit code {exit_code}"
@@ -85,12 +85,25 @@ def _out_of_memory() -> Failure:
     return Failure(kind=FailureKind.INPUT, code="out-of-memory", detail=detail)
 
 
-def _too_long(kind: JobKind) -> Failure:
-    detail = (
-        f"the job needs more than the {processor_s(kind) / 3600:.3g} hours of processor time that it may take: "
-        "ask for fewer rows, fewer views or a smaller size"
-    )
+def too_long(kind: JobKind, limit_s: float, *, of: str = "") -> Failure:
+    """The failure of an attempt that took all the time that it may."""
+    detail = f"the job needs more than the {duration(limit_s)}{of} that it may take: {declaration_of(kind).lighter}"
     return Failure(kind=FailureKind.INPUT, code="too-long", detail=detail)
+
+
+def stalled(still_s: float, stage: str | None) -> Failure:
+    """The failure of an attempt whose process is there and gets no further."""
+    where = "before its first stage" if stage is None else f"in the stage {stage!r}"
+    detail = f"the job hung: nothing moved for {duration(still_s)} {where}, and its process was ended"
+    return Failure(kind=FailureKind.PASSING, code="attempt-stalled", detail=detail)
+
+
+def duration(seconds: float) -> str:
+    """In hours, minutes or seconds."""
+    for unit, length_s in (("hours", 3600.0), ("minutes", 60.0)):
+        if seconds >= 2.0 * length_s:
+            return f"{seconds / length_s:.3g} {unit}"
+    return f"{seconds:.3g} seconds"
 
 
 def _too_large() -> Failure:

@@ -14,6 +14,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.naming import process_name
+from sawmill_worker.execution.patience import Patience
 from sawmill_worker.execution.process import AttemptProcess
 from sawmill_worker.execution.protocol import Assignment, Failed, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -197,6 +198,7 @@ class _Supervision:
         self._claim = claim
         self._process = process
         self._progress: Progress | None = None
+        self._patience = Patience(claim.job.kind, settings)
         self._last_beat = time.monotonic()
         self._give_back_at: float | None = None
         self._last_look = self._last_beat
@@ -247,10 +249,16 @@ class _Supervision:
                     return message
                 if isinstance(message, ProgressMade):
                     self._progress = message.progress
+                    self._patience.heard(message.progress)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
                 own_limit = failure.code in LIMITS_MET
                 return Failed(failure=failure if own_limit else self._outage() or failure)
+            beyond = self._patience.end()
+            if beyond is not None:
+                structlog.get_logger().warning("attempt-ended-by-limit", job=self._claim.job_id, reason=beyond.detail)
+                self._process.end(self._settings.kill_grace_s)
+                return Failed(failure=beyond if beyond.code in LIMITS_MET else self._outage() or beyond)
             if self._cancellation_came_in():
                 self._process.end(self._settings.kill_grace_s)
                 self._store.jobs.cancelled(self._claim)

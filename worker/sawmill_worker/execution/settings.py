@@ -51,6 +51,16 @@ class ExecutionSettings(BaseSettings):
         5.0, description="How long a stopping worker waits for its job before it gives it back; below Docker's 10 s."
     )
     kill_grace_s: Seconds = Field(2.0, description="Between asking an attempt's process to end and killing it.")
+    stall_s: Seconds | None = Field(
+        None,
+        description="How long an attempt's progress may stand still before its process is ended, which is a loss; "
+        "null: by the job's kind, 30 minutes.",
+    )
+    time_limit_s: Annotated[float, Field(gt=0, le=30 * 86_400)] | None = Field(
+        None,
+        description="How long one attempt may take before the job fails; null: by its kind, 6 hours for reading an "
+        "upload and 24 hours for everything else.",
+    )
     start_timeout_s: Seconds = Field(
         120.0, description="For a fresh process to import the science; generous because the first import compiles."
     )

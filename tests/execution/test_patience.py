@@ -1,0 +1,178 @@
+"""Attempts that hang or take too long are ended, by the supervisor's own count of time."""
+
+import threading
+
+import pytest
+
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_worker.contracts.kinds import declaration_of
+from sawmill_worker.execution.failures import duration
+from sawmill_worker.execution.patience import LATE_S, Patience
+from sawmill_worker.execution.runner import Runner
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.errors import StorageFull
+from sawmill_worker.vocabulary import Progress
+
+
+class Waiting:
+    """A supervisor's patience with a calibration, one look a second."""
+
+    def __init__(self, **settings: float) -> None:
+        self.now = 1000.0
+        asked = ExecutionSettings(progress_s=1.0, broker_url=None, **settings)
+        self.patience = Patience(JobKind.CALIBRATE, asked, monotonic=lambda: self.now)
+
+    def until_ended(self, said: Progress | None = None, *, most_s: float = 200_000.0) -> float:
+        begun = self.now
+        while self.now - begun < most_s:
+            if said is not None:
+                self.patience.heard(said)
+            self.now += 1.0
+            if self.patience.end() is not None:
+                return self.now - begun
+        raise AssertionError("never")
+
+
+def test_silence_ends_an_attempt_after_its_kinds_time():
+    assert Waiting().until_ended() == declaration_of(JobKind.CALIBRATE).stall_s
+
+
+def test_a_report_that_repeats_the_same_is_no_progress():
+    assert Waiting(stall_s=60).until_ended(Progress(fraction=0.5, stage="search", best_value=-1.0)) == 60.0
+
+
+@pytest.mark.parametrize(
+    "further",
+    [
+        Progress(fraction=0.500001, stage="search", generation=3),
+        Progress(fraction=0.5, stage="result", generation=3),
+        Progress(fraction=0.5, stage="search", generation=4),
+    ],
+)
+def test_a_fraction_a_stage_or_a_generation_further_begins_anew(further):
+    waiting = Waiting(stall_s=60)
+    waiting.patience.heard(Progress(fraction=0.5, stage="search", generation=3))
+    with pytest.raises(AssertionError, match="never"):
+        waiting.until_ended(most_s=59.0)
+    waiting.patience.heard(further)
+    assert waiting.until_ended() == 60.0
+
+
+def test_time_in_which_the_supervisor_was_stopped_does_not_count():
+    waiting = Waiting(stall_s=60, time_limit_s=600)
+    for _ in range(8):  # an hour each: a late look, 7 s here
+        waiting.now += 3600.0
+        assert waiting.patience.end() is None
+    assert waiting.until_ended() == 60.0 - 8 * (LATE_S + 2.0)
+
+
+def test_moving_on_does_not_help_beyond_the_time_limit():
+    waiting = Waiting(time_limit_s=600)
+    for step in range(599):
+        waiting.patience.heard(Progress(fraction=step / 1000, stage="search"))
+        waiting.now += 1.0
+        assert waiting.patience.end() is None
+    waiting.now += 1.0
+    beyond = waiting.patience.end()
+    assert (beyond.kind, beyond.code) == (FailureKind.INPUT, "too-long")
+    assert "more than the 10 minutes that it may take: ask for fewer" in beyond.detail
+
+
+@pytest.mark.parametrize(("seconds", "words"), [(90.2, "90.2 seconds"), (1800, "30 minutes"), (86_400, "24 hours")])
+def test_a_time_is_said_in_a_fitting_unit(seconds, words):
+    assert duration(seconds) == words
+
+
+@pytest.mark.parametrize("kind", JobKind)
+def test_limits_of_every_kind_follow_each_other(kind):
+    declared = declaration_of(kind)
+    assert 600 <= declared.stall_s <= declared.time_limit_s / 4
+
+
+@pytest.fixture
+def start(store, settings, command):
+    """Make a runner with settings of its own."""
+    made = []
+
+    def runner(**changed):
+        made.append(Runner(store, settings.model_copy(update=changed), threading.Event(), command=command))
+        return made[-1]
+
+    yield runner
+    for each in made:
+        each.close()
+
+
+def fates(store, job):
+    return [event.what for event in store.events.of_job(job.id) if event.what is not EventKind.STARTED]
+
+
+@pytest.mark.slow
+def test_an_attempt_that_hangs_is_a_loss_and_the_third_is_final(store, start, queue):
+    job = queue("repeat")
+    runner = start(stall_s=0.6)
+    assert [runner.run_next() for _ in range(3)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED]
+    failure = store.jobs.get(job.id).failure
+    assert (failure.kind, failure.code) == (FailureKind.PASSING, "attempt-stalled")
+    assert "nothing moved for 0.6" in failure.detail
+    assert "in the stage 'search', and its process was ended" in failure.detail
+    assert fates(store, job) == [EventKind.LOST] * 3 + [EventKind.FAILED]
+    assert store.events.of_job(job.id)[1].detail["code"] == "attempt-stalled"
+    assert list((store.files.folder / "attempts").iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_job_that_hung_once_is_done(store, start, queue):
+    job = queue("hang-once")
+    runner = start(stall_s=1)
+    assert [runner.run_next(), runner.run_next()] == [JobState.QUEUED, JobState.SUCCEEDED]
+    assert "in the stage 'prepare'" in store.events.of_job(job.id)[1].detail["detail"]
+
+
+@pytest.mark.slow
+def test_a_stopped_process_is_ended(store, start, queue, is_running, monkeypatch):
+    job = queue("freeze")
+    noted = []
+    remove = store.files.remove
+    monkeypatch.setattr(
+        store.files, "remove", lambda folder: (noted.append((folder / "pid").read_text()), remove(folder))
+    )
+    assert start(stall_s=1).run_next() is JobState.QUEUED
+    assert store.jobs.get(job.id).waiting_for.code == "attempt-stalled"
+    assert not is_running(noted[0])
+
+
+@pytest.mark.slow
+def test_slow_progress_is_progress(store, start, queue):
+    job = queue("creep")
+    assert start(stall_s=2).run_next() is JobState.SUCCEEDED
+    assert store.jobs.get(job.id).losses == 0
+
+
+@pytest.mark.slow
+def test_a_job_beyond_its_time_fails_once(store, start, queue):
+    job = queue("talk")
+    assert start(time_limit_s=1).run_next() is JobState.FAILED
+    failure = store.jobs.get(job.id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "too-long")
+    assert failure.detail == "the job needs more than the 1 seconds that it may take: give a smaller file"
+    assert fates(store, job) == [EventKind.FAILED]
+
+
+@pytest.mark.slow
+def test_a_hang_on_a_full_disk_is_its_consequence(store, start, queue, monkeypatch):
+    job = queue("hang")
+
+    def full(**_):
+        raise StorageFull("the disk is full")
+
+    monkeypatch.setattr(store, "check", full)
+    assert start(stall_s=0.6).run_next() is JobState.QUEUED
+    assert (store.jobs.get(job.id).losses, fates(store, job)) == (0, [EventKind.PUT_OFF])
+
+
+def test_an_attempt_that_never_said_a_word_hung_before_its_first_stage():
+    waiting = Waiting()
+    waiting.until_ended()
+    assert "nothing moved for 30 minutes before its first stage" in waiting.patience.end().detail
