@@ -1,17 +1,11 @@
 """Which faults are tried on which engines."""
 
-import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from faults import injections, schedulers, upgrade
 from faults.trial import Trial
-
-DISK_MIB = 64
-# In a mount namespace of its own: nothing stays mounted, however the trial ends.
-_OWN_MOUNTS = ["unshare", "--map-root-user", "--mount", "sh", "-c"]
-_MOUNT = f'mkdir -p "$0" && mount -t tmpfs -o size={DISK_MIB}m tmpfs "$0"'
 
 
 @dataclass(frozen=True)
@@ -93,16 +87,3 @@ FAULTS = (
         begin=upgrade.begin,
     ),
 )
-
-
-def mounting(data: Path) -> list[str]:
-    """What to start a service with so that its data folder is a small disk of its own."""
-    return [*_OWN_MOUNTS, f'{_MOUNT} && exec "$@"', str(data)]
-
-
-def cannot_mount(folder: Path) -> str:
-    """Why no disk can be mounted here; empty where it can."""
-    tried = subprocess.run(  # noqa: S603
-        [*_OWN_MOUNTS, _MOUNT, str(folder)], capture_output=True, text=True, check=False
-    )
-    return tried.stderr.strip() if tried.returncode else ""

@@ -2,25 +2,19 @@
 
 import tempfile
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from random import Random
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from faults.audit import Audit
-from faults.catalogue import Engine, Fault, cannot_mount, mounting
-from faults.clocks import Clocks
-from faults.processes import marked
-from faults.product import LONGEST_STOP_S, Product
-from faults.servers import NotHere, Postgres, Redis
-from faults.trial import Counts, Trial, count, disturbed
-from faults.work import BASE, MIX, PLANS, Asker, answer_of
+from faults.catalogue import ENGINES, Engine, Fault
+from faults.small_disk import try_there
+from faults.trial import disturbed
+from faults.trials import Outcome, Places, Request, trial_of, try_one
+from faults.work import BASE, MIX, PLANS, answer_of
 
 FEWEST_JOBS = 6  # of a trial
 
@@ -37,160 +31,52 @@ class Plan:
     folder: Path | None = None
     mix: Sequence[str] = MIX
 
-    @property
-    def trials(self) -> list[tuple[Engine, Fault]]:
-        """One for each engine and each fault that it can have."""
-        return [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """A trial's counts, or why there was none."""
-
-    engine: str
-    fault: str
-    counts: Counts | None = None
-    happened: Counter[str] = field(default_factory=Counter)
-    skipped: str = ""
-
-    @property
-    def sound(self) -> bool:
-        """Whether nothing is wrong, as far as it was tried."""
-        return self.counts is None or self.counts.sound
-
-    def as_json(self) -> dict[str, Any]:
-        """Everything."""
-        return asdict(self)
+    def requests(self) -> list[Request]:
+        """One for each engine and each fault that it can have, with its share of the jobs."""
+        pairs = [(engine, fault) for engine in self.engines for fault in self.faults if fault.on(engine)]
+        return [
+            Request(
+                engine,
+                fault,
+                max(FEWEST_JOBS, (self.jobs + number) // len(pairs)),
+                f"{self.seed} {engine.name} {fault.name}",
+                self.mix,
+                self.long,
+            )
+            for number, (engine, fault) in enumerate(pairs)
+        ]
 
 
 def conduct_all(plan: Plan) -> list[Outcome]:
     """The right answers first, then the trials."""
     bar = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    requests = plan.requests()
     with ExitStack() as stack:
         folder = plan.folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-faults-")))
         folder.chmod(0o755)  # PostgreSQL runs as somebody else
-        folder = (folder / f"run-{int(time.time())}").absolute()
-        places = Places(folder, stack)
-        shares = _shares(plan)
+        places = Places((folder / f"run-{int(time.time())}").absolute(), stack)
         progress = stack.enter_context(Progress(*bar, console=Console(stderr=True)))
-        task = progress.add_task("right answers", total=sum(shares))
-
-        def tick() -> None:
-            progress.advance(task)
-
-        right = right_answers(places, plan)
+        task = progress.add_task("right answers", total=sum(request.jobs for request in requests))
+        right = right_answers(places, plan.mix)
         outcomes = []
-        for number, ((engine, fault), jobs) in enumerate(zip(plan.trials, shares, strict=True)):
-            progress.update(task, description=f"{engine.name}: {fault.name}")
-            outcomes.append(try_one(places, plan, number, engine, fault, jobs, right, tick))
+        for request in requests:
+            progress.update(task, description=f"{request.engine.name}: {request.fault.name}")
+            if request.fault.small_disk:
+                outcomes.append(try_there(places.folder, request, right))
+                progress.advance(task, request.jobs)
+            else:
+                outcomes.append(try_one(places, request, right, lambda: progress.advance(task)))
         return outcomes
 
 
-def _shares(plan: Plan) -> list[int]:
-    """Of the jobs, for each trial."""
-    trials = max(1, len(plan.trials))
-    return [max(FEWEST_JOBS, (plan.jobs + number) // trials) for number in range(len(plan.trials))]
-
-
-@dataclass
-class Places:
-    """Folders and servers of a run; a server starts when it is first needed."""
-
-    folder: Path
-    stack: ExitStack
-    _postgres: Postgres | None = None
-
-    def postgres(self) -> Postgres:
-        """The one server of all trials."""
-        if self._postgres is None:
-            self._postgres = Postgres(self.folder / "postgresql")
-            self._postgres.start()
-            self.stack.callback(self._postgres.end, crash=False)
-        return self._postgres
-
-
-def right_answers(places: Places, plan: Plan) -> dict[str, str]:
+def right_answers(places: Places, mix: Sequence[str]) -> dict[str, str]:
     """What each kind of work is answered with when nothing happens."""
-    engine = Engine("embedded-sqlite", celery=False, postgres=False)
-    quiet = Fault("none", lambda _: None)
-    with _trial(places, plan, engine, quiet, Random(0), most=0) as trial:  # noqa: S311
+    nothing = Request(ENGINES[0], Fault("none", lambda _: None), 0, "0")
+    with trial_of(places, nothing) as trial:
         for number in range(PLANS):
             trial.asker.ask("plan", number)
-        for name in sorted(set(plan.mix) - {"plan", *BASE}):
+        for name in sorted(set(mix) - {"plan", *BASE}):
             trial.asker.ask(name)
         disturbed(trial, None, 0, lambda: None)
         client, data = trial.product.client, trial.product.data
         return {accepted.work.name: answer_of(client, data, accepted) for accepted in trial.asker.accepted}
-
-
-def try_one(
-    places: Places,
-    plan: Plan,
-    number: int,
-    engine: Engine,
-    fault: Fault,
-    jobs: int,
-    right: dict[str, str],
-    tick: Callable[[], None],
-) -> Outcome:
-    """One trial from start to end."""
-    started = time.monotonic()
-    rng = Random(f"{plan.seed} {number} {engine.name} {fault.name}")  # noqa: S311
-    try:
-        with _trial(places, plan, engine, fault, rng, most=max(2, jobs // fault.jobs_a_fault)) as trial:
-            if fault.begin:
-                fault.begin(trial)
-            disturbed(trial, fault.disturb, jobs, tick)
-            if fault.finish:
-                fault.finish(trial)
-            counts = count(trial, right, started)
-    except NotHere as reason:
-        return Outcome(engine.name, fault.name, skipped=str(reason))
-    counts.details.extend(sentence for sentence in trial.wrong if sentence not in counts.details)
-    return Outcome(engine.name, fault.name, counts, trial.happened)
-
-
-@contextmanager
-def _trial(places: Places, plan: Plan, engine: Engine, fault: Fault, rng: Random, *, most: int) -> Iterator[Trial]:
-    """The product, started, with everything that its faults need."""
-    folder = places.folder / f"{engine.name}-{fault.name}"
-    folder.mkdir(parents=True)
-    variables: dict[str, str] = {}
-    prefix: list[str] = []
-    clocks = Clocks(folder / "clocks") if fault.clocks else None
-    if fault.small_disk:
-        if reason := cannot_mount(folder / "data"):
-            raise NotHere(f"no disk can be mounted here: {reason}")
-        prefix = mounting(folder / "data")
-    with ExitStack() as stack:
-        postgres, redis = None, None
-        if clocks:
-            variables |= clocks.variables
-        if engine.postgres:
-            postgres = places.postgres()
-            variables["SAWMILL_DATABASE_URL"] = postgres.new_database(f"{fault.name}-{engine.name}")
-        if engine.celery:
-            redis = Redis(folder / "redis")
-            redis.start()
-            stack.callback(redis.kill)
-            variables["SAWMILL_BROKER_URL"] = redis.url
-        product = Product(folder, variables, services=fault.services, broker=engine.celery, prefix=prefix)
-        url = variables.get("SAWMILL_DATABASE_URL", f"sqlite:///{product.data_here}/sawmill.db")
-        if fault.before:
-            fault.before(product.data_here, url)
-        stack.callback(product.end)
-        product.start()
-        if fault.small_disk:
-            url = f"sqlite:///{product.data}/sawmill.db"
-        audit = Audit(url)
-        stack.callback(audit.close)
-        audit.install()
-        asker = Asker(product.client, 900.0 if plan.long else 120.0)
-        trial = Trial(product, audit, asker, rng, most, plan.mix, plan.long, redis, postgres, clocks)
-        asker.prepare()
-        yield trial
-        taken_s = product.end()
-        if taken_s > LONGEST_STOP_S:
-            trial.wrong.append(f"the last stop took {taken_s:.0f} s")
-        if left := marked(product.world):
-            trial.wrong.append(f"{len(left)} processes are left over")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from faults.conduct import Outcome
+from faults.trials import Outcome
 
 _COUNTS = ("jobs", "faults", "losses", "lost", "double", "unequal", "orphans")
 
@@ -17,13 +17,13 @@ def print_table(outcomes: Sequence[Outcome], seed: int) -> None:
     seconds = sum(outcome.counts.seconds for outcome in outcomes if outcome.counts)
     print(f"{'all':<32}" + "".join(f"{number:>9}" for number in sums) + f"{seconds:>6.0f}")
     for outcome in outcomes:
-        for sentence in outcome.counts.details if outcome.counts else ():
+        for sentence in outcome.counts.details if outcome.counts else outcome.broken.splitlines():
             print(f"{outcome.engine} {outcome.fault}: {sentence}")
 
 
 def _figures(outcome: Outcome) -> str:
     if outcome.counts is None:
-        return f"  skipped: {outcome.skipped}"
+        return f"  skipped: {outcome.skipped}" if outcome.skipped else "  broke down, see below"
     counts = outcome.counts
     happened = ", ".join(f"{what} {times}" for what, times in sorted(outcome.happened.items()))
     return "".join(f"{getattr(counts, name):>9}" for name in _COUNTS) + f"{counts.seconds:>6.0f}  {happened}"

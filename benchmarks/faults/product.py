@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -48,21 +48,17 @@ class Product:
         `sawmill serve` processes; the client talks to the first.
     broker
         Whether a Celery worker does the work.
-    prefix
-        A command that becomes `sawmill serve`, as one that mounts a disk first.
     """
 
-    def __init__(
-        self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool, prefix: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, folder: Path, variables: Mapping[str, str], *, services: int, broker: bool) -> None:
         self.world, self._log = folder.name, folder / "log"
-        self.data_here = folder / "data"
+        self.data = folder / "data"
         kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
-        data = {"SAWMILL_DATA_FOLDER": str(self.data_here)}
+        data = {"SAWMILL_DATA_FOLDER": str(self.data)}
         self._environment = {**kept, **SETTINGS, **data, **variables, MARK: self.world}
         ports = [free_port() for _ in range(services)]
         serve = [sys.executable, "-m", "sawmill_service.cli", "serve", "--no-examples", "--port"]
-        self._commands = [[*prefix, *serve, str(port)] for port in ports]
+        self._commands = [[*serve, str(port)] for port in ports]
         if broker:
             self._commands.append(
                 [sys.executable, "-m", "celery", "-A", "sawmill_worker.execution.celery_app", "worker"]
@@ -71,11 +67,6 @@ class Product:
         self._keeping, self._ended = threading.Lock(), threading.Event()
         self._keeper = threading.Thread(target=self._keep_up, daemon=True)
         self.client = httpx.Client(base_url=f"http://127.0.0.1:{ports[0]}", timeout=30.0, trust_env=False)
-
-    @property
-    def data(self) -> Path:
-        """The data folder as the service sees it, which may be in a mount namespace of its own."""
-        return Path(f"/proc/{self._running[0].pid}/root{self.data_here}")
 
     @property
     def api(self) -> list[int]:

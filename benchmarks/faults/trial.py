@@ -128,7 +128,7 @@ def count(trial: Trial, right: dict[str, str], started: float) -> Counts:
     ]
     left = orphans(trial.product.data, ledger.known)
     details = [f"lost: {sentence}" for sentence in lost] + [f"double: {sentence}" for sentence in ledger.doubles]
-    details += unequal + [f"orphan: {path}" for path in left] + trial.wrong
+    details += unequal + [f"orphan: {path}" for path in left]
     return Counts(
         lost=len(lost),
         double=len(ledger.doubles),
