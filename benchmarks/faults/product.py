@@ -26,6 +26,7 @@ SETTINGS = {
     "SAWMILL_LOSS_WAIT_S": "0.2",
     "SAWMILL_OUTAGE_WAIT_S": "0.5",
     "SAWMILL_SWEEP_S": "2",
+    "SAWMILL_LEFTOVERS_S": "5",
     "SAWMILL_MAX_ATTEMPTS": "10",  # the faults choose their victims blindly: a job may be hit often
     "SAWMILL_WORKERS": "2",
     "SAWMILL_SPARE_PROCESSES": "1",

@@ -19,7 +19,7 @@ from faults.work import MIX, Accepted, Asker, answer_of
 
 MOST_WAITING = 8  # jobs asked for ahead: enough that faults meet running ones
 ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
-SETTLED_S = 15.0  # for the sweep
+SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace of 5 s and removed
 
 
 @dataclass

@@ -9,7 +9,8 @@ from sqlalchemy import Boolean, Connection, DateTime, MetaData, Table
 
 from faults.trial import Trial
 from faults.work import Accepted, Work, log_scan, phantom_scan
-from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
 
 REVISION = "0005"
 # As that version wrote them; the first is running.
