@@ -320,6 +320,8 @@ def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str,
     # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
+    # Threads of GNU OpenMP that wait by keeping a core busy keep other processes from it, for minutes in all.
+    environment.setdefault("OMP_WAIT_POLICY", "passive")
     if settings.numba_num_threads is not None:
         environment["NUMBA_NUM_THREADS"] = str(settings.numba_num_threads)
     return environment
