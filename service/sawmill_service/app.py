@@ -25,6 +25,7 @@ from sawmill_service.routes import (
     schedules,
 )
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.store import Store
 
 DESCRIPTION = """\
@@ -80,6 +81,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
     app.state.metrics = _metrics(store)
+    app.state.stopping = Stopping()
     install(app)
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS)):
         app.include_router(router)
@@ -95,6 +97,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
             ("POST", "/v1/scans"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
         },
+        stopping=app.state.stopping,
     )
     app.add_middleware(Observer, registry=app.state.metrics)
     app.add_middleware(ProtectiveHeaders)

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.store import Store
 
 Wake = Callable[[str], None]
@@ -26,6 +27,12 @@ def _wake(request: Request) -> Wake:
     return wake
 
 
+def _stopping(request: Request) -> Stopping:
+    stopping: Stopping = request.app.state.stopping
+    return stopping
+
+
 TheStore = Annotated[Store, Depends(_store)]
 TheSettings = Annotated[ServiceSettings, Depends(_settings)]
 TheWake = Annotated[Wake, Depends(_wake)]
+TheStopping = Annotated[Stopping, Depends(_stopping)]

@@ -10,6 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from sawmill_service.access import CHALLENGES, OPEN_PATHS, check_token
 from sawmill_service.listening import is_loopback
 from sawmill_service.problems import Refused, problem_response
+from sawmill_service.stopping import Stopping
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -61,6 +62,8 @@ class Gate:
         For every route that `larger_bodies` does not name.
     larger_bodies
         Bytes by (method, path).
+    stopping
+        Ends the wait for a body when the service ends.
     """
 
     def __init__(
@@ -71,12 +74,14 @@ class Gate:
         token: SecretStr | None,
         max_body_bytes: int,
         larger_bodies: Mapping[tuple[str, str], int],
+        stopping: Stopping,
     ) -> None:
         self.app = app
         self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
         self.token = token
         self.max_body_bytes = max_body_bytes
         self.larger_bodies = dict(larger_bodies)
+        self.stopping = stopping
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request in, or answer it with a problem."""
@@ -94,7 +99,7 @@ class Gate:
                 answer.headers.append("WWW-Authenticate", challenge)
             await answer(scope, receive, send)
             return
-        await self.app(scope, _bounded(receive, limit), send)
+        await self.app(scope, _bounded(receive, limit, self.stopping), send)
 
     def _check(self, scope: Scope, headers: Headers, limit: int) -> None:
         host = headers.get("host", "")
@@ -135,13 +140,14 @@ def too_large(limit: int) -> Refused:
     return Refused(413, "body-too-large", f"the body may have at most {limit} bytes", {"Connection": "close"})
 
 
-def _bounded(receive: Receive, limit: int) -> Receive:
-    received = 0
+def _bounded(receive: Receive, limit: int, stopping: Stopping) -> Receive:
+    received, complete = 0, False
 
     async def receive_bounded() -> Message:
-        nonlocal received
-        message = await receive()
+        nonlocal received, complete
+        message = await (receive() if complete else stopping.next_part(receive))
         received += len(message.get("body", b""))
+        complete = complete or not message.get("more_body", False)
         if received > limit:
             raise too_large(limit)
         return message

@@ -1,10 +1,10 @@
 """Runs the API, its workers and the schedule on one machine until it is stopped."""
 
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from types import FrameType
 
 import structlog
 import uvicorn
@@ -13,6 +13,7 @@ from sawmill_service.app import create_app
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import listen
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.stopping import Server
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -20,9 +21,6 @@ from sawmill_worker.execution.supervise import WorkerSupervisor
 from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-
-# Open event streams would hold a shutdown for as long as their clients like.
-SHUTDOWN_S = 3
 
 
 def no_wake(_: str) -> None:
@@ -52,8 +50,9 @@ def serve_until_stopped(
         The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
-    # Uvicorn raises the signal that stopped it again, which by default would end this process before its workers.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    ending = _EndsOnce()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, ending)
     with ExitStack() as stack:
         listening = stack.enter_context(
             closing(listen(settings.host, settings.port, guarded=settings.token is not None))
@@ -72,18 +71,26 @@ def serve_until_stopped(
             wake = stack.enter_context(WorkerSupervisor(storage, execution)).wake
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
-        config = uvicorn.Config(
-            create_app(settings, store, wake),
-            log_config=None,
-            access_log=False,
-            server_header=False,
-            timeout_graceful_shutdown=SHUTDOWN_S,
-        )
+        app = create_app(settings, store, wake)
+        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
         port = listening.getsockname()[1]
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
-        uvicorn.Server(config).run(sockets=[listening])
+        Server(config, app.state.stopping).run(sockets=[listening])
+        ending.begun = True
+
+
+class _EndsOnce:
+    """Ends the start of the service at the first signal; while things end in order, more of them change nothing."""
+
+    def __init__(self) -> None:
+        self.begun = False
+
+    def __call__(self, _number: int, _frame: FrameType | None) -> None:
+        if not self.begun:
+            self.begun = True
+            raise SystemExit(0)
 
 
 def _seed(seed: Callable[[Store], None], store: Store) -> None:

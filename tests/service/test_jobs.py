@@ -5,6 +5,7 @@ import time
 import pytest
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.vocabulary import Progress
 
 
@@ -54,6 +55,30 @@ def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job
 
 def test_the_stream_of_an_ended_job_ends_at_once(seeded):
     assert [name for name, _ in events(seeded.get("/v1/jobs/example/events").text)] == ["job", "end"]
+
+
+def test_a_stream_says_that_the_service_stops(seeded, job_id):
+    threading.Timer(0.3, seeded.app.state.stopping.begin).start()
+    answer = seeded.get(f"/v1/jobs/{job_id}/events", timeout=20)
+    assert events(answer.text)[-1] == ("closing", "queued")
+    assert answer.text.rstrip().endswith("retry: 1000"), "the client connects again, to the next service"
+
+
+def test_a_stream_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):
+    known, asked = store.jobs.get, []
+
+    def away(job_id: str):
+        asked.append(job_id)
+        if 1 < len(asked) < 5:
+            raise StorageUnavailable("the database does not answer: away")
+        if len(asked) == 5:
+            store.jobs.request_cancel(job_id)
+        return known(job_id)
+
+    monkeypatch.setattr(store.jobs, "get", away)
+    seen = events(seeded.get(f"/v1/jobs/{job_id}/events", timeout=20).text)
+    assert [name for name, _ in seen] == ["job", "job", "end"]
+    assert seen[-1] == ("end", "cancelled")
 
 
 def test_the_stream_of_no_job_is_a_problem(seeded):

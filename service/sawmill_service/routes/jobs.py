@@ -1,6 +1,5 @@
 """/v1/jobs."""
 
-import asyncio
 import time
 from collections.abc import AsyncIterator
 from typing import Annotated
@@ -10,11 +9,12 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_service.answers import Paging, accept
-from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.events import JobHistory
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
-from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.errors import Conflict, StorageUnavailable
+from sawmill_worker.storage.store import Store
 
 SHORTEST_PAUSE_S = 0.02
 
@@ -51,19 +51,37 @@ def get_job(job: TheJob) -> Job:
     "/{job_id}/events",
     response_class=EventSourceResponse,
     summary="Stream a job's progress",
-    response_description="Server-sent events: `job` with the job as JSON at every change, then `end`.",
+    response_description="Server-sent events: `job` with the job as JSON at every change, then `end`; "
+    "`closing` when the service stops before that.",
 )
-async def stream_job(job: TheJob, store: TheStore, settings: TheSettings) -> AsyncIterator[ServerSentEvent]:
-    """The job now and at each change; after the event `end` the client closes the stream."""
+async def stream_job(
+    job: TheJob, store: TheStore, settings: TheSettings, stopping: TheStopping
+) -> AsyncIterator[ServerSentEvent]:
+    """The job now and at each change; after the event `end` the client closes the stream.
+
+    When the service stops, the last event is `closing`: the client connects again, after the time in `retry`.
+    """
     started, number = time.monotonic(), 0
     yield ServerSentEvent(data=job, event="job", id=str(number))
     while not job.state.ended:
-        await asyncio.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
-        now = await run_in_threadpool(store.jobs.get, job.id)
+        await stopping.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
+        if stopping.begun:
+            retry_ms = 1000 * settings.retry_after_s
+            yield ServerSentEvent(data=job.state, event="closing", id=str(number), retry=retry_ms)
+            return
+        now = await run_in_threadpool(_now, store, job)
         if now != job:
             job, number = now, number + 1
             yield ServerSentEvent(data=job, event="job", id=str(number))
     yield ServerSentEvent(data=job.state, event="end", id=str(number + 1))
+
+
+def _now(store: Store, job: Job) -> Job:
+    """The job as it stands, or as it stood while the database does not answer: a stream outlives that."""
+    try:
+        return store.jobs.get(job.id)
+    except StorageUnavailable:
+        return job
 
 
 def _pause_s(waited_s: float, longest_s: float) -> float:

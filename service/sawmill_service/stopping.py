@@ -1,0 +1,105 @@
+"""The end of the service, as requests that are still open meet it."""
+
+import asyncio
+import signal
+import socket
+from types import FrameType
+
+import uvicorn
+from starlette.types import Message, Receive
+
+from sawmill_service.problems import Refused
+
+# From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
+BODIES_S = 2.0
+SHUTDOWN_S = 3.0
+# For what waits for the database then, which is given up after five seconds (`storage/database.py`).
+_ANSWERS_S = 9
+_LOOK_S = 0.25
+
+
+class Stopping:
+    """What the service tells its open requests: streams end with an event, and bodies that do not come are refused.
+
+    Attributes
+    ----------
+    begun : bool
+        Whether the service ends.
+    """
+
+    def __init__(self) -> None:
+        self.begun = False
+        self._refusing = False
+        self._waiting: set[asyncio.Timeout] = set()
+
+    def begin(self) -> None:
+        """Streams end at their next look, within a quarter of a second."""
+        self.begun = True
+
+    def refuse_bodies(self) -> None:
+        """Whoever still waits for a part of a body waits no longer."""
+        waiting, self._refusing = () if self._refusing else self._waiting, True
+        for limit in waiting:
+            limit.reschedule(asyncio.get_running_loop().time())
+
+    async def sleep(self, time_s: float) -> None:
+        """Sleep, but not much longer than until the end begins."""
+        while time_s > 0.0 and not self.begun:
+            await asyncio.sleep(min(time_s, _LOOK_S))
+            time_s -= _LOOK_S
+
+    async def next_part(self, receive: Receive) -> Message:
+        """The next part of a body.
+
+        Raises
+        ------
+        Refused
+            The service ends, and the part has not come.
+        """
+        try:
+            async with asyncio.timeout(0.0 if self._refusing else None) as limit:
+                self._waiting.add(limit)
+                try:
+                    return await receive()
+                finally:
+                    self._waiting.discard(limit)
+        except TimeoutError:
+            detail = "the service stops, and the body has not come whole: send it again in a moment"
+            raise Refused(503, "stopping", detail, {"Retry-After": "5", "Connection": "close"}) from None
+
+
+class Server(uvicorn.Server):
+    """Ends in order: nothing open is cut off without a word, and nobody holds the end for long.
+
+    Parameters
+    ----------
+    config
+        Its time limit of a graceful shutdown is set here.
+    stopping
+        The application's.
+    """
+
+    def __init__(self, config: uvicorn.Config, stopping: Stopping) -> None:
+        config.timeout_graceful_shutdown = _ANSWERS_S
+        super().__init__(config)
+        self._stopping = stopping
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's names
+        """Begin to end at the first signal; cut off what is still open at the second Ctrl-C."""
+        if self.should_exit and sig == signal.SIGINT:
+            asyncio.get_running_loop().call_soon_threadsafe(self._cut_off)
+        self.should_exit = True
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Let streams say that they end, bodies come and answers go, each for its time."""
+        loop = asyncio.get_running_loop()
+        self._stopping.begin()
+        loop.call_later(BODIES_S, self._stopping.refuse_bodies)
+        loop.call_later(SHUTDOWN_S, self._cut_off)
+        await super().shutdown(sockets)
+
+    def _cut_off(self) -> None:
+        self._stopping.refuse_bodies()
+        for connection in list(self.server_state.connections):
+            if connection.transport is not None:
+                connection.transport.abort()

@@ -1,0 +1,110 @@
+"""How a service ends: in order, in time, and without a word too many, whatever is open."""
+
+import os
+import signal
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+# Two seconds for bodies, one more for downloads, and what two slow cores take for the end of an interpreter.
+END_S = 12.0
+
+
+@contextmanager
+def sending(address: str, request: str) -> Iterator[socket.socket]:
+    """A connection on which a request was begun; nothing is read or sent unless the caller does."""
+    host, port = address.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=30.0) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.sendall(f"{request}\r\nHost: {host}:{port}\r\n".encode())
+        yield connection
+
+
+def read_all(connection: socket.socket) -> str:
+    received = b""
+    while part := connection.recv(65_536):
+        received += part
+    return received.decode()
+
+
+def wait_for(condition: Callable[[], object], timeout_s: float = 30.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def serving(
+    serve: Callable[..., AbstractContextManager], offline, tmp_path: Path
+) -> Callable[..., AbstractContextManager]:
+    return lambda *flags: serve(tmp_path, offline.variables, "--no-examples", *flags)
+
+
+def stop(process_id: int, *signals: signal.Signals, pause_s: float = 0.3) -> float:
+    """Send signals and wait until the process has gone."""
+    began = time.monotonic()
+    for number in signals:
+        os.kill(process_id, number)
+        time.sleep(pause_s)
+    wait_for(lambda: Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] == "Z")
+    return time.monotonic() - began
+
+
+def quiet(log: Path) -> str:
+    text = log.read_text()
+    assert not [word for word in ("Traceback", "Cancel ", "Exception", "ASGI callable") if word in text], text
+    return text
+
+
+def test_everything_open_hears_that_the_service_stops(serving, tmp_path):
+    with serving("--workers", "0") as service:
+        scanner_id = service.create_scanner()
+        spec = f"scanner_id={scanner_id}&data=counts"
+        scan = service.upload(b"a scan", scanner_id=scanner_id, data="counts")
+        address = str(service.client.base_url)
+        unread_host = address.removeprefix("http://")
+        with (
+            sending(address, f"GET /v1/jobs/{scan['job_id']}/events HTTP/1.1") as stream,
+            sending(address, f"POST /v1/scans?{spec} HTTP/1.1\r\nContent-Length: 100") as stuck,
+            sending(address, f"POST /v1/scans?{spec} HTTP/1.1\r\nContent-Length: 8") as slow,
+            sending(address, "GET /openapi.json HTTP/1.1") as unread,
+        ):
+            # Answers of some 40 MB together, far more than the sockets between hold.
+            unread.sendall(b"\r\n" + f"GET /openapi.json HTTP/1.1\r\nHost: {unread_host}\r\n\r\n".encode() * 200)
+            stream.sendall(b"\r\n")
+            for connection in (stuck, slow):
+                connection.sendall(b"\r\nhalf")
+            wait_for(lambda: len(list((tmp_path / "data" / "incoming").iterdir())) == 2)
+            os.kill(service.process_id, signal.SIGTERM)
+            time.sleep(0.5)
+            slow.sendall(b"half")
+            assert "202 Accepted" in read_all(slow), "there was time for it"
+            heard = [line for line in read_all(stream).splitlines() if ": " in line]
+            assert heard[-4:] == ["event: closing", 'data: "queued"', "id: 0", "retry: 1000"]
+            refused = read_all(stuck)
+            assert "503 Service Unavailable" in refused
+            assert '"code":"stopping"' in refused
+        assert stop(service.process_id, signal.SIGTERM) < END_S
+    quiet(tmp_path / "service.log")
+    assert list((tmp_path / "data" / "incoming").iterdir()) == []
+
+
+def test_a_second_ctrl_c_ends_it_sooner(serving, tmp_path):
+    with serving() as service:
+        scanner_id = service.create_scanner()
+        with sending(
+            str(service.client.base_url),
+            f"POST /v1/scans?scanner_id={scanner_id}&data=counts HTTP/1.1\r\nContent-Length: 100",
+        ) as stuck:
+            stuck.sendall(b"\r\nhalf")
+            wait_for(lambda: list((tmp_path / "data" / "incoming").iterdir()))
+            assert stop(service.process_id, *[signal.SIGINT] * 4) < END_S
+    quiet(tmp_path / "service.log")
+    assert list((tmp_path / "data" / "incoming").iterdir()) == []
