@@ -34,6 +34,11 @@ class Attempt:
     store: Store
     output: Path
     report: Callable[[Progress], None]
+    announce: Callable[[list[str]], None]
+
+    @property
+    def checkpoints(self) -> Path:
+        return self.store.files.checkpoints(self.output)
 
 
 def succeed(attempt: Attempt) -> dict[str, Any]:

@@ -30,7 +30,8 @@ def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
         (job,) = store.jobs.page(kind=kind, limit=1).items
         output = tmp_path / f"output-{job.id}"
         output.mkdir()
-        return Attempt(job=job, store=store, output=output, report=[].append if reported is None else reported.append)
+        report = [].append if reported is None else reported.append
+        return Attempt(job=job, store=store, output=output, report=report, announce=[].append)
 
     return at
 

@@ -5,8 +5,10 @@ limits and ends (see `protocol`, `limits`).
 """
 
 import os
+import shutil
 import threading
 import traceback
+from collections.abc import Sequence
 from typing import BinaryIO
 
 import structlog
@@ -15,7 +17,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.limits import keep_to, limits_of
 from sawmill_worker.execution.logs import configure_logs
-from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, ProgressMade, Ready, Succeeded, to_line
+from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.jobs.running import Attempt, needs_of, run, warm_up
 from sawmill_worker.storage.files import flush_tree
@@ -75,11 +77,16 @@ def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | No
     def report(progress: Progress) -> None:
         channel.write(to_line(ProgressMade(progress=progress)))
 
+    def announce(names: Sequence[str]) -> None:
+        channel.write(to_line(Kept(names=list(names))))
+
     store = Store(StorageSettings(data_folder=assignment.data_folder, database_url=assignment.database_url))
-    attempt = Attempt(job=assignment.job, store=store, output=assignment.output, report=report)
+    attempt = Attempt(job=assignment.job, store=store, output=assignment.output, report=report, announce=announce)
     # Only now: the process was started before anybody knew which job it would run.
     keep_to(limits_of(assignment.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=memory_limit_bytes))
     result = run(attempt)
+    # Its supervisor may be taking some of them; none is needed any more, and none is a result.
+    shutil.rmtree(attempt.checkpoints, ignore_errors=True)
     flush_tree(assignment.output)
     return result
 

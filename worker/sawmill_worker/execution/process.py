@@ -12,6 +12,7 @@ from sawmill_worker.execution.protocol import (
     MESSAGE,
     Assignment,
     Failed,
+    Kept,
     ProgressMade,
     Ready,
     Succeeded,
@@ -89,7 +90,7 @@ class AttemptProcess:
         except BrokenPipeError:
             self.hung_up = True
 
-    def receive(self, timeout_s: float) -> list[Ready | ProgressMade | Succeeded | Failed]:
+    def receive(self, timeout_s: float) -> list[Ready | ProgressMade | Kept | Succeeded | Failed]:
         """Messages that arrive within a time; none when there are none, or when it `hung_up`.
 
         Raises

@@ -2,7 +2,7 @@
 
 Down, on the process's standard input: one `Assignment`; then nothing; its end means that the supervisor is gone.
 Up, on the inherited pipe that the environment variable `CHANNEL` names: `Ready`, then, after the assignment,
-any number of `ProgressMade` and one `Succeeded` or `Failed`. Standard output stays free for whoever prints.
+any number of `ProgressMade` and `Kept` and one `Succeeded` or `Failed`. Standard output stays free for whoever prints.
 """
 
 from pathlib import Path
@@ -39,6 +39,13 @@ class ProgressMade(Contract):
     progress: Progress
 
 
+class Kept(Contract):
+    """Checkpoints of these names are complete in the output's folder for them: keep them with the job."""
+
+    kind: Literal["kept"] = "kept"
+    names: list[str]
+
+
 class Succeeded(Contract):
     """The output folder is complete and flushed."""
 
@@ -53,8 +60,8 @@ class Failed(Contract):
     failure: Failure
 
 
-Message = Annotated[Ready | ProgressMade | Succeeded | Failed, Field(discriminator="kind")]
-MESSAGE: TypeAdapter[Ready | ProgressMade | Succeeded | Failed] = TypeAdapter(Message)
+Message = Annotated[Ready | ProgressMade | Kept | Succeeded | Failed, Field(discriminator="kind")]
+MESSAGE: TypeAdapter[Ready | ProgressMade | Kept | Succeeded | Failed] = TypeAdapter(Message)
 
 
 def to_line(message: Contract) -> bytes:

@@ -16,7 +16,7 @@ from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
 from sawmill_worker.execution.process import AttemptProcess
-from sawmill_worker.execution.protocol import Assignment, Failed, ProgressMade, Succeeded
+from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
@@ -214,7 +214,7 @@ class _Supervision:
             )
         )
         try:
-            answer = self._watch()
+            answer = self._watch(output)
             if isinstance(answer, Succeeded):
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
@@ -239,7 +239,7 @@ class _Supervision:
             else:
                 return
 
-    def _watch(self) -> Succeeded | Failed | JobState:
+    def _watch(self, output: Path) -> Succeeded | Failed | JobState:
         """Wait for the answer, or for the state in which the job was ended without one."""
         while True:
             for message in self._process.receive(self._settings.progress_s):
@@ -250,6 +250,9 @@ class _Supervision:
                 if isinstance(message, ProgressMade):
                     self._progress = message.progress
                     self._patience.heard(message.progress)
+                if isinstance(message, Kept):
+                    self._patience.moved()
+                    self._keep(message, output)
             if self._process.hung_up:
                 failure = died(self._process.end(self._settings.kill_grace_s), self._claim.job.kind)
                 own_limit = failure.code in LIMITS_MET
@@ -266,6 +269,13 @@ class _Supervision:
             if self._time_to_give_back() or self._others_wait():
                 self._process.end(self._settings.kill_grace_s)
                 return self._store.jobs.release(self._claim)
+
+    def _keep(self, message: Kept, output: Path) -> None:
+        try:
+            self._store.jobs.keep(self._claim, output, message.names)
+        except (StorageFull, StorageUnavailable) as error:
+            # The attempt goes on; its next checkpoint is due soon.
+            structlog.get_logger().warning("progress-not-kept", job=self._claim.job_id, reason=str(error))
 
     def _outage(self) -> Failure | None:
         """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""

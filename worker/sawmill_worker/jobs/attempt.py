@@ -1,5 +1,6 @@
 """What a job's functions are given."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,12 +23,20 @@ class Attempt:
         An empty folder: the files in it become the subject's.
     report : callable
         Takes the job's progress.
+    announce : callable
+        Takes the names of checkpoints in `checkpoints` that are complete: they are kept with the job.
     """
 
     job: Job
     store: Store
     output: Path
     report: ProgressCallback
+    announce: Callable[[Sequence[str]], None]
+
+    @property
+    def checkpoints(self) -> Path:
+        """The folder for checkpoints, which are no results."""
+        return self.store.files.checkpoints(self.output)
 
     def report_stage(self, fraction: float, stage: str) -> None:
         """Report progress."""

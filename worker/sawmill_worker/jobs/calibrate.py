@@ -1,6 +1,7 @@
 """Calibrate a scanner with one of its scans."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanState
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.present_rows import mean_of_rows
@@ -40,7 +42,9 @@ def run(attempt: Attempt) -> dict[str, Any]:
     )
     scan = usable_scan(store, asked.scan_id)
     given, stack = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
-    given, calibration = run_calibration(given, options, attempt.report, stack=stack)
+    given, calibration = run_calibration(
+        given, options, attempt.report, stack=stack, keeper=_keeper(attempt, given, options)
+    )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
     read = _row_reader(store, scan, options)
     given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
@@ -122,6 +126,18 @@ def _load(
     )
     named = options.rows is not None or scan.phantom_rows is not None
     return given, None if named else stored.line_integrals
+
+
+def _keeper(attempt: Attempt, given: CalibrationInput, options: CalibrationOptions) -> AttemptKeeper:
+    origin = {
+        "input_sha256": given.input_sha256,
+        "options": options.model_dump(mode="json"),
+        "rows": given.rows,
+        "scanner": vars(given.scanner),
+        "bounds": None if given.bounds is None else asdict(given.bounds),
+        "phantom": given.drawing.model_dump(mode="json"),
+    }
+    return AttemptKeeper(attempt, origin)
 
 
 def _active(store: Store, scanner: StoredScanner) -> CalibrationSucceeded | None:

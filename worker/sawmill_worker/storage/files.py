@@ -8,6 +8,8 @@ calibrations/<id>/              result.h5; report.png and overlay.png, drawn fro
 reconstructions/<id>/           volume.h5
 <plural>/<id>/                  of every other kind, by its plural (`contracts/kinds.py`)
 attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
+attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
+kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
 removed/                        what is being deleted
 
 What is in none of the rows goes with time (`leftovers`).
@@ -18,8 +20,8 @@ import os
 import re
 import shutil
 import threading
-from collections.abc import AsyncIterable, Callable, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -36,6 +38,7 @@ from sawmill_worker.storage.errors import (
 )
 
 _TEMPORARY = ("incoming", "removed")
+_KEPT = "kept"
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
@@ -60,7 +63,7 @@ class FileStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
-        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts"):
+        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
@@ -120,6 +123,28 @@ class FileStore:
         with disk_full_reported("a job's output folder"):
             path.mkdir()
         return path
+
+    def checkpoints(self, output: Path) -> Path:
+        """The folder in an attempt's own where it leaves checkpoints: they are no results."""
+        return output / _KEPT
+
+    def kept_with(self, job_id: str, name: str) -> Path:
+        """Where a checkpoint of earlier attempts at a job lies, if they kept one of this name."""
+        return self.folder / _KEPT / _checked(job_id) / _checked(name)
+
+    def keep(self, output: Path, job_id: str, names: Sequence[str]) -> None:
+        """Move an attempt's checkpoints to its job, in place of older ones; one that is gone was moved before."""
+        folder = self.folder / _KEPT / _checked(job_id)
+        with disk_full_reported("keeping a job's progress"):
+            folder.mkdir(exist_ok=True)
+            for name in names:
+                with suppress(FileNotFoundError):
+                    (self.checkpoints(output) / _checked(name)).rename(folder / name)
+            _flush(folder)
+
+    def forget_kept(self, job_id: str) -> None:
+        """Remove the checkpoints of a job."""
+        self.remove(self.folder / _KEPT / _checked(job_id))
 
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""

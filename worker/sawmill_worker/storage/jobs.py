@@ -5,7 +5,8 @@ the row is still running that attempt. Losses are counted apart from it, for a w
 """
 
 import random
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -31,6 +32,7 @@ _JITTER = 0.25  # what failed together is not tried again together
 # Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
 _OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
 _ENDED = [state for state in JobState if state.ended]
+_ENDED_HERE = "jobs ended in this session"
 _CANCELLED = "its job was cancelled before it ended"
 
 
@@ -122,7 +124,7 @@ class Jobs:
         NotFound, Conflict
             There is no such job, or it has ended.
         """
-        with self._database.write() as session:
+        with self._ending() as session:
             row = found(session, JobRow, "job", job_id, lock=True)
             if row.state.ended:
                 raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
@@ -199,6 +201,29 @@ class Jobs:
             raise LeaseLost(claim.job_id, claim.attempt)
         return cancel
 
+    def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
+        """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        output
+            Its folder.
+        names
+            Of the checkpoints in it.
+
+        Raises
+        ------
+        LeaseLost
+            The attempt no longer holds the job: what was kept stays as it is.
+        """
+        with self._database.write() as session:
+            row = _held(session, claim)
+            # Moved while the row is locked: a late attempt cannot replace what a newer one has kept.
+            self._files.keep(output, claim.job_id, names)
+            row.losses = row.outages = 0
+
     def succeed(self, claim: Claim, result: dict[str, Any], output: Path) -> None:
         """Publish an attempt's files and result, both or neither.
 
@@ -220,7 +245,7 @@ class Jobs:
         """
         kind, subject_id = claim.job.kind, claim.job.subject_id
         checked = checked_result(kind, result)
-        with self._database.write() as session:
+        with self._ending() as session:
             row = _held(session, claim)
             self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED)
             record_success(session, kind, subject_id, checked, self._database.now())
@@ -243,14 +268,14 @@ class Jobs:
         LeaseLost
             The attempt no longer holds the job.
         """
-        with self._database.write() as session:
+        with self._ending() as session:
             row = _held(session, claim)
             self._fail(session, row, failure, retries)
             return row.state
 
     def cancelled(self, claim: Claim) -> None:
         """End a running job as asked by `request_cancel`, or raise `LeaseLost`."""
-        with self._database.write() as session:
+        with self._ending() as session:
             self._cancel(session, _held(session, claim))
 
     def release(self, claim: Claim) -> JobState:
@@ -261,7 +286,7 @@ class Jobs:
         JobState
             `queued`, or `cancelled` where that was asked for meanwhile.
         """
-        with self._database.write() as session:
+        with self._ending() as session:
             row = _held(session, claim)
             if row.cancel_requested:
                 self._cancel(session, row)
@@ -297,7 +322,7 @@ class Jobs:
             As it stands now: queued again, failed at the last loss (`worker-lost`), or cancelled if asked. None: the
             attempt has ended, or a heartbeat has come.
         """
-        with self._database.write() as session:
+        with self._ending() as session:
             row = session.scalar(select(JobRow).where(_silent(pulse)).with_for_update())
             if row is None:
                 return None
@@ -326,6 +351,14 @@ class Jobs:
         with self._database.read() as session:
             ready = _claimable(self._database.now()).with_only_columns(JobRow.id)
             return session.scalars(ready.where(needs_it)).all()
+
+    @contextmanager
+    def _ending(self) -> Iterator[Session]:
+        """A transaction that may end jobs; what these kept goes when that is committed."""
+        with self._database.write() as session:
+            yield session
+        for job_id in session.info.pop(_ENDED_HERE, ()):
+            self._files.forget_kept(job_id)
 
     def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
         detail = failure.model_dump(mode="json")
@@ -360,6 +393,7 @@ class Jobs:
         reason: str | None = None,
         detail: Json | None = None,
     ) -> None:
+        session.info.setdefault(_ENDED_HERE, []).append(row.id)
         row.state = state
         row.finished_at = self._database.now()
         row.not_before_s = row.waiting_for = None

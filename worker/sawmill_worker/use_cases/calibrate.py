@@ -22,11 +22,13 @@ from sawmill_worker.tomography.calibration.search import SearchCallback
 from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.geometry import FloatArray, SourceFrame
 from sawmill_worker.tomography.present_rows import mean_of_rows
+from sawmill_worker.tomography.recalling import Evaluations, RecallingObjective
 from sawmill_worker.use_cases.conversion import (
     from_deviation,
     from_predicted,
     to_phantom,
 )
+from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
 from sawmill_worker.use_cases.size_measurements import measurement_reasons
 from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
 
@@ -80,6 +82,7 @@ def run_calibration(
     on_progress: ProgressCallback,
     *,
     stack: NDArray[np.float32] | None = None,
+    keeper: Keeper = NOTHING_KEPT,
 ) -> tuple[CalibrationInput, Calibration]:
     """Calibrate by the method asked for; errors of `sawmill_worker.tomography` pass through.
 
@@ -87,6 +90,8 @@ def run_calibration(
     ----------
     stack : (views, rows, detector) float32, optional
         Of the input's rows, where it is not known which of them show the phantom: they are found first.
+    keeper
+        Of the published search, which is long.
 
     Returns
     -------
@@ -94,13 +99,42 @@ def run_calibration(
     """
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
+    begun = 0.0 if stack is None else ROWS_DONE
+    if options.method is CalibrationMethod.PAPER:
+        if stack is not None:
+            given = _narrowed(given, stack, options, on_progress, keeper)
+        return given, _as_published(given, options, _search_callback(on_progress, begun), keeper)
     found = None if stack is None else _in_phantom_rows(given, stack, options, on_progress)
     if found is not None:
-        given, calibration = found
-        if options.method is CalibrationMethod.DEFAULT:
-            return given, calibration
-    begun = 0.0 if stack is None else ROWS_DONE
-    return given, _calibrated(given, options, _search_callback(on_progress, begun))
+        return found
+    return given, calibrate(_task(given, options), seed=options.seed, progress=_search_callback(on_progress, begun))
+
+
+def _narrowed(
+    given: CalibrationInput,
+    stack: NDArray[np.float32],
+    options: contracts.CalibrationOptions,
+    on_progress: ProgressCallback,
+    keeper: Keeper,
+) -> CalibrationInput:
+    """The input narrowed to the rows that show the phantom, which are looked for once."""
+    kept = keeper.kept("rows")
+    if kept is not None:
+        first, last = kept["rows"].tolist()
+        return given if (first, last) == given.rows else _of_rows(given, given.of_views(stack), (first, last))
+    found = _in_phantom_rows(given, stack, options, on_progress)
+    narrowed = given if found is None else found[0]
+    if keeper.has_begun:
+        keeper.keep("rows", {"rows": np.array(narrowed.rows)})
+    return narrowed
+
+
+def _of_rows(given: CalibrationInput, stack: NDArray[np.float32], rows: tuple[int, int]) -> CalibrationInput:
+    """The input narrowed to some rows of a stack of its views, with a remark that says so."""
+    first, last = rows
+    remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
+    narrowed = given.of_rows(stack[:, first - given.rows[0] : last - given.rows[0]], rows)
+    return replace(narrowed, remarks=(*given.remarks, remark))
 
 
 def _in_phantom_rows(
@@ -120,7 +154,7 @@ def _in_phantom_rows(
     found: list[tuple[CalibrationInput, Calibration]] = []
     for number, run in enumerate(runs, start=1):
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
-        narrowed = given.of_rows(stack[:, run], rows)
+        narrowed = _of_rows(given, stack, rows)
         try:
             found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed)))
         except CalibrationError:  # these rows show something else
@@ -129,23 +163,28 @@ def _in_phantom_rows(
             on_progress(Progress(fraction=ROWS_DONE * number / len(runs), stage="rows"))
     if not found:
         return None
-    narrowed, calibration = min(found, key=lambda one: one[1].fit.relative_residual)
-    first, last = narrowed.rows
-    remark = f"of rows {given.rows[0]}:{given.rows[1]}, {first}:{last} show the phantom and were used"
-    return replace(narrowed, remarks=(*given.remarks, remark)), calibration
+    return min(found, key=lambda one: one[1].fit.relative_residual)
 
 
-def _calibrated(
-    given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback
+def _as_published(
+    given: CalibrationInput, options: contracts.CalibrationOptions, on_round: SearchCallback, keeper: Keeper
 ) -> Calibration:
-    task = _task(given, options)
-    if options.method is CalibrationMethod.DEFAULT:
-        return calibrate(task, seed=options.seed, progress=on_round)
     # Imported here because it brings the reconstruction along, for which the default need not wait.
     from sawmill_worker.tomography.calibration.paper import PaperOptions, calibrate_as_published  # noqa: PLC0415
 
-    paper = PaperOptions(**options.paper.model_dump())
-    return calibrate_as_published(task, options=paper, seed=options.seed, progress=on_round)
+    def keep(search: RecallingObjective) -> None:
+        if keeper.is_due:
+            keeper.keep("search", vars(search.evaluations()))
+
+    earlier = keeper.kept("search")
+    return calibrate_as_published(
+        _task(given, options),
+        options=PaperOptions(**options.paper.model_dump()),
+        seed=options.seed,
+        progress=on_round,
+        earlier=None if earlier is None else Evaluations(**earlier),
+        on_computed=keep,
+    )
 
 
 def _search_callback(on_progress: ProgressCallback, begun: float) -> SearchCallback:

@@ -6,6 +6,7 @@ J(theta) = -max(<X_ref, FBP_theta>, <mirror X_ref, FBP_theta>), best/1/bin, cros
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -37,6 +38,7 @@ from sawmill_worker.tomography.geometry import (
 )
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.recalling import Evaluations, RecallingObjective
 from sawmill_worker.vocabulary import (
     CalibrationStatus,
     FilterName,
@@ -87,7 +89,7 @@ def remove_background(sinogram: FloatArray) -> FloatArray:
 
 
 class PaperObjective:
-    """J(theta) for one sense of rotation; lower is better. Remembers nothing but the number of evaluations."""
+    """J(theta) for one sense of rotation; lower is better."""
 
     def __init__(self, task: CalibrationTask, rotation: Rotation, options: PaperOptions) -> None:
         self._task, self._options = task, options
@@ -98,7 +100,6 @@ class PaperObjective:
         self._references = {
             h: phantom.rasterise(options.image_size, options.field_mm) for h, phantom in self._phantoms.items()
         }
-        self.evaluations = 0
 
     @property
     def scale(self) -> float:
@@ -111,7 +112,6 @@ class PaperObjective:
 
     def __call__(self, vector: FloatArray) -> float:
         """J at (alpha0, r_D, h_S, h_D, alpha_D); 0, no correlation, where no such scanner can be."""
-        self.evaluations += 1
         return -max(self.correlations(Theta.from_vector(vector)).values())
 
     def correlations(self, theta: Theta) -> dict[Handedness, float]:
@@ -146,9 +146,22 @@ class PaperObjective:
 
 
 def calibrate_as_published(
-    task: CalibrationTask, *, options: PaperOptions | None = None, seed: int = 7, progress: SearchCallback | None = None
+    task: CalibrationTask,
+    *,
+    options: PaperOptions | None = None,
+    seed: int = 7,
+    progress: SearchCallback | None = None,
+    earlier: Evaluations | None = None,
+    on_computed: Callable[[RecallingObjective], None] | None = None,
 ) -> Calibration:
     """The published search, seeded. The rotation is taken as given unless the task says otherwise.
+
+    Parameters
+    ----------
+    earlier : Evaluations, optional
+        Of the same search, which was ended: it goes on from there to the same answer, bit for bit.
+    on_computed : callable, optional
+        Called after each evaluation of the objective with what has them all.
 
     Raises
     ------
@@ -159,19 +172,20 @@ def calibrate_as_published(
     chosen = options or PaperOptions()
     rotation = task.rotation or Rotation.AS_GIVEN
     objective = PaperObjective(task, rotation, chosen)
+    asked = RecallingObjective(objective, earlier, on_computed)
     bounds = bounds_array(task.bounds or ThetaBounds())
 
     history: list[tuple[int, float]] = []
 
     def report(intermediate_result: object) -> None:
         best = getattr(intermediate_result, "fun", math.nan)
-        SearchReport.note(history, objective.evaluations, float(best))
-        if progress is not None:
+        SearchReport.note(history, asked.count, float(best))
+        if progress is not None and not asked.recalls:
             progress(getattr(intermediate_result, "nit", 0), chosen.max_generations, best)
 
     tight = chosen.stop == "tight"
     outcome = differential_evolution(
-        objective,
+        asked,
         Bounds(bounds[:, 0], bounds[:, 1]),
         strategy="best1bin",
         recombination=0.7,
@@ -182,13 +196,13 @@ def calibrate_as_published(
         tol=0.0 if tight else SCIPY_DEFAULT_TOL,
         atol=TIGHT * objective.scale if tight else 0.0,
     )
-    SearchReport.note(history, objective.evaluations, float(outcome.fun))  # the polish comes after the last generation
+    SearchReport.note(history, asked.count, float(outcome.fun))  # the polish comes after the last generation
     search = SearchReport(
         "differential-evolution on FBP correlation"
         if chosen.objective == "image"
         else "differential-evolution on sinogram correlation",
         seed,
-        objective.evaluations,
+        asked.count,
         int(outcome.nit),
         float(outcome.fun),
         bool(outcome.success),

@@ -1,0 +1,90 @@
+"""Checkpoints of an attempt: written beside its results, kept with the job, found by the next attempt."""
+
+import threading
+import time
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+import structlog
+
+from sawmill_worker.files.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.storage.errors import StorageFull, disk_full_reported
+from sawmill_worker.use_cases.keeping import Arrays, MadeWith
+
+# Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
+# its work. An attempt after another begins sooner and doubles its pauses, so that it gets on however soon it ends.
+PAUSE_S, FIRST_PAUSE_AGAIN_S = 5.0, 0.5
+# Names in one announcement, which must fit into one line of a pipe.
+MOST_ANNOUNCED = 100
+
+
+class AttemptKeeper:
+    """A `Keeper` for one attempt.
+
+    A checkpoint that does not fit on the disk is left out: the job needs none to come to its end.
+
+    Parameters
+    ----------
+    origin : mapping
+        JSON-able: what the progress depends on. The version of the software is added.
+    still_to_write_bytes : int
+        What the attempt's results may need of the disk: checkpoints leave that free.
+    """
+
+    def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
+        self._attempt = attempt
+        self._origin = {**origin, "software_version": version("sawmill-calibration")}
+        self._still_to_write_bytes = still_to_write_bytes
+        self._announced_at = time.monotonic()
+        self._pause_s = PAUSE_S if attempt.job.attempt == 1 else FIRST_PAUSE_AGAIN_S
+        self._unannounced: list[str] = []
+        self._begun, self._lock = False, threading.Lock()
+        self._log = structlog.get_logger().bind(job=attempt.job.id, attempt=attempt.job.attempt)
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the attempt has worked for its first pause."""
+        return self._begun or self.is_due
+
+    @property
+    def is_due(self) -> bool:
+        """Whether the pause is over."""
+        return time.monotonic() - self._announced_at >= self._pause_s
+
+    def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
+        """Write a checkpoint; it is announced with others, when the pause is over."""
+        needed = self._still_to_write_bytes + sum(array.nbytes for array in arrays.values())
+        files, folder = self._attempt.store.files, self._attempt.checkpoints
+        try:
+            files.check_room(needed, needed_by="a checkpoint beside the result")
+            with disk_full_reported("a checkpoint"):
+                folder.mkdir(exist_ok=True)
+                write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
+        except StorageFull as error:
+            self._log.warning("checkpoint-left-out", name=name, reason=str(error))
+            return
+        with self._lock:
+            self._unannounced.append(name)
+            if self.is_due or len(self._unannounced) == MOST_ANNOUNCED:
+                self._announce()
+
+    def _announce(self) -> None:
+        names, self._unannounced = self._unannounced, []
+        self._attempt.announce(names)
+        self._begun, self._announced_at = True, time.monotonic()
+        self._pause_s = min(2.0 * self._pause_s, PAUSE_S)
+
+    def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
+        """What an earlier attempt wrote; what cannot be used is passed over, with a line in the log."""
+        path = self._attempt.store.files.kept_with(self._attempt.job.id, name)
+        try:
+            arrays = read_checkpoint(path, {**self._origin, "made_with": made_with})
+        except FileNotFoundError:
+            return None
+        except (UnusableCheckpoint, OSError) as error:
+            self._log.warning("checkpoint-passed-over", name=name, reason=str(error))
+            return None
+        self._log.info("checkpoint-taken-up", name=name)
+        return arrays
