@@ -75,6 +75,29 @@ def outlast(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
+def work_on_and_die(attempt: Attempt) -> dict[str, Any]:
+    """One step further than the last attempt that was killed, until five are done."""
+    kept = attempt.store.files.kept_with(attempt.job.id, "steps")
+    done = int(kept.read_text()) if kept.exists() else 0
+    if done == 5:
+        return succeed(attempt)
+    attempt.checkpoints.mkdir()
+    (attempt.checkpoints / "steps").write_text(str(done + 1))
+    attempt.announce(["steps"])
+    os.kill(os.getpid(), signal.SIGKILL)
+    return {}
+
+
+def keep_and_succeed(attempt: Attempt) -> dict[str, Any]:
+    """With a checkpoint that nobody has taken yet."""
+    attempt.checkpoints.mkdir()
+    for number in range(50):
+        (attempt.checkpoints / f"steps-{number}").write_text("many")
+        attempt.announce([f"steps-{number}"])
+    (attempt.checkpoints / "unannounced").write_text("half")
+    return succeed(attempt)
+
+
 def blunder(_: Attempt) -> dict[str, Any]:
     return {}["secret"]
 
@@ -201,6 +224,8 @@ BEHAVIOURS = {
         stumble,
         outlast,
         wait_for_leave,
+        work_on_and_die,
+        keep_and_succeed,
         blunder,
         crash_on_a_full_disk,
         fill_the_disk,

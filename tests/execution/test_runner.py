@@ -86,6 +86,22 @@ def test_a_passing_failure_is_tried_three_times(store, runner, queue):
     assert leftovers(store) == []
 
 
+def test_a_job_that_is_killed_five_times_goes_on_where_it_was(store, runner, queue):
+    job = queue("work-on-and-die")
+    states = [runner.run_next() for _ in range(6)]
+    assert states == [*[JobState.QUEUED] * 5, JobState.SUCCEEDED]
+    assert store.jobs.get(job.id).losses <= 1
+    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+
+
+def test_checkpoints_are_no_results(store, runner, queue):
+    job = queue("keep-and-succeed")
+    assert runner.run_next() is JobState.SUCCEEDED
+    results = store.files.results(job.kind, job.subject_id)
+    assert [path.name for path in results.iterdir()] == ["scan.h5"]
+    assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+
+
 def test_a_full_disk_is_waited_out(store, runner, queue):
     job = queue("fill-the-disk")
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED] * 4

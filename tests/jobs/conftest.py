@@ -1,18 +1,24 @@
 """A store in which jobs find their subjects."""
 
+import io
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 from small_scanner import calibration, constants, scanner, sinogram, spec, theta, turn  # noqa: F401 - fixtures
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Job, JobKind
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import Scan, ScanSpec
 from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.running import run
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import Progress
+from sawmill_worker.vocabulary import DataKind, Progress
 
 
 @pytest.fixture
@@ -55,3 +61,37 @@ def finish(store: Store) -> Callable[[Attempt, dict[str, Any]], Job]:
 @pytest.fixture
 def ask() -> type[CalibrationAsk]:
     return CalibrationAsk
+
+
+@pytest.fixture
+def upload(store: Store, spec: Callable[..., ScannerSpec]) -> Callable[[NDArray[np.float64], str], Scan]:  # noqa: F811
+    """Accept a stack (views, rows, detector) of line integrals of one scanner's."""
+    store.scanners.create(spec(), scanner_id="line-2")
+
+    def accept(stack: NDArray[np.float64], angles_deg: str) -> Scan:
+        buffer = io.BytesIO()
+        np.save(buffer, stack.astype(np.float32))
+        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
+        reported = ScanSpec(
+            scanner_id="line-2", data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
+        )
+        return store.scans.accept(reported, received)
+
+    return accept
+
+
+@pytest.fixture
+def ingested(
+    upload: Callable[[NDArray[np.float64], str], Scan],
+    attempt: Callable[..., Attempt],
+    finish: Callable[[Attempt, dict[str, Any]], Job],
+) -> Callable[[NDArray[np.float64], str], Scan]:
+    """The same, read and ready."""
+
+    def ready(stack: NDArray[np.float64], angles_deg: str) -> Scan:
+        scan = upload(stack, angles_deg)
+        reading = attempt(JobKind.INGEST)
+        finish(reading, run(reading))
+        return scan
+
+    return ready

@@ -14,7 +14,6 @@ from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.files import calibration_file
 from sawmill_worker.jobs.running import run
 from sawmill_worker.pictures.calibration_report import overlay_png
@@ -24,39 +23,9 @@ from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
+from sawmill_worker.vocabulary import ReconstructionMethod
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def upload(store, spec):
-    """Accept a stack (views, rows, detector) of line integrals of one scanner's."""
-    scanner = store.scanners.create(spec(), scanner_id="line-2")
-
-    def accept(stack: np.ndarray, angles_deg: str):
-        buffer = io.BytesIO()
-        np.save(buffer, stack.astype(np.float32))
-        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
-        reported = ScanSpec(
-            scanner_id=scanner.id, data=DataKind.LINE_INTEGRALS, angles_deg=angles_deg, phantom_id="l-shape"
-        )
-        return store.scans.accept(reported, received)
-
-    return accept
-
-
-@pytest.fixture
-def ingested(upload, attempt, finish):
-    """The same, read and ready."""
-
-    def ready(stack: np.ndarray, angles_deg: str):
-        scan = upload(stack, angles_deg)
-        reading = attempt(JobKind.INGEST)
-        finish(reading, run(reading))
-        return scan
-
-    return ready
 
 
 def test_an_upload_becomes_the_one_form(upload, attempt):

@@ -38,7 +38,7 @@ class AttemptKeeper:
         self._origin = {**origin, "software_version": version("sawmill-calibration")}
         self._still_to_write_bytes = still_to_write_bytes
         self._announced_at = time.monotonic()
-        self._pause_s = PAUSE_S if attempt.job.attempt == 1 else FIRST_PAUSE_AGAIN_S
+        self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else FIRST_PAUSE_AGAIN_S
         self._unannounced: list[str] = []
         self._begun, self._lock = False, threading.Lock()
         self._log = structlog.get_logger().bind(job=attempt.job.id, attempt=attempt.job.attempt)
