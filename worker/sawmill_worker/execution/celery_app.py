@@ -6,10 +6,12 @@ Start a worker with `celery -A sawmill_worker.execution.celery_app worker`.
 """
 
 import queue
+import signal
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from types import FrameType
 from typing import Any
 
 import structlog
@@ -20,8 +22,10 @@ from redis.exceptions import RedisError
 
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.sharing import say_if_crowded
 from sawmill_worker.execution.variables import UnknownVariableError, check_variables
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
@@ -68,12 +72,15 @@ def make_celery(
         worker_pool="threads",  # each thread supervises a process; forked children and Numba do not go together
         worker_concurrency=settings.workers,
         worker_prefetch_multiplier=1,
+        worker_disable_prefetch=True,  # a message that a busy worker holds would keep an idle one waiting
+        worker_soft_shutdown_timeout=settings.stop_grace_s + settings.kill_grace_s + _CLOSE_S,
         worker_hijack_root_logger=False,
         broker_connection_retry_on_startup=True,
         broker_connection_max_retries=None,  # a worker outlives any outage of Redis
         broker_transport_options={
             "socket_timeout": _ANSWER_TIMEOUT_S,
             "socket_connect_timeout": _CONNECT_TIMEOUT_S,
+            "socket_keepalive": True,
             "connect_retries_timeout": _CONNECT_TIMEOUT_S,
             "health_check_interval": _HEALTH_CHECK_S,
             "interval_start": 0.1,
@@ -83,6 +90,7 @@ def make_celery(
     app.task(engine.run_job, name=RUN_JOB)
     # The signals are Celery's own and fire in worker processes only.
     signals.worker_init.connect(engine.start, weak=False)
+    signals.worker_ready.connect(engine.stop_on_signals, weak=False)
     signals.worker_shutting_down.connect(engine.stop, weak=False)
     signals.worker_shutdown.connect(engine.close, weak=False)
     return app
@@ -146,11 +154,16 @@ class _Engine:
 
     def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
         configure_logs(self._settings.log_format)
-        if "prefork" in str(sender.pool_cls):
+        pool = str(sender.pool_cls)
+        if "prefork" in pool:
             raise SystemExit("use the threads or the solo pool: each job has a process of its own already")
         # Nobody listens to the messages among workers, and Celery sends its heartbeat again for ever, in the thread
         # that has to end the worker, when Redis is silent.
         sender.options |= {"without_heartbeat": True, "without_gossip": True, "without_mingle": True}
+        # As many as Celery runs at once, whatever `--concurrency` says.
+        slots = 1 if "solo" in pool else int(sender.concurrency)
+        self._settings = self._settings.model_copy(update={"workers": slots})
+        say_if_crowded(self._settings)
         try:
             self._store = Store.open(self._storage)
         except StorageError as error:  # Celery would log it and go on without a store
@@ -164,6 +177,19 @@ class _Engine:
         self._wake.start()
         # Apart from the housekeeping, which goes on whatever Redis does.
         threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
+
+    def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
+        """Give jobs back from the first signal on: in a cold shutdown Celery tells of it only when it has waited."""
+        for number in (signal.SIGTERM, signal.SIGQUIT):
+            signal.signal(number, self._stopping_before(signal.getsignal(number)))
+
+    def _stopping_before(self, handler: Any) -> Callable[[int, FrameType | None], None]:  # noqa: ANN401
+        def stop_and_handle(number: int, frame: FrameType | None) -> None:
+            if not self._stop.is_set():  # whoever is being interrupted may be setting it
+                self._stop.set()
+            handler(number, frame)
+
+        return stop_and_handle
 
     def stop(self, **_: Any) -> None:  # noqa: ANN401
         self._stop.set()
@@ -181,6 +207,9 @@ class _Engine:
             self._runner.run_next()
         except (StorageFull, StorageUnavailable) as error:
             structlog.get_logger().warning("claim-put-off", reason=str(error))
+            return
+        except (AttemptNotStarted, OSError) as error:  # no job was claimed: the sweep announces it again
+            structlog.get_logger().error("attempt-not-started", reason=str(error))
             return
         self._runner.warm_up()
 

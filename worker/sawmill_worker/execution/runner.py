@@ -11,6 +11,7 @@ import structlog
 from pydantic import ValidationError
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_worker.execution import sharing
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.naming import process_name
@@ -332,6 +333,5 @@ def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str,
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
     # Threads of GNU OpenMP that wait by keeping a core busy keep other processes from it, for minutes in all.
     environment.setdefault("OMP_WAIT_POLICY", "passive")
-    if settings.numba_num_threads is not None:
-        environment["NUMBA_NUM_THREADS"] = str(settings.numba_num_threads)
+    environment[sharing.VARIABLE] = str(sharing.threads_each(settings))
     return environment

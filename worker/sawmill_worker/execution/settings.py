@@ -69,13 +69,13 @@ class ExecutionSettings(BaseSettings):
         description="Processes kept ready with the science imported; more where jobs often come together.",
     )
     workers: Annotated[int, Field(ge=1, le=64)] = Field(
-        1, description="Embedded worker processes; one uses all cores, more share them."
+        1, description="Embedded worker processes, or jobs at once of a Celery worker; they share the cores."
     )
     broker_url: str | None = Field(
         None, description="Redis that carries wake-ups to Celery workers; null: embedded workers, no broker."
     )
     numba_num_threads: Annotated[int, Field(ge=1, le=1024)] | None = Field(
-        None, description="Cores for one job; null: all. Set it when several workers share a machine."
+        None, description="Threads of one job; null: the cores, shared out among the workers, at least one each."
     )
     memory_limit_bytes: Annotated[int, Field(ge=2**28)] | None = Field(
         None,

@@ -15,6 +15,7 @@ import structlog
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.sharing import say_if_crowded
 from sawmill_worker.storage.settings import StorageSettings
 
 WORKER_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.poller", "--watch-parent")
@@ -42,6 +43,7 @@ class WorkerSupervisor:
     def __init__(
         self, storage: StorageSettings, settings: ExecutionSettings, *, command: Sequence[str] = WORKER_COMMAND
     ) -> None:
+        self._settings = settings
         environment = environment_with(storage, settings)
         self._workers = [_WatchedWorker(command, environment) for _ in range(settings.workers)]
         # A worker needs its own grace, and then its child's.
@@ -50,6 +52,7 @@ class WorkerSupervisor:
         self._thread = threading.Thread(target=self._watch, name="worker-supervisor", daemon=True)
 
     def __enter__(self) -> Self:
+        say_if_crowded(self._settings)
         for worker in self._workers:
             worker.start()
         self._thread.start()

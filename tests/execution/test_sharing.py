@@ -1,0 +1,44 @@
+"""Workers that run at once share the cores."""
+
+import pytest
+from structlog.testing import capture_logs
+
+from sawmill_worker.execution import sharing
+from sawmill_worker.execution.settings import ExecutionSettings
+
+
+@pytest.fixture(autouse=True)
+def eight_cores(monkeypatch):
+    monkeypatch.setattr(sharing, "cores", lambda: 8)
+
+
+def asked(workers, threads=None):
+    return ExecutionSettings(workers=workers, numba_num_threads=threads, broker_url=None)
+
+
+@pytest.mark.parametrize(("workers", "threads"), [(1, 8), (2, 4), (3, 2), (8, 1), (20, 1)])
+def test_each_worker_has_its_share_of_the_cores(workers, threads):
+    assert sharing.threads_each(asked(workers), {}) == threads
+    assert workers * threads <= max(8, workers)
+
+
+def test_what_somebody_asked_for_is_kept():
+    assert sharing.threads_each(asked(4, 6), {"NUMBA_NUM_THREADS": "3"}) == 6
+    assert sharing.threads_each(asked(4), {"NUMBA_NUM_THREADS": "3"}) == 3
+
+
+@pytest.mark.parametrize(
+    ("workers", "threads", "said"),
+    [
+        (1, None, []),
+        (4, None, []),
+        (4, 2, []),
+        (4, 3, ["more-threads-than-cores"]),
+        (9, None, ["more-workers-than-cores"]),
+    ],
+)
+def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    with capture_logs() as log:
+        sharing.say_if_crowded(asked(workers, threads))
+    assert [entry["event"] for entry in log] == said
