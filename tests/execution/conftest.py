@@ -32,8 +32,8 @@ def store(storage: StorageSettings) -> Iterator[Store]:
 
 
 @pytest.fixture
-def settings() -> ExecutionSettings:
-    """The product's, made quick."""
+def settings(request: pytest.FixtureRequest) -> ExecutionSettings:
+    """The product's, made quick; the parameter is whether attempts are forked."""
     return ExecutionSettings(
         lease_s=2,
         heartbeat_s=0.2,
@@ -46,6 +46,7 @@ def settings() -> ExecutionSettings:
         outage_wait_s=0,
         kill_grace_s=0.3,
         spare_processes=1,
+        fork_attempts=getattr(request, "param", True),
         broker_url=None,
         memory_limit_bytes=2**29,
     )

@@ -19,6 +19,8 @@ from sawmill_worker.vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
 
+both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
+
 CRASHES = [signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT]
 SCANNER = ScannerSpec(
     name="Line 2",
@@ -51,6 +53,7 @@ def test_no_crash_is_tried_again(number):
         assert f"({number.name})" in failure.detail
 
 
+@both_ways
 def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     runner = start()
     for crash in ("SIGSEGV", "SIGBUS"):
@@ -83,6 +86,7 @@ def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, s
         assert f"crashed ({crash}), which is a defect; please report it" in failure.detail
 
 
+@both_ways
 def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, queue):
     runner = start()
     for behaviour, code, words in (
@@ -99,6 +103,7 @@ def test_a_job_that_takes_more_than_it_may_is_refused_once(store, start, queue):
         assert words in failure.detail
 
 
+@both_ways
 def test_every_attempt_has_limits_by_default(store, start, queue):
     job = queue("tell-limits")
     assert start(memory_limit_bytes=None).run_next() is JobState.SUCCEEDED

@@ -1,3 +1,6 @@
+import os
+import signal
+import subprocess
 import sys
 import threading
 import time
@@ -16,6 +19,8 @@ from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.store import Store
 
 pytestmark = pytest.mark.slow
+
+both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
 
 
 @pytest.fixture
@@ -40,6 +45,14 @@ def leftovers(store):
     return list((store.files.folder / "attempts").iterdir())
 
 
+def process_id(spare):
+    """Of a process that waits for its assignment."""
+    with pytest.raises(subprocess.TimeoutExpired):
+        spare._process.wait(1)
+    return spare._process.pid
+
+
+@both_ways
 def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, runner, queue):
     first, second = queue("succeed"), queue("succeed")
     assert [runner.run_next(), runner.run_next()] == [JobState.SUCCEEDED] * 2
@@ -79,6 +92,7 @@ def test_a_failure_is_reported_in_its_own_way(store, runner, queue, behaviour, k
     assert leftovers(store) == []
 
 
+@both_ways
 def test_a_passing_failure_is_tried_three_times(store, runner, queue):
     job = queue("end-by-sigkill")
     assert [runner.run_next() for _ in range(4)] == [JobState.QUEUED, JobState.QUEUED, JobState.FAILED, None]
@@ -207,6 +221,7 @@ def test_progress_comes_out_and_a_cancellation_goes_in(store, runner, queue, in_
     assert leftovers(store) == []
 
 
+@both_ways
 def test_a_deaf_process_is_killed(store, runner, queue, in_background, wait_for):
     job = queue("hang")
     outcome = in_background(runner.run_next)
@@ -217,6 +232,7 @@ def test_a_deaf_process_is_killed(store, runner, queue, in_background, wait_for)
     assert outcome.result(timeout=10) is JobState.CANCELLED
 
 
+@both_ways
 def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_background, wait_for, is_running):
     job = queue("talk")
     outcome = in_background(runner.run_next)
@@ -263,6 +279,7 @@ def test_a_lost_lease_ends_the_process_and_leaves_the_job_to_its_new_owner(
     assert store.jobs.get(job.id).attempt == 2
 
 
+@both_ways
 def test_threads_share_a_runner(runner, queue):
     for _ in range(6):
         queue("succeed")
@@ -274,10 +291,10 @@ def test_threads_share_a_runner(runner, queue):
 def test_a_job_runs_in_the_process_that_was_warm_before_it_came(store, runner, queue):
     queue("succeed")
     runner.run_next()
-    (spare,) = runner._spares
+    warm = process_id(*runner._spares)
     job = queue("succeed")
     runner.run_next()
-    assert store.files.scan(job.subject_id).read_text().endswith(f"process {spare._process.pid}")
+    assert store.files.scan(job.subject_id).read_text().endswith(f"process {warm}")
 
 
 def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
@@ -287,14 +304,15 @@ def test_a_stopping_worker_takes_no_more_jobs(store, runner, stop, queue):
     assert store.jobs.get(job.id).attempt == 0
 
 
+@both_ways
 def test_a_spare_that_died_is_replaced(runner, queue):
     assert runner.run_next() is None
-    runner._spares[0]._process.kill()
-    runner._spares[0]._process.wait()
+    os.kill(process_id(runner._spares[0]), signal.SIGKILL)
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED
 
 
+@both_ways
 @pytest.mark.parametrize("program", ["raise SystemExit(3)", "import time; time.sleep(60)"])
 def test_a_broken_installation_uses_up_no_attempts(store, settings, stop, queue, program):
     job = queue("succeed")

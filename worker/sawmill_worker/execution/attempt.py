@@ -1,24 +1,29 @@
-"""The fresh process in which one attempt at a job runs: `python -m sawmill_worker.execution.attempt`.
+"""The process of one attempt at a job, and the template of such: `python -m sawmill_worker.execution.attempt`.
 
-It imports the science and loads its kernels, reports that it is ready, waits for its assignment, runs it within its
-limits and ends (see `protocol`, `limits`).
+It imports the science and loads its kernels. An attempt then reports that it is ready, waits for its assignment, runs
+it within its limits and ends (see `protocol`, `limits`); a template forks attempts that begin there (see `forking`).
 """
 
 import os
 import shutil
+import socket
 import threading
 import traceback
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
 from typing import BinaryIO
 
 import structlog
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.failures import failure_of
+from sawmill_worker.execution.forking import REQUESTS, TBB, serve
 from sawmill_worker.execution.limits import keep_to, limits_of
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, needs_of, run, warm_up
 from sawmill_worker.storage.files import flush_tree
 from sawmill_worker.storage.settings import StorageSettings
@@ -28,20 +33,31 @@ from sawmill_worker.vocabulary import Progress
 
 
 def main() -> None:
-    """Run one attempt, or none when the supervisor goes away first."""
+    """Run one attempt, or none when the supervisor goes away first; as a template, fork as many as are asked for."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
-    supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
-    with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+    attempt = partial(_attempt, memory_limit_bytes=settings.memory_limit_bytes)
+    if REQUESTS in os.environ:
+        load(Path(os.environ[TBB]))
         warm_up()
-        channel.write(to_line(Ready()))
-        line = supervisor.readline()
-        if line:
-            threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
-            assignment = Assignment.model_validate_json(line)
-            answer, error = _answer(assignment, channel, settings.memory_limit_bytes)
-            channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
-            _log(assignment, answer, error)
+        serve(socket.socket(fileno=int(os.environ[REQUESTS])), attempt)
+    else:
+        with open(int(os.environ[CHANNEL]), "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+            warm_up()
+            attempt(channel)
+
+
+def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
+    """Wait for the assignment on standard input, and answer it."""
+    supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
+    channel.write(to_line(Ready()))
+    line = supervisor.readline()
+    if line:
+        threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
+        assignment = Assignment.model_validate_json(line)
+        answer, error = _answer(assignment, channel, memory_limit_bytes)
+        channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
+        _log(assignment, answer, error)
 
 
 def _end_with(supervisor: BinaryIO) -> None:

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
+from typing import IO, Protocol
 
 from sawmill_worker.execution.protocol import (
     CHANNEL,
@@ -21,38 +22,41 @@ from sawmill_worker.execution.protocol import (
 
 
 class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
-    """A fresh process did not become ready: the installation is broken, no job is to blame."""
+    """A process did not become ready: the installation is broken, no job is to blame."""
+
+
+class Running(Protocol):
+    """A process that was started, as `subprocess.Popen` shows it."""
+
+    @property
+    def stdin(self) -> IO[bytes] | None:
+        """Leads to its standard input."""
+
+    @property
+    def pid(self) -> int | None:
+        """None where it is not known yet."""
+
+    def poll(self) -> int | None:
+        """Its exit code, or None."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit code, once it has ended."""
 
 
 class AttemptProcess:
-    """A fresh process in a session of its own, so that all of it can be ended at once.
+    """A process in a session of its own, so that all of it can be ended at once.
 
     Parameters
     ----------
-    command
-        Starts a program that speaks `protocol`.
-    environment
-        Its environment variables.
+    process
+        Speaks `protocol`.
+    channel
+        Descriptor from which its messages are read; closed by `end`.
     """
 
-    def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
-        reading, writing = os.pipe()
-        self._channel = open(reading, "rb", buffering=0)  # noqa: SIM115, PTH123 - a descriptor, closed by `end`
-        try:
-            self._process = subprocess.Popen(  # noqa: S603 - our own command
-                command,
-                stdin=subprocess.PIPE,
-                bufsize=0,
-                stdout=2,  # what libraries print must not mix with a command's JSON
-                pass_fds=[writing],
-                start_new_session=True,
-                env={**environment, CHANNEL: str(writing)},
-            )
-        except OSError:
-            self._channel.close()
-            raise
-        finally:
-            os.close(writing)
+    def __init__(self, process: Running, channel: int) -> None:
+        self._process = process
+        self._channel = open(channel, "rb", buffering=0)  # noqa: SIM115 - a descriptor, closed by `end`
         self._unread = b""
         self._ready = False
         self.hung_up = False
@@ -74,12 +78,10 @@ class AttemptProcess:
         while not self._ready:
             left_s = deadline - time.monotonic()
             if left_s <= 0:
-                raise AttemptNotStarted(f"a fresh process was not ready after {timeout_s:g} s")
+                raise AttemptNotStarted(f"a process was not ready after {timeout_s:g} s")
             self._ready = any(isinstance(message, Ready) for message in self.receive(left_s))
             if self.hung_up:
-                raise AttemptNotStarted(
-                    f"a fresh process ended with exit code {self._process.wait()} before it was ready"
-                )
+                raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
 
     def assign(self, assignment: Assignment) -> None:
         """Hand over the one attempt; `receive` finds out where the process has died by now."""
@@ -129,5 +131,48 @@ class AttemptProcess:
 
     def _signal(self, number: signal.Signals) -> None:
         # Only while it is unreaped is its process group's number surely its own.
-        if self._process.poll() is None:
+        if self._process.poll() is None and self._process.pid is not None:
             os.killpg(self._process.pid, number)
+
+
+class FreshProcesses:
+    """Starts each attempt in a process of its own from the beginning.
+
+    Parameters
+    ----------
+    command
+        Starts a program that speaks `protocol`.
+    environment
+        Its environment variables.
+    """
+
+    def __init__(self, command: Sequence[str], environment: Mapping[str, str]) -> None:
+        self._command = tuple(command)
+        self._environment = environment
+
+    def start(self) -> AttemptProcess:
+        """A process that becomes ready soon."""
+        reading, writing = os.pipe()
+        try:
+            process = subprocess.Popen(  # noqa: S603 - our own command
+                self._command,
+                stdin=subprocess.PIPE,
+                bufsize=0,
+                stdout=2,  # what libraries print must not mix with a command's JSON
+                pass_fds=[writing],
+                start_new_session=True,
+                env={**self._environment, CHANNEL: str(writing)},
+            )
+        except OSError:
+            os.close(reading)
+            raise
+        finally:
+            os.close(writing)
+        return AttemptProcess(process, reading)
+
+    def patience_s(self, start_timeout_s: float) -> float:
+        """How long a process may take until it is ready."""
+        return start_timeout_s
+
+    def close(self) -> None:
+        """Nothing is left beside the processes."""

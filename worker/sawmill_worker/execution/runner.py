@@ -4,7 +4,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import structlog
@@ -16,9 +16,10 @@ from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
-from sawmill_worker.execution.process import AttemptProcess
+from sawmill_worker.execution.process import AttemptProcess, FreshProcesses
 from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.template import Template, template_library
 from sawmill_worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.store import Store
@@ -63,8 +64,7 @@ class Runner:
         self._on_able = on_able
         self._settings = settings
         self._stop = stop
-        self._command = tuple(command)
-        self._environment = _attempt_environment(store, settings)
+        self._attempts = _ways_to_start(command, _attempt_environment(store, settings), forked=settings.fork_attempts)
         self._spares: list[AttemptProcess] = []
         self._lock = threading.Lock()
         self.name = process_name()
@@ -109,12 +109,13 @@ class Runner:
         """
         with self._lock:
             while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
-                self._spares.append(self._start())
+                self._spares.append(self._attempts.start())
 
     def close(self) -> None:
         """End the spare processes."""
         with self._lock:
             spares, self._spares = self._spares, []
+        self._attempts.close()
         for process in spares:
             process.end(self._settings.kill_grace_s)
 
@@ -124,16 +125,14 @@ class Runner:
         if process is not None and not process.alive:
             process.end(self._settings.kill_grace_s)
             process = None
-        process = process or self._start()
+        process = process or self._attempts.start()
         try:
-            process.wait_until_ready(self._settings.start_timeout_s)
+            process.wait_until_ready(self._attempts.patience_s(self._settings.start_timeout_s))
         except BaseException:
+            self._attempts.close()  # a template that hangs is replaced at the next start
             process.end(self._settings.kill_grace_s)
             raise
         return process
-
-    def _start(self) -> AttemptProcess:
-        return AttemptProcess(self._command, self._environment)
 
     def _keep(self, process: AttemptProcess) -> None:
         with self._lock:
@@ -324,6 +323,13 @@ _NONSENSE = Failure(
     code="invalid-result",
     detail="the job's answer is not what jobs of its kind answer with, which is a defect; see the worker's log",
 )
+
+
+def _ways_to_start(
+    command: Sequence[str], environment: Mapping[str, str], *, forked: bool
+) -> Template | FreshProcesses:
+    library = template_library() if forked else None
+    return FreshProcesses(command, environment) if library is None else Template(command, environment, library)
 
 
 def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str, str]:

@@ -68,6 +68,11 @@ class ExecutionSettings(BaseSettings):
         1,
         description="Processes kept ready with the science imported; more where jobs often come together.",
     )
+    fork_attempts: bool = Field(
+        default=True,
+        description="Fork attempts from a process that has imported everything, where TBB is installed and the system "
+        "allows it; otherwise each starts afresh, which costs a second or more of processor time.",
+    )
     workers: Annotated[int, Field(ge=1, le=64)] = Field(
         1, description="Embedded worker processes, or jobs at once of a Celery worker; they share the cores."
     )

@@ -1,0 +1,115 @@
+"""The template: a process that has imported everything, computes nothing more, and forks a child for each attempt.
+
+It is a child of the supervisor, which `template` shows. Requests come over an inherited socket, packet by packet: each
+brings three descriptors, the child's standard input, its channel (see `protocol`) and its book, a pipe into which the
+template writes two lines, the child's process id and, when it has ended, its exit code.
+"""
+
+import gc
+import os
+import selectors
+import socket
+import sys
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from typing import BinaryIO
+
+import structlog
+
+REQUESTS = "SAWMILL_ATTEMPT_REQUESTS"
+TBB = "SAWMILL_ATTEMPT_TBB"
+WARM = b"warm"
+
+AttemptMain = Callable[[BinaryIO], None]
+
+
+def serve(requests: socket.socket, attempt: AttemptMain) -> None:
+    """Fork a child for each request until the supervisor is gone.
+
+    Parameters
+    ----------
+    requests
+        From the supervisor; its end ends the template, and the end of their standard inputs the children.
+    attempt
+        What a child does with its channel, a supervisor's assignment waiting on its standard input.
+    """
+    # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
+    gc.collect()
+    gc.freeze()
+    requests.send(WARM)
+    children = _Children(requests)
+    while (descriptors := children.next_request()) is not None:
+        children.fork(attempt, *descriptors)
+
+
+class _Children:
+    """Those that run: each one's book, by a descriptor that becomes readable when it ends."""
+
+    def __init__(self, requests: socket.socket) -> None:
+        self._requests = requests
+        self._events = selectors.DefaultSelector()
+        self._events.register(requests, selectors.EVENT_READ)
+
+    def next_request(self) -> list[int] | None:
+        """The descriptors that it brought; None when there will be none. Children that end meanwhile are entered."""
+        while True:
+            for key, _ in self._events.select():
+                if key.data is not None:
+                    self._enter_end(key.fd, *key.data)
+                    continue
+                packet, descriptors, _, _ = socket.recv_fds(self._requests, 16, 3)
+                return descriptors if packet else None
+
+    def fork(self, attempt: AttemptMain, assignment: int, channel: int, book: int) -> None:
+        """Start a child; where the system refuses, the supervisor sees its pipes close."""
+        try:
+            process_id = os.fork()
+        except OSError:
+            structlog.get_logger().exception("fork-refused")
+            os.close(book)
+        else:
+            if process_id == 0:
+                os.close(book)
+                self._become_child(assignment, channel, attempt)
+            os.write(book, b"%d\n" % process_id)
+            self._events.register(os.pidfd_open(process_id), selectors.EVENT_READ, (process_id, book))
+        os.close(assignment)
+        os.close(channel)
+
+    def _enter_end(self, descriptor: int, process_id: int, book: int) -> None:
+        self._events.unregister(descriptor)
+        os.close(descriptor)
+        _, status = os.waitpid(process_id, 0)
+        with suppress(BrokenPipeError):  # the supervisor has let go of it
+            os.write(book, b"%d\n" % os.waitstatus_to_exitcode(status))
+        os.close(book)
+
+    def _become_child(self, assignment: int, channel: int, attempt: AttemptMain) -> None:
+        """Run the attempt and end, in a session of its own, with nothing of the template's or of other children's."""
+        code = 1
+        try:
+            os.setsid()
+            os.dup2(assignment, 0)
+            os.close(assignment)
+            for key in list(self._events.get_map().values()):
+                os.close(key.fd)
+                if key.data is not None:
+                    os.close(key.data[1])
+            self._events.close()
+            _seed_anew()
+            with open(channel, "wb", buffering=0) as opened:
+                attempt(opened)
+            code = 0
+        except BaseException:  # noqa: BLE001 - a child must never come back into the template's loop
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)  # the template's own ending is not the child's to do
+
+
+def _seed_anew() -> None:
+    """NumPy's global generator, which all children would share; Python's own sees to itself."""
+    if "numpy.random" in sys.modules:
+        sys.modules["numpy.random"].seed()

@@ -1,0 +1,32 @@
+"""Numba's threads in a process that forks: those of TBB alone survive it.
+
+GNU OpenMP, which Numba takes otherwise, ends a child whose parent has run, or only loaded, a parallel kernel; the third
+layer, `workqueue`, may not be entered by two threads at once.
+"""
+
+import ctypes
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, files
+from pathlib import Path
+
+LIBRARY = "libtbb.so.12"
+LAYER = "NUMBA_THREADING_LAYER"
+
+
+def tbb_library() -> Path | None:
+    """Where the wheel `tbb` has put its library; None where it is missing, cannot be loaded or is not meant to be."""
+    if platform.machine() != "x86_64" or os.environ.get(LAYER, "tbb") != "tbb":
+        return None
+    try:
+        found = next((Path(str(file.locate())) for file in files("tbb") or () if file.name == LIBRARY), None)
+        if found is not None:
+            ctypes.CDLL(str(found))
+    except (PackageNotFoundError, OSError):
+        return None
+    return found
+
+
+def load(library: Path) -> None:
+    """Load TBB before Numba looks for it at its first parallel kernel: nobody searches the wheel's folder."""
+    ctypes.CDLL(str(library), mode=ctypes.RTLD_GLOBAL)
