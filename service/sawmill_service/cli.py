@@ -39,9 +39,9 @@ def serve(
     from sawmill_service.listening import ListenError
     from sawmill_service.serving import serve_until_stopped
     from sawmill_service.settings import ServiceSettings
-    from sawmill_worker.examples import seed_examples
     from sawmill_worker.execution.settings import ExecutionSettings
     from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+    from sawmill_worker.seeding import seed_apart
     from sawmill_worker.storage.errors import StorageError
     from sawmill_worker.storage.settings import StorageSettings
 
@@ -57,7 +57,7 @@ def serve(
         setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
         # A message about several settings together names them itself.
         raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}" if setting else complaint(error)) from error
-    seed = seed_examples if examples else None
+    seed = seed_apart if examples else None
     try:
         serve_until_stopped(settings, storage, execution, workers=workers != 0, seed=seed)
     except (ListenError, StorageError, OSError) as error:

@@ -1,7 +1,14 @@
-"""Example resources on a fresh data folder, so that the console's "Try it out" works at once."""
+"""Example resources on a fresh data folder, so that the console's "Try it out" works at once.
+
+`python -m sawmill_worker.examples` makes them in the store of its environment, and ends with its standard input.
+"""
 
 import io
+import os
+import sys
+import threading
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +25,12 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.files.scan_writer import write_raw_scan
+from sawmill_worker.seeding import examples_made
 from sawmill_worker.storage.asked import NOTHING, Asked
+from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
@@ -102,10 +113,10 @@ def seed_examples(store: Store) -> None:
 
     They are computed in the background: whoever asks for something of their own does not wait for them.
     """
-    folder = store.files.folder / "examples"
-    done = folder / "complete"
+    done = examples_made(store)
     if done.exists():
         return
+    folder = done.parent
     folder.mkdir(parents=True, exist_ok=True)
     stack = folder / "log-with-phantom.h5"
     write_mill_stack(stack, 120, mill_slices())
@@ -202,3 +213,20 @@ def _write_npz(path: Path) -> None:
         angles_deg=np.rad2deg(full_turn(views)),
     )
     path.write_bytes(buffer.getvalue())
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(1)
+
+
+def main() -> None:
+    """Make them, unless whoever asked for them goes away."""
+    configure_logs(ExecutionSettings().log_format)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with closing(Store(StorageSettings())) as store:
+        seed_examples(store)
+
+
+if __name__ == "__main__":
+    main()

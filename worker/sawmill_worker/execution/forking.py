@@ -5,6 +5,7 @@ brings three descriptors, the child's standard input, its channel (see `protocol
 template writes two lines, the child's process id and, when it has ended, its exit code.
 """
 
+import ctypes
 import gc
 import os
 import selectors
@@ -34,8 +35,10 @@ def serve(requests: socket.socket, attempt: AttemptMain) -> None:
     attempt
         What a child does with its channel, a supervisor's assignment waiting on its standard input.
     """
-    # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
     gc.collect()
+    with suppress(AttributeError):  # glibc's alone; what importing and warming up has used, some 9 MiB, goes back
+        ctypes.CDLL(None).malloc_trim(0)
+    # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
     gc.freeze()
     requests.send(WARM)
     children = _Children(requests)

@@ -31,7 +31,7 @@ ATTEMPT_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.attempt")
 
 
 class Runner:
-    """Keeps fresh processes warm and runs each claimed job in one; threads may share a runner.
+    """Keeps processes ready and runs each claimed job in one; threads may share a runner.
 
     Parameters
     ----------

@@ -62,7 +62,9 @@ class ExecutionSettings(BaseSettings):
         "upload and 24 hours for everything else.",
     )
     start_timeout_s: Seconds = Field(
-        120.0, description="For a fresh process to import the science; generous because the first import compiles."
+        120.0,
+        description="For a template or a fresh process to import the science; generous because the first import "
+        "compiles.",
     )
     spare_processes: Annotated[int, Field(ge=1, le=8)] = Field(
         1,

@@ -4,6 +4,7 @@ import difflib
 import os
 from collections.abc import Mapping
 
+from sawmill_worker.execution.forking import REQUESTS, TBB
 from sawmill_worker.execution.protocol import CHANNEL
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
@@ -24,7 +25,7 @@ OF_THE_SERVICE = frozenset(
         "SAWMILL_RETRY_AFTER_S",
     }
 )
-NO_SETTINGS = frozenset({CHANNEL, "SAWMILL_PUBLISHED_DATA"})
+NO_SETTINGS = frozenset({CHANNEL, REQUESTS, TBB, "SAWMILL_PUBLISHED_DATA"})
 KNOWN = (
     frozenset(
         f"{PREFIX}{name.upper()}" for group in (StorageSettings, ExecutionSettings) for name in group.model_fields

@@ -1,0 +1,218 @@
+"""What a template's children share with it and with one another, and what becomes of them when it is gone."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sawmill_worker import examples
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution import template
+from sawmill_worker.execution.process import AttemptNotStarted
+from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
+from sawmill_worker.execution.template import ForkedProcess, Template, template_library
+from sawmill_worker.files import calibration_file
+from sawmill_worker.vocabulary import DataKind
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(template_library() is None, reason="attempts are fresh processes on this machine"),
+]
+
+
+@pytest.fixture
+def stop():
+    return threading.Event()
+
+
+@pytest.fixture
+def runner(store, settings, stop, command):
+    made = Runner(store, settings, stop, command=command)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def in_background():
+    with ThreadPoolExecutor(4) as pool:
+        yield pool.submit
+
+
+@pytest.fixture
+def talking(store, runner, queue, in_background, wait_for):
+    """The outcome of a job that runs, and its process."""
+    queue("talk")
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: any(file.read_text() for file in store.files.folder.glob("attempts/*/pid")))
+    return outcome, int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+
+
+def template_of(runner):
+    return runner._attempts._process.pid
+
+
+def test_a_child_leads_a_session_of_its_own(runner, talking, stop):
+    outcome, child = talking
+    assert os.getsid(child) == os.getpgid(child) == child
+    assert os.getsid(template_of(runner)) == template_of(runner)
+    stop.set()
+    assert outcome.result(timeout=20) is JobState.QUEUED
+
+
+def test_the_limits_of_a_child_are_not_the_templates(runner, queue):
+    queue("tell-limits")
+    assert runner.run_next() is JobState.SUCCEEDED
+    limits = Path(f"/proc/{template_of(runner)}/limits").read_text()
+    ours = Path("/proc/self/limits").read_text()
+    assert limits == ours
+
+
+def test_a_running_child_outlives_its_template_which_is_replaced(runner, queue, in_background, wait_for, store):
+    job = queue("pause")
+    queue("succeed")
+    outcome = in_background(runner.run_next)
+    wait_for(lambda: store.jobs.get(job.id).state is JobState.RUNNING)
+    first = template_of(runner)
+    os.kill(first, signal.SIGKILL)
+    assert outcome.result(timeout=20) is JobState.SUCCEEDED
+    assert runner.run_next() is JobState.SUCCEEDED
+    runner.warm_up()
+    assert template_of(runner) != first
+
+
+def test_a_child_killed_after_its_template_is_a_lost_attempt(runner, talking, store, is_running, wait_for):
+    outcome, child = talking
+    os.kill(template_of(runner), signal.SIGKILL)
+    os.killpg(child, signal.SIGKILL)
+    assert outcome.result(timeout=20) is JobState.QUEUED
+    (job,) = store.jobs.page().items
+    assert job.losses == 1
+    wait_for(lambda: not is_running(child))
+
+
+def test_a_stopped_template_keeps_no_job_from_its_end(runner, talking, store, monkeypatch):
+    monkeypatch.setattr(template, "BOOK_TIMEOUT_S", 0.1)
+    outcome, child = talking
+    os.kill(template_of(runner), signal.SIGSTOP)
+    os.kill(child, signal.SIGSEGV)
+    assert outcome.result(timeout=20) is JobState.QUEUED, "nobody knows how it ended"
+    assert store.jobs.page().items[0].losses == 1
+
+
+def test_a_stopped_template_is_replaced(runner, queue, monkeypatch):
+    queue("succeed")
+    assert runner.run_next() is JobState.SUCCEEDED
+    monkeypatch.setattr(template, "FORK_TIMEOUT_S", 0.2)
+    stopped = template_of(runner)
+    os.kill(stopped, signal.SIGSTOP)
+    queue("succeed")
+    queue("succeed")
+    assert runner.run_next() is JobState.SUCCEEDED, "in the spare that was there"
+    with pytest.raises(AttemptNotStarted, match=r"not ready after 0\.2 s"):
+        runner.run_next()
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert template_of(runner) != stopped
+
+
+def test_nothing_outlives_the_supervisor(store, settings, command, queue, wait_for, is_running):
+    queue("talk")
+    program = (
+        "import sys, threading\n"
+        "from sawmill_worker.execution.runner import Runner\n"
+        "from sawmill_worker.execution.settings import ExecutionSettings\n"
+        "from sawmill_worker.storage.settings import StorageSettings\n"
+        "from sawmill_worker.storage.store import Store\n"
+        "store = Store(StorageSettings.model_validate_json(sys.argv[1]))\n"
+        "settings = ExecutionSettings.model_validate_json(sys.argv[2])\n"
+        "runner = Runner(store, settings, threading.Event(), command=sys.argv[3:])\n"
+        "runner.warm_up()\n"
+        "print(runner._attempts._process.pid, flush=True)\n"
+        "runner.run_next()\n"
+    )
+    given = [store.settings.model_dump_json(), settings.model_dump_json(), *command]
+    with subprocess.Popen([sys.executable, "-c", program, *given], stdout=subprocess.PIPE) as supervisor:
+        made = int(supervisor.stdout.readline())
+        wait_for(lambda: any(file.read_text() for file in store.files.folder.glob("attempts/*/pid")))
+        child = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+        supervisor.kill()
+    wait_for(lambda: not is_running(made) and not is_running(child))
+
+
+DRAWING = (
+    "import os, socket\n"
+    "import numpy as np\n"
+    "from sawmill_worker.execution.forking import REQUESTS, serve\n"
+    "serve(socket.socket(fileno=int(os.environ[REQUESTS])),\n"
+    "      lambda channel: channel.write(b'%r\\n' % float(np.random.random())))\n"
+).replace("b'%r\\n' % float(np.random.random())", "f'{np.random.random()!r}\\n'.encode()")
+
+
+def test_children_draw_different_numbers():
+    drawing = Template([sys.executable, "-c", DRAWING], os.environ, template_library())
+    drawn = set()
+    for _ in range(4):
+        child = drawing.start()
+        drawn.add(child._channel.readline())
+        child.end(5)
+    drawing.close()
+    assert len(drawn) == 4
+
+
+def test_a_fork_that_the_system_refuses_is_a_process_that_never_was():
+    assignment, book = os.pipe()[1], os.pipe()
+    os.close(book[1])
+    refused = ForkedProcess(assignment, book[0])
+    assert refused.wait(1) == template.NOT_FORKED
+    refused.stdin.close()
+
+
+def small_calibration(store, folder):
+    """A scan of 20 views to read, and its calibration."""
+    constants = ScannerConstants(**vars(examples.SCANNER))
+    scanner = store.scanners.create(ScannerSpec(name="line", constants=constants))
+    examples.write_mill_stack(folder / "stack.h5", 20, examples.mill_slices(log_rows=1))
+    spec = ScanSpec(
+        scanner_id=scanner.id,
+        data=DataKind.COUNTS,
+        phantom_id="l-shape",
+        phantom_rows=f"0:{examples.PHANTOM_ROWS}",
+    )
+    scan = store.scans.accept(spec, store.files.receive([(folder / "stack.h5").read_bytes()], max_bytes=2**30))
+    return scan, store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+
+
+def read_back(store, calibration_id):
+    """The answer as text, but for the times that it took, and the arrays behind it."""
+    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    record = calibration_file.read_calibration(path)
+    return json.dumps({**record.answer, "timing_s": None}, sort_keys=True), record.arrays
+
+
+def test_the_science_answers_alike_to_the_bit_in_a_child_and_in_a_fresh_process(store, settings, stop, tmp_path):
+    unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
+    scan, first = small_calibration(store, tmp_path)
+    second = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    forked = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)
+    assert [forked.run_next(), forked.run_next()] == [JobState.SUCCEEDED] * 2
+    made = template_of(forked)
+    assert len(list(Path(f"/proc/{made}/task").iterdir())) == 1, "a thread that a child would not have"
+    opened = [str(file.readlink()) for file in Path(f"/proc/{made}/fd").iterdir()]
+    assert not any("sawmill.db" in name for name in opened)
+    forked.close()
+    fresh = Runner(store, unhurried.model_copy(update={"fork_attempts": False}), stop, command=ATTEMPT_COMMAND)
+    assert fresh.run_next() is JobState.SUCCEEDED
+    fresh.close()
+    answers, arrays = zip(*(read_back(store, each.id) for each in (first, second)), strict=True)
+    assert answers[0] == answers[1]
+    assert all(np.array_equal(arrays[0][name], arrays[1][name]) for name in arrays[0])
