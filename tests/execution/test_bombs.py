@@ -4,6 +4,7 @@ import struct
 import sys
 import threading
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile
 
@@ -92,7 +93,14 @@ class Watch(threading.Thread):
 
     @staticmethod
     def _children():
-        return [pid for task in Path("/proc/self/task").glob("*/children") for pid in task.read_text().split()]
+        """Of this process, and of the template among them."""
+        found = ["self"]
+        for parent in found:
+            with suppress(OSError):  # it has ended meanwhile
+                found += [
+                    pid for task in Path(f"/proc/{parent}/task").glob("*/children") for pid in task.read_text().split()
+                ]
+        return found[1:]
 
     @staticmethod
     def _data(pid):
