@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import Job
+from sawmill_worker.contracts.jobs import Job, Priority
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -63,10 +63,10 @@ def queue(store: Store) -> Callable[..., Job]:
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants))
 
-    def accept(behaviour: str, *, background: bool = False) -> Job:
+    def accept(behaviour: str, *, priority: Priority = Priority.WAITED_FOR) -> Job:
         spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
         received = store.files.receive([behaviour.encode()], max_bytes=100)
-        scan = store.scans.accept(spec, received, background=background)
+        scan = store.scans.accept(spec, received, priority=priority)
         return store.jobs.get(scan.job_id)
 
     return accept

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from write_lock import write_lock
 
-from sawmill_worker.contracts.jobs import FailureKind, JobState
+from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.process import AttemptNotStarted
@@ -245,7 +245,7 @@ def test_a_stopping_worker_gives_its_job_back(store, runner, stop, queue, in_bac
 
 
 def test_a_background_job_gives_way(store, runner, queue, in_background, wait_for):
-    example = queue("talk", background=True)
+    example = queue("talk", priority=Priority.BACKGROUND)
     outcome = in_background(runner.run_next)
     wait_for(lambda: store.jobs.get(example.id).progress is not None)
     asked = queue("succeed")

@@ -67,9 +67,9 @@ class Waiting:
     def __init__(self, running: int) -> None:
         self.running = running
 
-    def queued_job_ids(self, *, older_than_s: float) -> list[str]:
+    def queued_job_ids(self, *, older_than_s: float, limit: int) -> list[str]:
         assert older_than_s > 0
-        return ["a", "b"]
+        return ["a", "b"][:limit]
 
     def counts(self) -> dict[JobState, int]:
         return dict.fromkeys(JobState, 0) | {JobState.RUNNING: self.running}

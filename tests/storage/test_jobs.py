@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from results import reading
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
-from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Priority
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.storage.errors import Conflict, LeaseLost, NotFound
@@ -301,7 +301,7 @@ def test_a_release_of_a_job_that_is_to_be_cancelled_ends_it(store, upload):
 
 def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upload, scanner):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
-    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True)
+    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
     held = claim(store)
     assert not store.jobs.is_in_the_way(held)
     upload(store)
@@ -313,7 +313,8 @@ def test_a_background_job_that_was_brought_forward_is_in_nobody_s_way(store, upl
 def test_background_jobs_come_last(store, upload, scanner):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     examples = [
-        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True).job_id for _ in range(2)
+        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND).job_id
+        for _ in range(2)
     ]
     users = [upload(store).job_id for _ in range(2)]
     order = [*users, *examples]
@@ -324,8 +325,13 @@ def test_background_jobs_come_last(store, upload, scanner):
 
 def test_a_job_brings_forward_what_it_needs(store, scanner):
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS, phantom_id="l-shape")
-    scans = [store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), background=True) for _ in range(2)]
-    calibrations = [store.calibrations.accept(CalibrationAsk(scan_id=scan.id), background=True) for scan in scans]
+    scans = [
+        store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10), priority=Priority.BACKGROUND)
+        for _ in range(2)
+    ]
+    calibrations = [
+        store.calibrations.accept(CalibrationAsk(scan_id=scan.id), priority=Priority.BACKGROUND) for scan in scans
+    ]
     assert all(store.jobs.get(job.job_id).background for job in [*scans, *calibrations])
     store.reconstructions.accept(ReconstructionAsk(scan_id=scans[1].id, calibration_id=calibrations[1].id))
     forward = {job.job_id for job in [*scans, *calibrations] if not store.jobs.get(job.job_id).background}

@@ -18,6 +18,7 @@ import structlog
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.kinds import Ask, asked_kinds
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
@@ -165,7 +166,7 @@ def _ask_once(
 ) -> None:
     """Ask for it in the background, unless it was asked for before."""
     if identifier not in {item.id for item in asked.page().items}:
-        asked.accept(ask, identifier=identifier, job_id=job_id, background=True, given=given)
+        asked.accept(ask, identifier=identifier, job_id=job_id, priority=Priority.BACKGROUND, given=given)
 
 
 def _scanner_spec(identifier: str) -> ScannerSpec:
@@ -197,7 +198,7 @@ def _seed_scans(store: Store, stack: Path) -> None:
                 phantom_rows=f"0:{PHANTOM_ROWS}",
             )
             received = store.files.receive([stack.read_bytes()], max_bytes=2**30)
-            store.scans.accept(spec, received, scan_id=identifier, background=True)
+            store.scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
 
 
 def _write_npz(path: Path) -> None:

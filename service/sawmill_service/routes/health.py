@@ -62,9 +62,12 @@ def ready(store: TheStore, response: Response) -> Health:
         response.status_code = 503
         response.headers.update(COME_BACK)
         return Health(state=Readiness.DISK_FULL, detail=str(error))
-    waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S)
-    if waiting and not store.jobs.counts()[JobState.RUNNING]:
-        detail = f"{len(waiting)} jobs have waited for more than {PATIENCE_S:.0f} s and no worker runs any: start one"
+    waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
+    if waiting and not (counts := store.jobs.counts())[JobState.RUNNING]:
+        detail = (
+            f"{counts[JobState.QUEUED]} jobs wait, one of them for more than {PATIENCE_S:.0f} s, and no worker runs "
+            "any: start one"
+        )
         return Health(state=Readiness.WITHOUT_WORKER, detail=detail)
     return Health(state=Readiness.READY, detail="")
 

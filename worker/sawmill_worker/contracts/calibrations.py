@@ -390,6 +390,7 @@ DECLARATION = AskedKind(
     links=CalibrationLinks,
     files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
     references=(Reference.SCAN, Reference.PHANTOM),
+    is_short=lambda options: options.method is CalibrationMethod.DEFAULT,
     listed_by=("scanner_id", "state"),
     to_ask=Operation(
         "Ask for a calibration",

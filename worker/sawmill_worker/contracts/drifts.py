@@ -136,6 +136,7 @@ DECLARATION = AskedKind(
     read=stored_as(Drift),
     links=DriftLinks,
     references=(Reference.SCAN, Reference.CALIBRATION),
+    is_short=lambda _: True,
     listed_by=("scanner_id", "scan_id", "state"),
     to_ask=Operation(
         "Look for drift without a phantom",

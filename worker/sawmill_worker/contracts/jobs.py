@@ -1,7 +1,7 @@
 """Jobs: the row is the job, a message only announces that there is one (docs/architecture.md#jobs)."""
 
 from datetime import datetime
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import Field
@@ -45,12 +45,21 @@ class JobState(StrEnum):
         return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
 
 
-class Priority(IntEnum):
+class Priority(StrEnum):
     """Which job comes first: somebody waits for it, it is one of many as of a schedule, or it is for idle times."""
 
-    WAITED_FOR = 0
-    BATCH = 1
-    BACKGROUND = 2
+    # A line a priority: its name, and its rank in the queue, the lowest first.
+    WAITED_FOR = "waited-for", 0
+    BATCH = "batch", 1
+    BACKGROUND = "background", 2
+
+    rank: int
+
+    def __new__(cls, name: str, rank: int) -> Self:
+        """A word that carries the rank."""
+        priority = str.__new__(cls, name)
+        priority._value_, priority.rank = name, rank
+        return priority
 
 
 class FailureKind(StrEnum):
@@ -75,7 +84,20 @@ class Job(Stamped):
     kind: JobKind
     state: JobState
     subject_id: Identifier = Field(description="What it works on, as a scan, a phantom or a calibration.")
-    queue_position: int | None = Field(None, description="Jobs before it in the queue; null once it runs.")
+    short: bool = Field(
+        default=False,
+        description="It takes seconds: it has a lane in which none waits for a long one, as a reconstruction.",
+    )
+    priority: Priority = Field(Priority.WAITED_FOR, description="Those waited for go first, those of a batch next.")
+    queue_position: int | None = Field(
+        None, description="Jobs before it in the queue, of a short one those of its lane; null once it runs."
+    )
+    seconds_left: float | None = Field(
+        None,
+        ge=0,
+        description="About how long until it succeeds: by its progress, and by how long jobs of its kind took lately, "
+        "with those before it. Null: nothing is known, or it has ended.",
+    )
     background: Annotated[
         bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
     ] = False

@@ -21,6 +21,9 @@ from sawmill_worker.contracts.jobs import JobKind
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)
 
+# Read in SHORT_SECONDS (docs/performance.md#reading); a compressed file holds at most some ten times as many samples.
+SHORT_UPLOAD_BYTES = 256 * 2**20
+
 
 class Reference(StrEnum):
     """What an ask refers to. It is looked up and must be usable; while a job makes it, the new job waits for that job.
@@ -83,13 +86,23 @@ class KindDeclaration:
 
 @dataclass(frozen=True, kw_only=True)
 class UploadedKind(KindDeclaration):
-    """A job that reads a file that somebody sent; `upload` is the file's name in sentences."""
+    """A job that reads a file that somebody sent.
+
+    Attributes
+    ----------
+    upload : str
+        The file's name in sentences.
+    """
 
     upload: str
     processor_s: int = 3600
     time_limit_s: int = 6 * 3600
     stall_s: int = 1800
     lighter: str = "give a smaller file"
+
+    def is_short(self, size_bytes: int) -> bool:
+        """Whether reading a file of this size takes seconds."""
+        return size_bytes <= SHORT_UPLOAD_BYTES
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +129,8 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
         What a list can be narrowed by: `state`, and references' ids.
     to_ask, to_list, to_get : Operation
         The routes' texts.
+    is_short : callable
+        From the options to whether the job takes seconds: short jobs wait for no long one. By default none does.
     asked_at : str or None
         Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
     tag : str or None
@@ -134,6 +149,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     to_ask: Operation
     to_list: Operation
     to_get: Operation
+    is_short: Callable[[Any], bool] = lambda _: False
     asked_at: str | None = None
     tag: str | None = None
     processor_s: int = 24 * 3600

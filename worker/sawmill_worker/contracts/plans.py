@@ -97,6 +97,7 @@ DECLARATION = AskedKind(
     read=stored_as(Plan),
     links=PlanLinks,
     references=(Reference.PHANTOM, Reference.SCANNER, Reference.THETA),
+    is_short=lambda _: True,
     blocks_deletion=False,
     listed_by=("phantom_id",),
     asked_at="/v1/phantoms/{phantom_id}/plans",

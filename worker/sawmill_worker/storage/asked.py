@@ -13,7 +13,7 @@ from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import NotFound
@@ -46,7 +46,7 @@ class Asked(Generic[Ask, Answer]):
         *,
         identifier: str | None = None,
         job_id: str | None = None,
-        background: bool = False,
+        priority: Priority = Priority.WAITED_FOR,
         given: Mapping[str, str] = NOTHING,
     ) -> Answer:
         """Queue a job; while others make what it refers to, it waits for them.
@@ -57,8 +57,8 @@ class Asked(Generic[Ask, Answer]):
             What is asked for.
         identifier, job_id
             Fixed ids; null for new ones.
-        background
-            It starts only when no other job could.
+        priority
+            Which jobs go before it.
         given
             References that the ask itself does not hold, by the names of their columns, as `phantom_id`.
 
@@ -77,7 +77,7 @@ class Asked(Generic[Ask, Answer]):
                 self._database.now(),
                 identifier=identifier,
                 job_id=job_id,
-                background=background,
+                priority=priority,
                 given=given,
             )
             return self._read(row)
@@ -110,7 +110,7 @@ def queue_asked(
     *,
     identifier: str | None = None,
     job_id: str | None = None,
-    background: bool = False,
+    priority: Priority = Priority.WAITED_FOR,
     given: Mapping[str, str] = NOTHING,
 ) -> Answered:
     """Write a row and its job inside the caller's transaction; the rest as in `Asked.accept`."""
@@ -124,7 +124,16 @@ def queue_asked(
         id=identifier,
         created_at=now,
         options=options.model_dump(mode="json"),
-        job_id=queue_job(session, declared.kind, identifier, now, needs=needs, job_id=job_id, background=background),
+        job_id=queue_job(
+            session,
+            declared.kind,
+            identifier,
+            now,
+            short=declared.is_short(options),
+            needs=needs,
+            job_id=job_id,
+            priority=priority,
+        ),
         **{name: known[name] for name in table.own_columns() if name in known},
     )
     session.add(row)

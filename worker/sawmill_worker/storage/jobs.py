@@ -22,7 +22,8 @@ from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import record
 from sawmill_worker.storage.files import FileStore
-from sawmill_worker.storage.paging import found, narrowed, read_page
+from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
+from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
 from sawmill_worker.vocabulary import Progress
@@ -56,7 +57,6 @@ class Retries:
 
 
 RETRIES = Retries()
-_ORDER = (JobRow.priority, JobRow.created_at, JobRow.id)
 
 
 class Pulse(NamedTuple):
@@ -91,11 +91,12 @@ class Jobs:
     def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
         self._files = files
+        self._outlooks = Outlooks()
 
     def get(self, job_id: str) -> Job:
         """One job, or `NotFound`."""
         with self._database.read() as session:
-            return _read(session, found(session, JobRow, "job", job_id))
+            return self._described(session, [found(session, JobRow, "job", job_id)])[0]
 
     def page(
         self,
@@ -108,7 +109,8 @@ class Jobs:
         """Jobs, newest first."""
         statement = narrowed(select(JobRow), {JobRow.state: state, JobRow.kind: kind})
         with self._database.read() as session:
-            return read_page(session, statement, JobRow, lambda row: _read(session, row), after=after, limit=limit)
+            rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
+            return Page[Job](items=self._described(session, rows), next=following)
 
     def counts(self) -> dict[JobState, int]:
         """How many jobs are in each state, none included."""
@@ -132,15 +134,17 @@ class Jobs:
             if row.state is JobState.QUEUED:
                 self._cancel(session, row)
             session.flush()
-            return _read(session, row)
+            return self._described(session, [row])[0]
 
-    def claim(self, worker: str) -> Claim | None:
-        """Take the job whose turn it is: the oldest that could start, a background job only when there is no other.
+    def claim(self, worker: str, *, short_only: bool = False) -> Claim | None:
+        """Take the job whose turn it is: of those that could start and come first by priority, the oldest.
 
         Parameters
         ----------
         worker
             Who takes it, for people to read.
+        short_only
+            Take a short job or none.
 
         Returns
         -------
@@ -148,7 +152,7 @@ class Jobs:
             None when there is nothing to do. Of many callers at once, one gets a job.
         """
         now = self._database.now()
-        ready = _claimable(now).with_only_columns(JobRow.id).order_by(*_ORDER).limit(1)
+        ready = _claimable(now, short_only=short_only).with_only_columns(JobRow.id).order_by(*ORDER).limit(1)
         with self._database.write() as session:
             claimed = session.scalar(
                 update(JobRow)
@@ -171,7 +175,7 @@ class Jobs:
                 return None
             row = found(session, JobRow, "job", claimed)
             record(session, now, EventKind.STARTED, row)
-            return Claim(_read(session, row))
+            return Claim(_read(row))
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
         """Say that the attempt is alive, and carry progress out.
@@ -328,19 +332,30 @@ class Jobs:
                 return None
             self._fail(session, row, _worker_lost(row), retries)
             session.flush()
-            return _read(session, row)
+            return _read(row)
 
-    def queued_job_ids(self, *, older_than_s: float = 0.0) -> Sequence[str]:
+    def queued_job_ids(
+        self, *, older_than_s: float = 0.0, short_only: bool = False, limit: int | None = None
+    ) -> Sequence[str]:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
-        limit = self._database.now() - timedelta(seconds=older_than_s)
-        statement = _claimable(limit).with_only_columns(JobRow.id).where(JobRow.created_at <= limit)
+        since = self._database.now() - timedelta(seconds=older_than_s)
+        ready = _claimable(since, short_only=short_only).where(JobRow.created_at <= since)
         with self._database.read() as session:
-            return session.scalars(statement.order_by(*_ORDER)).all()
+            return session.scalars(ready.with_only_columns(JobRow.id).order_by(*ORDER).limit(limit)).all()
 
-    def is_in_the_way(self, claim: Claim) -> bool:
-        """Whether an attempt's job is for idle times, as its row stands now, and one could start that is not."""
+    def is_in_the_way(self, claim: Claim, *, short_only: bool = False) -> bool:
+        """Whether an attempt's job is for idle times, as its row stands now, and one could start that is not.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        short_only
+            Its worker would take a short job only.
+        """
         others = JobRow.priority < Priority.BACKGROUND
-        other = _claimable(self._database.now()).with_only_columns(JobRow.id).where(others).limit(1)
+        ready = _claimable(self._database.now(), short_only=short_only).with_only_columns(JobRow.id)
+        other = ready.where(others).order_by(*ORDER).limit(1)
         itself = select(JobRow.id).where(_held_by(claim), ~others)
         with self._database.read() as session:
             return session.scalar(other) is not None and session.scalar(itself) is not None
@@ -359,6 +374,11 @@ class Jobs:
             yield session
         for job_id in session.info.pop(_ENDED_HERE, ()):
             self._files.forget_kept(job_id)
+
+    def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
+        """Jobs with their places and the time that they may take."""
+        outlooks = self._outlooks.of(session, rows, self._database.now())
+        return [_read(row, outlooks.get(row.id, NOTHING_KNOWN)) for row in rows]
 
     def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
         detail = failure.model_dump(mode="json")
@@ -402,7 +422,7 @@ class Jobs:
             record_end_without_result(session, row.kind, row.subject_id, reason)
 
 
-def _claimable(at: datetime) -> Select[JobRow]:
+def _claimable(at: datetime, *, short_only: bool = False) -> Select[JobRow]:
     """The jobs that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
@@ -411,7 +431,8 @@ def _claimable(at: datetime) -> Select[JobRow]:
         needed.state.not_in(_ENDED),
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
-    return select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
+    ready = select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
+    return ready.where(JobRow.short) if short_only else ready
 
 
 def _held_by(claim: Claim) -> ColumnElement[bool]:
@@ -451,15 +472,7 @@ def _worker_lost(row: JobRow) -> Failure:
     )
 
 
-def _queue_position(session: Session, row: JobRow) -> int | None:
-    if row.state is not JobState.QUEUED:
-        return None
-    older = or_(JobRow.created_at < row.created_at, and_(JobRow.created_at == row.created_at, JobRow.id < row.id))
-    before = or_(JobRow.priority < row.priority, and_(JobRow.priority == row.priority, older))
-    return session.scalar(select(func.count()).where(JobRow.state == JobState.QUEUED, before))
-
-
-def _read(session: Session, row: JobRow) -> Job:
+def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
     return Job.model_validate(
         {
             "id": row.id,
@@ -467,8 +480,11 @@ def _read(session: Session, row: JobRow) -> Job:
             "kind": row.kind,
             "state": row.state,
             "subject_id": row.subject_id,
-            "queue_position": _queue_position(session, row),
-            "background": row.priority == Priority.BACKGROUND,
+            "short": row.short,
+            "priority": row.priority,
+            "queue_position": outlook.queue_position,
+            "seconds_left": outlook.seconds_left,
+            "background": row.priority is Priority.BACKGROUND,
             "not_before": None if row.not_before_s is None else datetime.fromtimestamp(row.not_before_s, UTC),
             "waiting_for": row.waiting_for,
             "progress": row.progress,

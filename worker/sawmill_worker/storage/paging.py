@@ -71,6 +71,14 @@ def read_page(
     Invalid
         `after` is not a cursor that an earlier page gave.
     """
+    rows, following = rows_of_page(session, statement, table, after=after, limit=limit)
+    return Page[Any](items=[read(row) for row in rows], next=following)
+
+
+def rows_of_page(
+    session: Session, statement: Select[Row], table: type[Row], *, after: str | None, limit: int
+) -> tuple[Sequence[Row], str | None]:
+    """The rows of a page, and the cursor of the next one if there is one; the rest as in `read_page`."""
     if after is not None:
         moment, identifier = _parse_cursor(after)
         older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
@@ -78,8 +86,7 @@ def read_page(
     newest_first = statement.order_by(table.created_at.desc(), table.id.desc()).limit(limit + 1)
     rows: Sequence[Row] = session.scalars(newest_first).all()
     shown = rows[:limit]
-    more = len(rows) > limit
-    return Page[Any](items=[read(row) for row in shown], next=_cursor(shown[-1]) if more else None)
+    return shown, _cursor(shown[-1]) if len(rows) > limit else None
 
 
 def _cursor(row: Resource) -> str:

@@ -4,8 +4,9 @@ from collections.abc import Mapping
 
 from sqlalchemy import func, select
 
+from sawmill_worker.contracts import phantoms
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
 from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict
@@ -50,7 +51,12 @@ class Phantoms:
             return _read(row)
 
     def accept_picture(
-        self, picture: PhantomPicture, received: Received, *, phantom_id: str | None = None
+        self,
+        picture: PhantomPicture,
+        received: Received,
+        *,
+        phantom_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
     ) -> StoredPhantom:
         """Keep an uploaded PNG and queue the job that traces it.
 
@@ -72,7 +78,14 @@ class Phantoms:
             self._database.write() as session,
         ):
             refuse_taken(session, PhantomRow, "phantom", row.id)
-            row.job_id = queue_job(session, JobKind.TRACE_PHANTOM, row.id, row.created_at)
+            row.job_id = queue_job(
+                session,
+                JobKind.TRACE_PHANTOM,
+                row.id,
+                row.created_at,
+                short=phantoms.DECLARATION.is_short(received.size_bytes),
+                priority=priority,
+            )
             session.add(row)
             session.flush()
             keep(session)

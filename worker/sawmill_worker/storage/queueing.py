@@ -17,13 +17,14 @@ def queue_job(
     subject_id: str,
     now: datetime,
     *,
+    short: bool,
     needs: Sequence[str] = (),
     job_id: str | None = None,
-    background: bool = False,
+    priority: Priority = Priority.WAITED_FOR,
 ) -> str:
     """Queue a job that starts only when the jobs it needs have ended, and return its id.
 
-    A `background` job starts when no other could; one that another needs is brought forward with it.
+    Jobs that it needs are brought forward where they stand behind it.
     """
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)
@@ -34,8 +35,8 @@ def queue_job(
             kind=kind,
             state=JobState.QUEUED,
             subject_id=subject_id,
-            priority=Priority.BACKGROUND if background else Priority.WAITED_FOR,
-            short=False,
+            priority=priority,
+            short=short,
             attempt=0,
             beats=0,
             losses=0,
@@ -45,13 +46,13 @@ def queue_job(
     )
     session.flush()
     session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
-    if not background:
-        _bring_forward(session, needs)
+    _bring_forward(session, needs, priority)
     return job_id
 
 
-def _bring_forward(session: Session, job_ids: Sequence[str]) -> None:
+def _bring_forward(session: Session, job_ids: Sequence[str], priority: Priority) -> None:
     while job_ids:
-        session.execute(update(JobRow).where(JobRow.id.in_(job_ids)).values(priority=Priority.WAITED_FOR))
+        behind = update(JobRow).where(JobRow.id.in_(job_ids), JobRow.priority > priority)
+        session.execute(behind.values(priority=priority))
         needed = select(JobDependencyRow.needs_job_id).where(JobDependencyRow.job_id.in_(job_ids))
         job_ids = session.scalars(needed).all()

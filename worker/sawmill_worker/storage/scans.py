@@ -2,8 +2,9 @@
 
 from sqlalchemy import select
 
+from sawmill_worker.contracts import scans
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
@@ -25,7 +26,12 @@ class Scans:
         self._files = files
 
     def accept(
-        self, spec: ScanSpec, received: Received, *, scan_id: str | None = None, background: bool = False
+        self,
+        spec: ScanSpec,
+        received: Received,
+        *,
+        scan_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
     ) -> Scan:
         """Keep an upload and queue the job that reads it.
 
@@ -37,8 +43,8 @@ class Scans:
             From `FileStore.receive`. When this method raises, the upload is discarded.
         scan_id
             A fixed id; null for a new one.
-        background
-            Read only when no other job could start.
+        priority
+            Which jobs go before it.
 
         Raises
         ------
@@ -60,7 +66,14 @@ class Scans:
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
-            row.job_id = queue_job(session, JobKind.INGEST, row.id, row.created_at, background=background)
+            row.job_id = queue_job(
+                session,
+                JobKind.INGEST,
+                row.id,
+                row.created_at,
+                short=scans.DECLARATION.is_short(received.size_bytes),
+                priority=priority,
+            )
             session.add(row)
             session.flush()
             keep(session)

@@ -9,6 +9,7 @@ from sqlalchemy.orm import Session
 from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
@@ -169,7 +170,8 @@ def _new_phantom_scan(session: Session, scanner_id: str) -> ScanRow | None:
 
 def _queue(session: Session, row: ScheduleRow, scan: ScanRow, now: datetime) -> str:
     ask = CalibrationAsk.model_validate({**row.options, "scan_id": scan.id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
-    return queue_asked(session, calibrations.DECLARATION, ask, now, given={"schedule_id": row.id}).id
+    given = {"schedule_id": row.id}
+    return queue_asked(session, calibrations.DECLARATION, ask, now, given=given, priority=Priority.BATCH).id
 
 
 def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:

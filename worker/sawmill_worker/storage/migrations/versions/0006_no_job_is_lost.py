@@ -9,6 +9,11 @@ branch_labels = None
 depends_on = None
 
 _BACKGROUND = 2
+_INDICES = {
+    "ix_jobs_created_at_id": ["created_at", "id"],
+    "ix_jobs_queue": ["state", "priority", "created_at", "id", "short", "kind"],
+    "ix_jobs_lane": ["state", "short", "priority", "created_at", "id"],
+}
 
 
 def upgrade() -> None:
@@ -19,6 +24,8 @@ def upgrade() -> None:
     op.execute(jobs.update().where(jobs.c.background).values(priority=_BACKGROUND))
     op.drop_column("jobs", "background")
     op.drop_column("jobs", "lease_expires_s")
+    for name, columns in _INDICES.items():
+        op.create_index(name, "jobs", columns)
     op.create_table(
         "events",
         sa.Column("number", sa.Integer(), autoincrement=True, nullable=False),
@@ -43,6 +50,8 @@ def upgrade() -> None:
 def downgrade() -> None:
     op.drop_table("clock")
     op.drop_table("events")
+    for name in _INDICES:
+        op.drop_index(name, "jobs")
     op.add_column("jobs", sa.Column("lease_expires_s", sa.Float(precision=53), nullable=True))
     op.add_column("jobs", sa.Column("background", sa.Boolean(), nullable=False, server_default=sa.false()))
     jobs = sa.table("jobs", sa.column("background", sa.Boolean()), sa.column("priority", sa.Integer()))

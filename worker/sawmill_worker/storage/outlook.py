@@ -1,0 +1,170 @@
+"""What lies before queued jobs, and how long jobs may still take, by how long others of their kind took lately."""
+
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
+from itertools import groupby
+from operator import itemgetter
+from statistics import median
+from typing import Any, NamedTuple
+
+from sqlalchemy import Row, and_, func, literal, select, tuple_
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.storage.tables import JobRow
+
+ORDER = (JobRow.priority, JobRow.created_at, JobRow.id)
+_RECENT = 1000  # ended jobs among which those of a kind are looked for
+_ENOUGH = 20  # of a kind: its median changes little by more
+_REFRESH_S = 5.0
+# Share of a job that must be done before its pace says more than other jobs of its kind.
+_TELLING = 0.1
+
+
+class Line(NamedTuple):
+    """Jobs that take about as long as one another: of one kind, in one lane."""
+
+    kind: JobKind
+    short: bool
+
+
+class Outlook(NamedTuple):
+    """Jobs before one in the queue, and seconds until it succeeds; null where there is none, or nothing is known."""
+
+    queue_position: int | None
+    seconds_left: float | None
+
+
+class _Running(NamedTuple):
+    line: Line
+    background: bool
+    seconds_left: float | None
+
+
+Durations = Mapping[Line, float]
+NOTHING_KNOWN = Outlook(None, None)
+
+
+class Outlooks:
+    """Of jobs in a transaction that reads: at most three statements, however many they are."""
+
+    def __init__(self) -> None:
+        self._durations: Durations = {}
+        self._read_at_s: float | None = None
+
+    def of(self, session: Session, rows: Sequence[JobRow], now: datetime) -> dict[str, Outlook]:
+        """By the jobs' ids; those that have ended are left out."""
+        unfinished = [row for row in rows if not row.state.ended]
+        if not unfinished:
+            return {}
+        durations = self._typical(session)
+        outlooks = {
+            row.id: Outlook(None, _rounded(_remaining_s(row, durations, now)))
+            for row in unfinished
+            if row.state is JobState.RUNNING
+        }
+        queued = {row.id: row for row in unfinished if row.state is JobState.QUEUED}
+        if queued:
+            running = list(_running(session, durations, now))
+            for job_id, before in _before(session, list(queued)):
+                outlooks[job_id] = _of_queued(queued[job_id], before, running, durations, now)
+        return outlooks
+
+    def _typical(self, session: Session) -> Durations:
+        """Seconds from start to success: medians of the last jobs, of a few seconds ago at most."""
+        if self._read_at_s is None or time.monotonic() - self._read_at_s > _REFRESH_S:
+            self._durations, self._read_at_s = _durations(session), time.monotonic()
+        return self._durations
+
+
+def _durations(session: Session) -> Durations:
+    columns = (JobRow.kind, JobRow.short, JobRow.started_at, JobRow.finished_at)
+    succeeded = select(*columns).where(JobRow.state == JobState.SUCCEEDED)
+    newest = succeeded.order_by(JobRow.created_at.desc(), JobRow.id.desc()).limit(_RECENT)
+    taken_s: defaultdict[Line, list[float]] = defaultdict(list)
+    for kind, short, started_at, finished_at in session.execute(newest):
+        if started_at is not None and finished_at is not None:
+            taken_s[Line(kind, short)].append((finished_at - started_at).total_seconds())
+    return {line: median(all_s[:_ENOUGH]) for line, all_s in taken_s.items()}
+
+
+def _running(session: Session, durations: Durations, now: datetime) -> Iterator[_Running]:
+    for row in session.scalars(select(JobRow).where(JobRow.state == JobState.RUNNING)):
+        background = row.priority is Priority.BACKGROUND
+        yield _Running(Line(row.kind, row.short), background, _remaining_s(row, durations, now))
+
+
+def _before(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Counter[Line]]]:
+    """What is queued before each of some queued jobs, which are cut out of the queue's order in one walk over it."""
+    asked = select(
+        *ORDER,
+        func.row_number().over(order_by=ORDER).label("number"),
+        # Those from the job asked for before it on; before the first one, all.
+        func.lag(JobRow.priority, 1, literal(-1)).over(order_by=ORDER).label("from_priority"),
+        func.lag(JobRow.created_at).over(order_by=ORDER).label("from_created_at"),
+        func.lag(JobRow.id).over(order_by=ORDER).label("from_id"),
+    )
+    to = asked.where(JobRow.id.in_(job_ids), JobRow.state == JobState.QUEUED).cte("asked")
+    since = tuple_(to.c.from_priority, to.c.from_created_at, to.c.from_id)
+    between = and_(tuple_(*ORDER) >= since, tuple_(*ORDER) < tuple_(to.c.priority, to.c.created_at, to.c.id))
+    counted = (
+        select(to.c.id, JobRow.kind, JobRow.short, func.count(JobRow.id))
+        .outerjoin_from(to, JobRow, and_(JobRow.state == JobState.QUEUED, between))
+        .group_by(to.c.number, to.c.id, JobRow.kind, JobRow.short)
+        .order_by(to.c.number)
+    )
+    return _summed(session.execute(counted))
+
+
+def _summed(rows: Iterable[Row[Any]]) -> Iterator[tuple[str, Counter[Line]]]:
+    before: Counter[Line] = Counter()
+    for job_id, counts in groupby(rows, itemgetter(0)):
+        before.update({Line(kind, short): number for _, kind, short, number in counts if number})
+        yield job_id, Counter(before)
+
+
+def _of_queued(
+    row: JobRow, before: Counter[Line], running: Iterable[_Running], durations: Durations, now: datetime
+) -> Outlook:
+    """Long jobs wait for all that come before them, short ones for short ones."""
+    own = Counter({line: number for line, number in before.items() if line.short or not row.short})
+    goes_on = [
+        job
+        for job in running
+        if (job.line.short or not row.short) and (not job.background or row.priority is Priority.BACKGROUND)
+    ]
+    queued_s = _sum(number * durations[line] if line in durations else None for line, number in own.items())
+    work_s = _sum([queued_s, *(job.seconds_left for job in goes_on)])
+    # As many at once as there are now.
+    lanes = max(1, sum(job.line.short == row.short for job in goes_on))
+    wait_s = None if work_s is None else max(work_s / lanes, (row.not_before_s or 0.0) - now.timestamp())
+    return Outlook(own.total(), _rounded(_sum([wait_s, durations.get(Line(row.kind, row.short))])))
+
+
+def _remaining_s(row: JobRow, durations: Durations, now: datetime) -> float | None:
+    """By what it says itself, else by its pace, else by how long others took."""
+    progress = row.progress or {}
+    if progress.get("seconds_left") is not None:
+        return float(progress["seconds_left"])
+    elapsed_s = max(0.0, (now - (row.started_at or now)).total_seconds())
+    done = float(progress.get("fraction", 0.0))
+    if done >= _TELLING:
+        return elapsed_s * (1.0 - done) / done
+    typical_s = durations.get(Line(row.kind, row.short))
+    return None if typical_s is None else max(0.0, typical_s - elapsed_s)
+
+
+def _sum(parts: Iterable[float | None]) -> float | None:
+    """Null where a part is unknown."""
+    total = 0.0
+    for part in parts:
+        if part is None:
+            return None
+        total += part
+    return total
+
+
+def _rounded(seconds: float | None) -> float | None:
+    return None if seconds is None else round(seconds, 1)
