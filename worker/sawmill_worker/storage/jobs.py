@@ -339,7 +339,8 @@ class Jobs:
     ) -> Sequence[str]:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
         since = self._database.now() - timedelta(seconds=older_than_s)
-        ready = _claimable(since, short_only=short_only).where(JobRow.created_at <= since)
+        # Not the column itself, by which SQLite would find them and then sort them all.
+        ready = _claimable(since, short_only=short_only).where(func.coalesce(JobRow.created_at, since) <= since)
         with self._database.read() as session:
             return session.scalars(ready.with_only_columns(JobRow.id).order_by(*ORDER).limit(limit)).all()
 

@@ -2,18 +2,18 @@
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from datetime import datetime
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from itertools import groupby
 from operator import itemgetter
 from statistics import median
 from typing import Any, NamedTuple
 
-from sqlalchemy import Row, and_, func, literal, select, tuple_
+from sqlalchemy import Over, and_, func, literal, select, true, tuple_, union_all
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
-from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.storage.tables import JobRow, UtcDateTime
 
 ORDER = (JobRow.priority, JobRow.created_at, JobRow.id)
 _RECENT = 1000  # ended jobs among which those of a kind are looked for
@@ -43,12 +43,15 @@ class _Running(NamedTuple):
     seconds_left: float | None
 
 
+_LINES = [Line(kind, short) for kind in JobKind for short in (False, True)]
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
 Durations = Mapping[Line, float]
 NOTHING_KNOWN = Outlook(None, None)
 
 
 class Outlooks:
-    """Of jobs in a transaction that reads: at most three statements, however many they are."""
+    """Of jobs in a transaction that reads: at most five statements, however many they are."""
 
     def __init__(self) -> None:
         self._durations: Durations = {}
@@ -68,7 +71,7 @@ class Outlooks:
         queued = {row.id: row for row in unfinished if row.state is JobState.QUEUED}
         if queued:
             running = list(_running(session, durations, now))
-            for job_id, before in _before(session, list(queued)):
+            for job_id, before in _before(session, list(queued.values())):
                 outlooks[job_id] = _of_queued(queued[job_id], before, running, durations, now)
         return outlooks
 
@@ -96,33 +99,49 @@ def _running(session: Session, durations: Durations, now: datetime) -> Iterator[
         yield _Running(Line(row.kind, row.short), background, _remaining_s(row, durations, now))
 
 
-def _before(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Counter[Line]]]:
-    """What is queued before each of some queued jobs, which are cut out of the queue's order in one walk over it."""
+def _before(session: Session, rows: Sequence[JobRow]) -> Iterator[tuple[str, Counter[Line]]]:
+    """What is queued before each of some queued jobs."""
+    first = _first(session, {row.priority for row in rows})
+    for job_id, priority, counts in _steps(session, [row.id for row in rows]):
+        first[priority].update(counts)
+        yield job_id, Counter(first[priority])
+
+
+def _first(session: Session, priorities: Collection[Priority]) -> dict[Priority, Counter[Line]]:
+    """What is queued before the first job of a priority."""
+    before = {priority: Counter[Line]() for priority in priorities}
+    lower = JobRow.priority < max(priorities, key=lambda priority: priority.rank)
+    columns = (JobRow.priority, JobRow.short, JobRow.kind)
+    waiting = select(*columns, func.count()).where(JobRow.state == JobState.QUEUED, lower).group_by(*columns)
+    for ahead, short, kind, number in session.execute(waiting):
+        for priority, counts in before.items():
+            counts[Line(kind, short)] += number if ahead.rank < priority.rank else 0
+    return before
+
+
+def _steps(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Priority, dict[Line, int]]]:
+    """From one of these jobs to the next of its priority: what is queued between, counted in the index alone."""
     asked = select(
         *ORDER,
-        func.row_number().over(order_by=ORDER).label("number"),
-        # Those from the job asked for before it on; before the first one, all.
-        func.lag(JobRow.priority, 1, literal(-1)).over(order_by=ORDER).label("from_priority"),
-        func.lag(JobRow.created_at).over(order_by=ORDER).label("from_created_at"),
-        func.lag(JobRow.id).over(order_by=ORDER).label("from_id"),
+        _previous(JobRow.created_at, literal(_EPOCH, UtcDateTime())).label("from_created_at"),
+        _previous(JobRow.id, literal("")).label("from_id"),
     )
-    to = asked.where(JobRow.id.in_(job_ids), JobRow.state == JobState.QUEUED).cte("asked")
-    since = tuple_(to.c.from_priority, to.c.from_created_at, to.c.from_id)
-    between = and_(tuple_(*ORDER) >= since, tuple_(*ORDER) < tuple_(to.c.priority, to.c.created_at, to.c.id))
-    counted = (
-        select(to.c.id, JobRow.kind, JobRow.short, func.count(JobRow.id))
-        .outerjoin_from(to, JobRow, and_(JobRow.state == JobState.QUEUED, between))
-        .group_by(to.c.number, to.c.id, JobRow.kind, JobRow.short)
-        .order_by(to.c.number)
-    )
-    return _summed(session.execute(counted))
+    to = asked.where(JobRow.id.in_(job_ids)).cte("asked")
+    line = union_all(*(select(literal(short).label("short"), literal(kind).label("kind")) for kind, short in _LINES))
+    lines = line.cte("lines")
+    of_line = and_(JobRow.short == lines.c.short, JobRow.kind == lines.c.kind, JobRow.priority == to.c.priority)
+    since = tuple_(JobRow.created_at, JobRow.id) >= tuple_(to.c.from_created_at, to.c.from_id)
+    until = tuple_(JobRow.created_at, JobRow.id) < tuple_(to.c.created_at, to.c.id)
+    number = select(func.count()).where(JobRow.state == JobState.QUEUED, of_line, since, until).scalar_subquery()
+    counted = select(to.c.id, to.c.priority, lines.c.short, lines.c.kind, number).join_from(to, lines, true())
+    steps = session.execute(counted.order_by(to.c.priority, to.c.created_at, to.c.id))
+    for (job_id, priority), counts in groupby(steps, itemgetter(0, 1)):
+        yield job_id, priority, {Line(JobKind(kind), short): number for *_, short, kind, number in counts}
 
 
-def _summed(rows: Iterable[Row[Any]]) -> Iterator[tuple[str, Counter[Line]]]:
-    before: Counter[Line] = Counter()
-    for job_id, counts in groupby(rows, itemgetter(0)):
-        before.update({Line(kind, short): number for _, kind, short, number in counts if number})
-        yield job_id, Counter(before)
+def _previous(column: Any, at_the_first: Any) -> Over[Any]:  # noqa: ANN401 - of any type
+    """A column's value at the job asked for before, of the same priority."""
+    return func.lag(column, 1, at_the_first).over(partition_by=JobRow.priority, order_by=ORDER[1:])
 
 
 def _of_queued(

@@ -11,8 +11,9 @@ depends_on = None
 _BACKGROUND = 2
 _INDICES = {
     "ix_jobs_created_at_id": ["created_at", "id"],
-    "ix_jobs_queue": ["state", "priority", "created_at", "id", "short", "kind"],
+    "ix_jobs_queue": ["state", "priority", "created_at", "id"],
     "ix_jobs_lane": ["state", "short", "priority", "created_at", "id"],
+    "ix_jobs_places": ["state", "priority", "short", "kind", "created_at", "id"],
 }
 
 
