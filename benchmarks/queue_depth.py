@@ -14,7 +14,8 @@ from statistics import median
 from sqlalchemy import insert
 
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
-from sawmill_worker.storage.database import Database, make_engine
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import JobRow

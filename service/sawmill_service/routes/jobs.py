@@ -70,7 +70,7 @@ async def stream_job(
             yield ServerSentEvent(data=job.state, event="closing", id=str(number), retry=retry_ms)
             return
         now = await run_in_threadpool(_now, store, job)
-        if now != job:
+        if _tells_more(now, job):
             job, number = now, number + 1
             yield ServerSentEvent(data=job, event="job", id=str(number))
     yield ServerSentEvent(data=job.state, event="end", id=str(number + 1))
@@ -82,6 +82,11 @@ def _now(store: Store, job: Job) -> Job:
         return store.jobs.get(job.id)
     except StorageUnavailable:
         return job
+
+
+def _tells_more(now: Job, before: Job) -> bool:
+    """Whether more has changed than the time left, which runs by itself."""
+    return now.model_copy(update={"seconds_left": before.seconds_left}) != before
 
 
 def _pause_s(waited_s: float, longest_s: float) -> float:

@@ -115,7 +115,8 @@ def _first(session: Session, priorities: Collection[Priority]) -> dict[Priority,
     waiting = select(*columns, func.count()).where(JobRow.state == JobState.QUEUED, lower).group_by(*columns)
     for ahead, short, kind, number in session.execute(waiting):
         for priority, counts in before.items():
-            counts[Line(kind, short)] += number if ahead.rank < priority.rank else 0
+            if ahead.rank < priority.rank:
+                counts[Line(kind, short)] += number
     return before
 
 
@@ -136,7 +137,7 @@ def _steps(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Prio
     counted = select(to.c.id, to.c.priority, lines.c.short, lines.c.kind, number).join_from(to, lines, true())
     steps = session.execute(counted.order_by(to.c.priority, to.c.created_at, to.c.id))
     for (job_id, priority), counts in groupby(steps, itemgetter(0, 1)):
-        yield job_id, priority, {Line(JobKind(kind), short): number for *_, short, kind, number in counts}
+        yield job_id, priority, {Line(JobKind(kind), short): number for *_, short, kind, number in counts if number}
 
 
 def _previous(column: Any, at_the_first: Any) -> Over[Any]:  # noqa: ANN401 - of any type

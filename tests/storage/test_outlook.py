@@ -1,0 +1,131 @@
+"""Places in the queue and the time that jobs may still take."""
+
+from itertools import count
+
+import pytest
+from sqlalchemy import event, insert
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.vocabulary import CalibrationMethod, Progress
+
+
+@pytest.fixture
+def store(settings, clock):
+    Store.open(settings).close()
+    opened = Store(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def add(settings, clock):
+    """Rows of jobs, a second apart."""
+    database = Database(make_engine(settings.url), clock)
+    numbers = count()
+
+    def insert_rows(number, kind, *, took_s=None, **values):
+        with database.write() as session:
+            for _ in range(number):
+                clock.advance(seconds=1)
+                name = f"{kind.value}-{next(numbers):04d}"
+                row = {"id": name, "subject_id": name, "kind": kind, "state": JobState.QUEUED, "created_at": clock()}
+                if took_s is not None:
+                    start = clock()
+                    clock.advance(seconds=took_s)
+                    row |= {"state": JobState.SUCCEEDED, "started_at": start, "finished_at": clock()}
+                session.execute(insert(JobRow), [row | values])
+
+    yield insert_rows
+    database.engine.dispose()
+
+
+def waits(store):
+    """Each queued job's place and time, the next one first."""
+    jobs = store.jobs.page(state=JobState.QUEUED, limit=200).items
+    assert [store.jobs.get(job.id) for job in jobs] == jobs  # alone as in a list
+    order = list(store.jobs.queued_job_ids())
+    return [(job.queue_position, job.seconds_left) for job in sorted(jobs, key=lambda job: order.index(job.id))]
+
+
+def test_places_follow_priority_and_lane(store, add):
+    add(2, JobKind.RECONSTRUCT, priority=Priority.BACKGROUND)
+    add(2, JobKind.CALIBRATE, short=True, priority=Priority.BATCH)
+    add(1, JobKind.RECONSTRUCT)
+    add(2, JobKind.PLAN, short=True)
+    add(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
+    order = list(store.jobs.queued_job_ids())
+    assert [name.partition("-")[0] for name in order] == [
+        *("reconstruct", "plan", "plan"),
+        *("calibrate", "calibrate", "reconstruct"),
+        *("reconstruct", "reconstruct"),
+    ]
+    # A short job waits for short ones only, another one for all.
+    assert [place for place, _ in waits(store)] == [0, 0, 1, 2, 3, 5, 6, 7]
+
+
+def test_a_list_takes_as_many_statements_whatever_its_length(store, add):
+    add(150, JobKind.RECONSTRUCT)
+    add(40, JobKind.PLAN, short=True, priority=Priority.BATCH)
+    store.jobs.page(limit=1)
+    statements = []
+    event.listen(store._database.engine, "before_cursor_execute", lambda *given: statements.append(given[2]))
+    assert len(store.jobs.page(limit=200).items) == 190
+    # One each for the page, what runs, lower priorities, and the steps between; how long jobs took is known by now.
+    assert sum(statement.startswith(("SELECT", "WITH")) for statement in statements) == 4
+
+
+def test_the_time_left_adds_up_what_runs_and_what_stands_before(store, add, clock):
+    add(1, JobKind.RECONSTRUCT)
+    assert waits(store) == [(0, None)]  # nothing is known yet
+    add(5, JobKind.RECONSTRUCT, took_s=600.0)
+    add(20, JobKind.RECONSTRUCT, took_s=100.0)  # the last twenty count
+    add(3, JobKind.PLAN, took_s=4.0, short=True)
+    later = Store(store.settings, clock=clock)
+    add(1, JobKind.RECONSTRUCT)
+    add(2, JobKind.PLAN, short=True)
+    assert waits(later) == [(0, 100.0), (1, 200.0), (0, 4.0), (1, 8.0)]
+
+    first = later.jobs.claim("test")
+    clock.advance(seconds=30.0)
+    assert later.jobs.get(first.job_id).seconds_left == 70.0
+    assert waits(later) == [(0, 170.0), (0, 4.0), (1, 8.0)]
+    later.jobs.heartbeat(first, Progress(fraction=0.5, stage="slices"))  # half of it took 30 s
+    assert waits(later)[0] == (0, 130.0)
+    later.jobs.heartbeat(first, Progress(fraction=0.5, stage="slices", seconds_left=20.0))
+    assert waits(later)[0] == (0, 120.0)
+    later.close()
+
+
+def test_what_is_known_to_take_seconds_is_short(store, upload):
+    scan = upload(store)
+    by_method = {
+        method: store.calibrations.accept(CalibrationAsk(scan_id=scan.id, method=method))
+        for method in CalibrationMethod
+    }
+    slices = store.reconstructions.accept(
+        ReconstructionAsk(scan_id=scan.id, calibration_id=by_method[CalibrationMethod.DEFAULT].id)
+    )
+    asked = [scan, *by_method.values(), slices]
+    assert [store.jobs.get(each.job_id).short for each in asked] == [
+        True,
+        *(method is CalibrationMethod.DEFAULT for method in CalibrationMethod),
+        False,
+    ]
+
+
+def test_short_jobs_can_be_claimed_alone(store, add):
+    add(1, JobKind.RECONSTRUCT)
+    add(1, JobKind.PLAN, short=True, priority=Priority.BACKGROUND)
+    assert len(store.jobs.queued_job_ids(short_only=True)) == 1
+    taken = store.jobs.claim("test", short_only=True)
+    assert (taken.job.kind, taken.job.short, taken.job.background) == (JobKind.PLAN, True, True)
+    assert store.jobs.claim("test", short_only=True) is None
+    # A long job that waits is no reason to give a short lane's worker back.
+    assert store.jobs.is_in_the_way(taken)
+    assert not store.jobs.is_in_the_way(taken, short_only=True)
