@@ -12,6 +12,7 @@ from pydantic import Field
 
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.jobs import Priority
 
 # No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
 _SPAN = re.compile(r"\s*(\d{0,18})-(\d{0,18})\s*")
@@ -33,6 +34,15 @@ class Hdf5(Response):
     """A file of arrays."""
 
     media_type = "application/x-hdf5"
+
+
+AskedPriority = Annotated[
+    Priority,
+    Field(
+        description="Jobs that somebody waits for go first. `batch`: after those, as what a schedule asks for. "
+        "`background`: when no other could start, and it gives way to one."
+    ),
+]
 
 
 class Paging(Contract):

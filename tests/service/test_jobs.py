@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Priority
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.vocabulary import Progress
 
@@ -101,3 +101,26 @@ def test_a_running_job_is_asked_to_stop(seeded, store, worker, job_id):
 def test_cancelling_what_has_ended_changes_nothing(seeded):
     assert seeded.post("/v1/jobs/example/cancel").json()["state"] == "succeeded"
     assert seeded.post("/v1/jobs/nothing/cancel").status_code == 404
+
+
+def test_what_can_wait_says_so_and_comes_after_those_who_wait(seeded, store):
+    ask = {"scan_id": "example"}
+    night, day = (seeded.post(f"/v1/calibrations{query}", json=ask).json() for query in ("?priority=batch", ""))
+    jobs = [seeded.get(f"/v1/jobs/{asked['job_id']}").json() for asked in (night, day)]
+    assert [(job["priority"], job["queue_position"]) for job in jobs] == [("batch", 1), ("waited-for", 0)]
+    # A result that somebody waits for brings forward what it needs.
+    needs_it = {"scan_id": "example", "calibration_id": night["id"]}
+    assert seeded.post("/v1/reconstructions?priority=batch", json=needs_it).status_code == 202
+    assert store.jobs.get(night["job_id"]).priority is Priority.BATCH
+    assert seeded.post("/v1/reconstructions", json=needs_it).status_code == 202
+    assert store.jobs.get(night["job_id"]).priority is Priority.WAITED_FOR
+    refused = seeded.post("/v1/calibrations?priority=now", json=ask)
+    assert (refused.status_code, "'waited-for', 'batch' or 'background'" in refused.text) == (422, True)
+
+
+def test_uploads_take_a_priority_beside_their_description(seeded, store):
+    query = {"scanner_id": "example", "data": "counts", "priority": "batch"}
+    scan = seeded.post("/v1/scans", params=query, content=b"scan").json()
+    picture = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9&priority=background", content=b"png").json()
+    jobs = [store.jobs.get(accepted["job_id"]) for accepted in (scan, picture)]
+    assert [job.priority for job in jobs] == [Priority.BATCH, Priority.BACKGROUND]

@@ -5,6 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
+from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
@@ -67,7 +68,8 @@ def test_a_due_schedule_queues_the_newest_phantom_scan_once(store, schedule, clo
     assert next_run.outcome == "no-new-phantom-scan"
     assert store.schedules.runs(schedule.id) == [next_run, run]
     store.schedules.delete(schedule.id)
-    assert store.calibrations.get(run.calibration_id).schedule_id == schedule.id
+    asked = store.calibrations.get(run.calibration_id)
+    assert (asked.schedule_id, store.jobs.get(asked.job_id).priority) == (schedule.id, Priority.BATCH)
 
 
 @pytest.mark.usefixtures("schedule")

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import create_model
 
-from sawmill_service.answers import Paging, accept
+from sawmill_service.answers import AskedPriority, Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Contract, Identifier, Page
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
 
 
@@ -30,8 +30,9 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         settings: TheSettings,
         wake: TheWake,
         response: Response,
+        priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
     ) -> Any:  # noqa: ANN401 - the kind's answer
-        answer = store.asked(declared).accept(ask, given=given)
+        answer = store.asked(declared).accept(ask, priority=priority, given=given)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         return _linked(declared, answer)

@@ -5,12 +5,13 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_service.answers import Paging, Svg, accept, etag, picture
+from sawmill_service.answers import AskedPriority, Paging, Svg, accept, etag, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
@@ -24,6 +25,17 @@ EXAMPLE = {
         {"kind": "disc", "center_mm": [-50, -50], "radius_mm": 26, "density": -1},
     ],
 }
+
+
+class PictureUpload(PhantomPicture):
+    """What is given with a picture, and how urgent its tracing is."""
+
+    priority: AskedPriority = Priority.WAITED_FOR
+
+    @property
+    def picture(self) -> PhantomPicture:
+        """What is stored of it."""
+        return PhantomPicture.model_validate(self.model_dump(exclude={"priority"}, exclude_unset=True))
 
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
@@ -41,7 +53,7 @@ def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> 
     openapi_extra=trying_file("image/png", "/static/phantom.png"),
 )
 async def upload_phantom_picture(
-    picture: Annotated[PhantomPicture, Query()],
+    upload: Annotated[PictureUpload, Query()],
     *,
     request: Request,
     response: Response,
@@ -55,7 +67,7 @@ async def upload_phantom_picture(
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_picture_bytes)
-    phantom = await run_in_threadpool(store.phantoms.accept_picture, picture, received)
+    phantom = await run_in_threadpool(store.phantoms.accept_picture, upload.picture, received, priority=upload.priority)
     if phantom.job_id is not None:
         await run_in_threadpool(wake, phantom.job_id)
     accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)

@@ -6,12 +6,13 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.answers import Paging, Png, accept, etag, picture
+from sawmill_service.answers import AskedPriority, Paging, Png, accept, etag, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Contract, Identifier, Page
+from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_worker.files import scan_reader
 from sawmill_worker.pictures.images import sinogram_png
@@ -25,6 +26,17 @@ class ScanFilter(Paging):
 
     scanner_id: Identifier | None = None
     state: ScanState | None = None
+
+
+class ScanUpload(ScanSpec):
+    """What is given with a file, and how urgent its reading is."""
+
+    priority: AskedPriority = Priority.WAITED_FOR
+
+    @property
+    def spec(self) -> ScanSpec:
+        """What is stored of it."""
+        return ScanSpec.model_validate(self.model_dump(exclude={"priority"}, exclude_unset=True))
 
 
 class SinogramQuery(Contract):
@@ -47,7 +59,7 @@ class SinogramQuery(Contract):
     ),
 )
 async def upload_scan(
-    spec: Annotated[ScanSpec, Query()],
+    upload: Annotated[ScanUpload, Query()],
     *,
     request: Request,
     response: Response,
@@ -62,7 +74,7 @@ async def upload_scan(
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
     received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_upload_bytes)
-    scan = await run_in_threadpool(store.scans.accept, spec, received)
+    scan = await run_in_threadpool(store.scans.accept, upload.spec, received, priority=upload.priority)
     await run_in_threadpool(wake, scan.job_id)
     accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
     return scan
