@@ -128,7 +128,12 @@ def _steps(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Prio
         _previous(JobRow.id, literal("")).label("from_id"),
     )
     to = asked.where(JobRow.id.in_(job_ids)).cte("asked")
-    line = union_all(*(select(literal(short).label("short"), literal(kind).label("kind")) for kind, short in _LINES))
+    line = union_all(
+        *(
+            select(literal(short).label("short"), literal(kind, JobRow.kind.type).label("kind"))
+            for kind, short in _LINES
+        )
+    )
     lines = line.cte("lines")
     of_line = and_(JobRow.short == lines.c.short, JobRow.kind == lines.c.kind, JobRow.priority == to.c.priority)
     since = tuple_(JobRow.created_at, JobRow.id) >= tuple_(to.c.from_created_at, to.c.from_id)
@@ -137,7 +142,7 @@ def _steps(session: Session, job_ids: Sequence[str]) -> Iterator[tuple[str, Prio
     counted = select(to.c.id, to.c.priority, lines.c.short, lines.c.kind, number).join_from(to, lines, true())
     steps = session.execute(counted.order_by(to.c.priority, to.c.created_at, to.c.id))
     for (job_id, priority), counts in groupby(steps, itemgetter(0, 1)):
-        yield job_id, priority, {Line(JobKind(kind), short): number for *_, short, kind, number in counts if number}
+        yield job_id, priority, {Line(kind, short): number for *_, short, kind, number in counts if number}
 
 
 def _previous(column: Any, at_the_first: Any) -> Over[Any]:  # noqa: ANN401 - of any type
