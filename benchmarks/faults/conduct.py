@@ -30,6 +30,7 @@ class Plan:
     long: bool = False
     folder: Path | None = None
     mix: Sequence[str] = MIX
+    workers: int = 2
 
     def requests(self) -> list[Request]:
         """One for each engine and each fault that it can have, with its share of the jobs."""
@@ -42,6 +43,7 @@ class Plan:
                 f"{self.seed} {engine.name} {fault.name}",
                 self.mix,
                 self.long,
+                self.workers,
             )
             for number, (engine, fault) in enumerate(pairs)
         ]
@@ -57,7 +59,7 @@ def conduct_all(plan: Plan) -> list[Outcome]:
         places = Places((folder / f"run-{int(time.time())}").absolute(), stack)
         progress = stack.enter_context(Progress(*bar, console=Console(stderr=True)))
         task = progress.add_task("right answers", total=sum(request.jobs for request in requests))
-        right = right_answers(places, plan.mix)
+        right = right_answers(places, plan)
         outcomes = []
         for request in requests:
             progress.update(task, description=f"{request.engine.name}: {request.fault.name}")
@@ -69,13 +71,13 @@ def conduct_all(plan: Plan) -> list[Outcome]:
         return outcomes
 
 
-def right_answers(places: Places, mix: Sequence[str]) -> dict[str, str]:
+def right_answers(places: Places, plan: Plan) -> dict[str, str]:
     """What each kind of work is answered with when nothing happens."""
-    nothing = Request(ENGINES[0], Fault("none", lambda _: None), 0, "0")
+    nothing = Request(ENGINES[0], Fault("none", lambda _: None), 0, "0", workers=plan.workers)
     with trial_of(places, nothing) as trial:
         for number in range(PLANS):
             trial.asker.ask("plan", number)
-        for name in sorted(set(mix) - {"plan", *BASE}):
+        for name in sorted(set(plan.mix) - {"plan", *BASE}):
             trial.asker.ask(name)
         disturbed(trial, None, 0, lambda: None)
         client, data = trial.product.client, trial.product.data

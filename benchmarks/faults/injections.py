@@ -25,10 +25,13 @@ def kill(trial: Trial) -> None:
 
 
 def stop(trial: Trial) -> None:
-    """SIGSTOP for twice the lease: a worker, and an attempt under a worker that goes on."""
+    """SIGSTOP: a worker, and an attempt under a worker that goes on, for twice the lease; an attempt for good."""
     while trial.again(0.5, 2.0):
         part, victim = _victim(trial, ("worker", "attempt"))
         send([victim], signal.SIGSTOP)
+        if part == "attempt" and trial.rng.random() < 0.5:
+            trial.happened["hung attempt"] += 1
+            continue
         time.sleep(2 * LEASE_S)
         send([victim], signal.SIGCONT)
         trial.happened[f"stopped {part}"] += 1

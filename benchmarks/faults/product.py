@@ -18,7 +18,7 @@ from faults.servers import free_port
 READY_S = 120.0
 LONGEST_STOP_S = 40.0
 LEASE_S = 4.0
-# Waits in proportion to a lease of four seconds instead of a minute; two workers of a thread each.
+# Waits in proportion to a lease of four seconds instead of a minute; a thread for each worker's job.
 SETTINGS = {
     "SAWMILL_LEASE_S": f"{LEASE_S:g}",
     "SAWMILL_HEARTBEAT_S": "1",
@@ -27,8 +27,8 @@ SETTINGS = {
     "SAWMILL_OUTAGE_WAIT_S": "0.5",
     "SAWMILL_SWEEP_S": "2",
     "SAWMILL_LEFTOVERS_S": "5",
+    "SAWMILL_STALL_S": "12",
     "SAWMILL_MAX_ATTEMPTS": "10",  # the faults choose their victims blindly: a job may be hit often
-    "SAWMILL_WORKERS": "2",
     "SAWMILL_SPARE_PROCESSES": "1",
     "SAWMILL_NUMBA_NUM_THREADS": "1",
     "SAWMILL_DISK_RESERVE_BYTES": "1000000",
@@ -115,8 +115,6 @@ class Product:
 
     def _stop(self) -> float:
         started = time.monotonic()
-        everyone = marked(self.world)
-        send(everyone, signal.SIGCONT)
         send(self.api, signal.SIGTERM)
         while marked(self.world) and time.monotonic() - started < LONGEST_STOP_S:
             time.sleep(0.05)

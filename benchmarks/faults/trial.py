@@ -88,8 +88,10 @@ def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
     names = [trial.mix[number % len(trial.mix)] for number in range(jobs)]
     trial.rng.shuffle(names)
     for number, name in enumerate(names):
-        while _unfinished(trial.audit) >= MOST_WAITING:
+        while _unfinished(trial.audit) >= MOST_WAITING and not trial.over.is_set():
             time.sleep(0.2)
+        if trial.over.is_set():  # the run was interrupted
+            return
         trial.asker.ask(name, number)
         progress()
 

@@ -29,6 +29,7 @@ class Request:
     seed: str
     mix: Sequence[str] = MIX
     long: bool = False
+    workers: int = 2
 
     @property
     def most_faults(self) -> int:
@@ -107,7 +108,7 @@ def trial_of(places: Places, request: Request) -> Iterator[Trial]:
     folder = places.folder / f"{engine.name}-{fault.name}"
     folder.mkdir(parents=True, exist_ok=True)
     clocks = Clocks(folder / "clocks") if fault.clocks else None
-    variables = dict(clocks.variables) if clocks else {}
+    variables = {"SAWMILL_WORKERS": str(request.workers), **(clocks.variables if clocks else {})}
     with ExitStack() as stack:
         postgres = places.postgres() if engine.postgres else None
         if postgres:
