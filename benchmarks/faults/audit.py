@@ -64,6 +64,12 @@ class Audit:
         with self.reading() as connection:
             return int(connection.scalar(text(f"SELECT count(*) FROM jobs WHERE state NOT IN {ENDS}")) or 0)  # noqa: S608
 
+    def holders(self) -> list[int]:
+        """The process ids of the workers that run a job at this moment."""
+        with self.reading() as connection:
+            names = connection.scalars(text("SELECT worker FROM jobs WHERE state = 'running'")).all()
+            return [int(name.rpartition("-")[2]) for name in names if name]
+
     def ledger(self) -> Ledger:
         """Everything, for the counts."""
         with self.reading() as connection:

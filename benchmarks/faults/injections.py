@@ -9,11 +9,12 @@ from pathlib import Path
 
 import httpx
 
-from faults.processes import busiest, playing, send
+from faults.processes import playing, send, serving
 from faults.product import LEASE_S, LONGEST_STOP_S
 from faults.trial import Trial
 
 HOUR_S = 3600.0
+AIMED = 0.8  # share of the faults that look for a process with a job
 
 
 def kill(trial: Trial) -> None:
@@ -120,13 +121,15 @@ def kill_services(trial: Trial) -> None:
 
 
 def _victim(trial: Trial, parts: tuple[str, ...]) -> tuple[str, int]:
-    """A part that runs, and a process that plays it: of attempts rather one that has a job."""
+    """A part that runs, and a process that plays it, mostly one that has a job."""
     while True:
         part = trial.rng.choice(parts)
-        processes = playing(trial.product.world, part)
+        processes, holders = playing(trial.product.world, part), trial.holders()
+        if processes and trial.rng.random() < AIMED:
+            aimed = [process_id for process_id in processes if process_id in holders]
+            return part, serving(processes, holders) if part == "attempt" else (aimed or processes)[0]
         if processes:
-            busy = part == "attempt" and trial.rng.random() < 0.7
-            return part, busiest(processes) if busy else trial.rng.choice(processes)
+            return part, trial.rng.choice(processes)
         time.sleep(0.1)
 
 
@@ -141,13 +144,17 @@ def _mixed(trial: Trial, kinds: tuple[str, ...], *, once: str) -> Iterator[str]:
 
 
 def _follow(trial: Trial) -> None:
-    job_id = trial.asker.accepted[-1].job_id
+    """Follow a job's events: a stop may not cut them off in the middle."""
+    job_id, last = trial.asker.accepted[-1].job_id, ""
     with (
         suppress(httpx.TransportError),
         trial.product.client.stream("GET", f"/v1/jobs/{job_id}/events", timeout=LONGEST_STOP_S) as stream,
     ):
-        for _ in stream.iter_lines():
-            pass
+        for line in stream.iter_lines():
+            last = line.removeprefix("event: ") if line.startswith("event: ") else last
+    trial.seen[f"streams that ended with {last or 'nothing'}"] += 1
+    if last not in {"end", "closing", ""}:  # none: it could not be opened any more
+        trial.wrong.append(f"a stream ended with {last}")
 
 
 def _leave_free(ballast: Path, free_bytes: int) -> None:

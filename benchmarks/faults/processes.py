@@ -34,9 +34,16 @@ def send(process_ids: Sequence[int], number: signal.Signals) -> None:
             os.kill(process_id, number)
 
 
-def busiest(process_ids: Sequence[int]) -> int:
-    """The one that has just computed: of attempts, the one that has a job."""
-    return max(process_ids, key=lambda process_id: (_state(process_id) == "R", process_id))
+def serving(process_ids: Sequence[int], parents: Sequence[int]) -> int:
+    """Of attempts the one that has a job, most likely: the oldest child of a worker that has one, else any."""
+    children = [process_id for process_id in process_ids if _number(process_id, 1) in parents]
+    return min(children or process_ids, key=lambda process_id: _number(process_id, 19))
+
+
+def _number(process_id: int, place: int) -> int:
+    """Of /proc/PID/stat behind the name: 1 the parent's id, 19 when it started."""
+    fields = _read(process_id, "stat").decode(errors="replace").rpartition(")")[2].split()
+    return int(fields[place]) if fields else 0
 
 
 def _part(process_id: int) -> str:

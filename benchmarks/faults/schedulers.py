@@ -26,7 +26,7 @@ def finish(trial: Trial) -> None:
         minutes = sorted(round(moment.timestamp() / 60) for moment in times)
         if len(minutes) < 2 or minutes != list(range(minutes[0], minutes[-1] + 1)):
             trial.wrong.append(f"schedule {schedule} ran at {[str(moment) for moment in times]}")
-        trial.happened["due times"] += len(minutes)
+        trial.seen["due times"] += len(minutes)
 
 
 def _runs(trial: Trial) -> dict[str, list[datetime]]:

@@ -19,6 +19,7 @@ from faults.work import MIX, Accepted, Asker, answer_of
 
 MOST_WAITING = 8  # jobs asked for ahead: enough that faults meet running ones
 ENDED_S = 300.0  # for the jobs to end once all have been accepted and the faults are over
+LULL_S = 5.0  # a fault comes although no job runs
 SETTLED_S = 45.0  # for what is left over to be noticed, watched for its grace of 5 s and removed
 
 
@@ -36,8 +37,8 @@ class Trial:
         Whether outages last as long as in an hour's run.
     over : threading.Event
         Set when every job has ended.
-    happened : Counter of str
-        What was done.
+    happened, seen : Counter of str
+        What was done, and what else came of it.
     wrong : list of str
         What must not be, beside the four counts.
     """
@@ -54,13 +55,21 @@ class Trial:
     clocks: Clocks | None = None
     over: threading.Event = field(default_factory=threading.Event)
     happened: Counter[str] = field(default_factory=Counter)
+    seen: Counter[str] = field(default_factory=Counter)
     wrong: list[str] = field(default_factory=list)
 
     def again(self, shortest_s: float, longest_s: float) -> bool:
-        """Wait a while; whether there is to be another fault then."""
-        if self.happened.total() >= self.most:
+        """Wait a while, and then for a job to run; whether there is to be another fault."""
+        if self.happened.total() >= self.most or self.over.wait(self.rng.uniform(shortest_s, longest_s)):
             return False
-        return not self.over.wait(self.rng.uniform(shortest_s, longest_s))
+        _wait(LULL_S, lambda: self.over.is_set() or bool(self.holders()), look_s=0.03)
+        return not self.over.wait(self.rng.uniform(0.0, 0.3))
+
+    def holders(self) -> list[int]:
+        """Workers with a job; none while the database does not answer."""
+        with suppress(DBAPIError):
+            return self.audit.holders()
+        return []
 
 
 @dataclass(frozen=True)
@@ -154,12 +163,12 @@ def _wait_for_end(trial: Trial) -> None:
     _wait(ENDED_S, lambda: _unfinished(trial.audit) == 0)
 
 
-def _wait(longest_s: float, done: Callable[[], bool]) -> None:
+def _wait(longest_s: float, done: Callable[[], bool], *, look_s: float = 0.3) -> None:
     deadline = time.monotonic() + longest_s
     while time.monotonic() < deadline:
         if done():
             return
-        time.sleep(0.3)
+        time.sleep(look_s)
 
 
 def _unfinished(audit: Audit) -> int:

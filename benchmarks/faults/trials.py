@@ -98,7 +98,7 @@ def try_one(places: Places, request: Request, right: dict[str, str], tick: Calla
     except Exception:  # noqa: BLE001 - it is reported with the rest
         return Outcome(*names, broken=traceback.format_exc())
     counts.details.extend(trial.wrong)
-    return Outcome(*names, counts, dict(trial.happened))
+    return Outcome(*names, counts, dict(trial.happened + trial.seen))
 
 
 @contextmanager
