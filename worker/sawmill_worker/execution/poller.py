@@ -11,9 +11,10 @@ import structlog
 
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
@@ -76,9 +77,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     _end_on_signals(stop, wake)
     if options.watch_parent:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
-    store = Store.open(StorageSettings())
-    run_worker(store, settings, stop, wake=wake, on_able=ReportToParent() if options.watch_parent else None)
-    store.close()
+    try:
+        store = open_store(StorageSettings(), stop)
+    except (StorageError, OSError) as error:
+        raise SystemExit(f"this worker cannot start: {error}") from error
+    if store is not None:
+        run_worker(store, settings, stop, wake=wake, on_able=ReportToParent() if options.watch_parent else None)
+        store.close()
 
 
 class ReportToParent:

@@ -106,7 +106,13 @@ def _migrate(connection: Connection, revision: str) -> None:
     config = Config()
     config.set_main_option("script_location", str(_MIGRATIONS))
     config.attributes["connection"] = connection
-    command.upgrade(config, revision)
+    with _any_time(connection):
+        command.upgrade(config, revision)
+
+
+def _any_time(connection: Connection) -> AbstractContextManager[None]:
+    driver: Any = connection.connection.dbapi_connection
+    return driver.unlimited() if connection.dialect.name == "postgresql" else nullcontext()
 
 
 def lock_for_setup(connection: Connection | Session) -> None:

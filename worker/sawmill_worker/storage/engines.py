@@ -1,23 +1,61 @@
-"""Connections to SQLite and PostgreSQL: how many there are, and how long one waits for an answer."""
+"""Engines on SQLite and PostgreSQL: how many connections there are, and how long one waits for an answer."""
 
 import sqlite3
+from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event
+from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError
+
+from sawmill_worker.storage.errors import StorageMisconfigured
 
 # A request that has to write answers within five seconds, and it may wait for this alone.
 _BUSY_TIMEOUT_MS = 3_000
 _KEPT_CONNECTIONS = 10
+# One for each of the API's threads, of which FastAPI has 40, and one for whoever reads the time meanwhile.
+_MOST_CONNECTIONS = 41
+_POOL_WAIT_S = 3.0
+_POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
+_FORMS = "sqlite:////path/to/file or postgresql://user:password@host/database"
 
 
 def make_engine(url: str) -> Engine:
-    """An engine whose write transactions are serialised where the database is SQLite."""
-    # Without a limit of its own, the pool has one connection at most for each of the process's threads: none waits.
-    engine = create_engine(
-        url, pool_size=_KEPT_CONNECTIONS, max_overflow=-1, pool_pre_ping=not url.startswith("sqlite")
-    )
-    if engine.dialect.name == "sqlite":
-        event.listen(engine, "connect", _configure_sqlite)
-        event.listen(engine, "begin", _begin_sqlite)
+    """An engine whose transactions give up in a few seconds, and on SQLite are serialised where they write.
+
+    Raises
+    ------
+    StorageMisconfigured
+        The URL is none of a database that is supported, or there is no driver for it.
+    """
+    parsed = _parsed(url)
+    pool = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S}
+    if parsed.drivername in _POSTGRESQL:
+        return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), pool)
+    # Without a limit of its own, the pool has one connection at most for each of the process's threads.
+    engine = create_engine(parsed, max_overflow=-1, **pool)
+    event.listen(engine, "connect", _configure_sqlite)
+    event.listen(engine, "begin", _begin_sqlite)
+    return engine
+
+
+def _parsed(url: str) -> URL:
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:  # a URL may hold a password, so it is not repeated
+        raise StorageMisconfigured(f"SAWMILL_DATABASE_URL is no URL of a database; give {_FORMS}") from error
+    if parsed.drivername not in {"sqlite", *_POSTGRESQL}:
+        msg = f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
+        raise StorageMisconfigured(msg)
+    return parsed
+
+
+def _on_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
+    try:
+        from sawmill_worker.storage.postgresql import make_patient  # noqa: PLC0415 - the driver is an extra
+    except ImportError as error:
+        msg = f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
+        raise StorageMisconfigured(msg) from error
+    engine = create_engine(url, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **pool)
+    make_patient(engine)
     return engine
 
 

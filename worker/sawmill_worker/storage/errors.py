@@ -8,6 +8,7 @@ StorageError
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
 └── StorageUnavailable  the database does not answer
+    └── StorageMisconfigured    and will not before its settings are changed
 """
 
 import errno
@@ -76,6 +77,10 @@ class StorageUnavailable(StorageError):  # noqa: N818
     """The database does not answer; asking again later may help."""
 
     code = "storage-unavailable"
+
+
+class StorageMisconfigured(StorageUnavailable):
+    """The database refuses its user, or there is none of this name: waiting does not help."""
 
 
 def means_disk_full(error: OSError) -> bool:

@@ -1,5 +1,6 @@
 """Which of a database's errors mean that it does not answer now, and how threads are spared meanwhile."""
 
+import re
 import sqlite3
 import threading
 import time
@@ -10,22 +11,32 @@ from sqlalchemy.exc import DBAPIError, InterfaceError, OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from sqlalchemy.orm import Session
 
-from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import StorageError, StorageFull, StorageMisconfigured, StorageUnavailable
 
 _PAUSE_S = 1.0
+# Files that cannot be opened, are not writable, or hold something else.
+_SQLITE_REFUSALS = {sqlite3.SQLITE_PERM, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_CANTOPEN}
+_SQLITE_REFUSALS |= {sqlite3.SQLITE_AUTH, sqlite3.SQLITE_NOTADB}
+_PG_DISK_FULL = "53100"
+_PG_CROSSED = {"23505"}  # unique_violation: ids that are taken are refused before, and so by the next attempt
+_PG_READ_ONLY = {"25006"}  # a server that has become a standby
+# libpq gives no codes for what happens before it is connected.
+_PG_REFUSALS = re.compile(
+    r"authentication failed|no password supplied|(database|role) \".*\" does not exist|no pg_hba\.conf entry"
+    r"|permission denied for database|invalid (port|connection option|URI)|SSL was required|does not support SSL"
+)
 
 
 @contextmanager
 def trouble_translated() -> Iterator[None]:
-    """Raise `StorageFull` or `StorageUnavailable` for what SQLAlchemy raises when a database cannot serve now."""
+    """Raise a `StorageError` for what SQLAlchemy raises when a database cannot serve now."""
     try:
         yield
     except (DBAPIError, PoolTimeoutError) as error:
-        if _means_full(error):
-            raise StorageFull("the disk is full: the database cannot grow; free some space and try again") from error
-        if not _means_away(error):
+        meant = _translated(error)
+        if meant is None:
             raise
-        raise StorageUnavailable(_sentence(error)) from error
+        raise meant from error
 
 
 class Door:
@@ -74,16 +85,22 @@ class Door:
         self._away = None
 
 
-def _means_full(error: DBAPIError | PoolTimeoutError) -> bool:
+def _translated(error: DBAPIError | PoolTimeoutError) -> StorageError | None:
+    """What an error means; None where it is a defect."""
     original = getattr(error, "orig", None)
-    return getattr(original, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL
-
-
-def _means_away(error: DBAPIError | PoolTimeoutError) -> bool:
-    if isinstance(error, OperationalError | InterfaceError | PoolTimeoutError):
-        return True
-    return error.connection_invalidated
+    number, state = getattr(original, "sqlite_errorcode", None), getattr(original, "sqlstate", None)
+    if number == sqlite3.SQLITE_FULL or state == _PG_DISK_FULL:
+        return StorageFull("the disk is full: the database cannot grow; free some space and try again")
+    if state in _PG_CROSSED:
+        return StorageUnavailable("another request changed the same rows at the same time; ask again")
+    if number is not None and number & 0xFF in _SQLITE_REFUSALS:
+        return StorageMisconfigured(_sentence(error))
+    if state is None and _PG_REFUSALS.search(str(original)):
+        return StorageMisconfigured(_sentence(error))
+    away = isinstance(error, OperationalError | InterfaceError | PoolTimeoutError) or error.connection_invalidated
+    return StorageUnavailable(_sentence(error)) if away or state in _PG_READ_ONLY else None
 
 
 def _sentence(error: DBAPIError | PoolTimeoutError) -> str:
-    return f"the database does not answer: {getattr(error, 'orig', None) or error}"
+    reason = str(getattr(error, "orig", None) or error)
+    return f"the database does not answer: {' '.join(reason.split())}"

@@ -72,9 +72,13 @@ class Store:
             The time for rows and due times; null: the one that all processes on this store share.
         """
         store = cls(settings, clock=clock)
-        store._database.upgrade()
-        store._database.start_clock()
-        store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
+        try:
+            store._database.upgrade()
+            store._database.start_clock()
+            store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
+        except BaseException:
+            store.close()
+            raise
         return store
 
     @property

