@@ -3,7 +3,7 @@ COPY pyproject.toml constraints.txt README.md LICENSE /src/
 COPY service /src/service
 COPY worker /src/worker
 RUN python -m venv /opt/sawmill \
- && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt /src
+ && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt '/src[postgresql]'
 
 FROM python:3.11-slim
 # Numba's parallel kernels link to it; without it a slower layer that forbids threads takes over.

@@ -60,6 +60,12 @@ def database_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
 
 
 @pytest.fixture
+def empty_url(request: pytest.FixtureRequest, database_url: str | None, tmp_path: Path) -> str:
+    """A database of the same sort without tables."""
+    return f"sqlite:///{tmp_path}/empty.db" if database_url is None else request.getfixturevalue("postgres_url")
+
+
+@pytest.fixture
 def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
     return StorageSettings(data_folder=tmp_path / "data", database_url=database_url)
 

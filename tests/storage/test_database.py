@@ -31,21 +31,25 @@ def test_the_newest_revision_is_alembics_head_and_not_migrated_again(store, monk
     store._database.upgrade()
 
 
-def test_jobs_from_before_are_kept_and_may_start(settings, tmp_path):
-    database = Database(make_engine(f"sqlite:///{tmp_path}/old.db"))
-    database.upgrade("0003")
-    with database.write() as session:
-        session.execute(
-            text(
-                "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
-                " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'queued', 'old', 2, 0)"
+def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(settings, empty_url):
+    database = Database(make_engine(empty_url))
+    revisions = sorted(path.name[:4] for path in (_MIGRATIONS / "versions").glob("0*.py"))[:-1]
+    for number, revision in enumerate(revisions):
+        database.upgrade(revision)
+        with database.write() as session:
+            session.execute(
+                text(
+                    "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
+                    " VALUES (:id, :created_at, 'ingest', 'queued', 'old', 2, false)"
+                ),
+                {"id": revision, "created_at": f"2026-03-02 05:00:0{number}"},
             )
-        )
     database.engine.dispose()
-    upgraded = Store.open(settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/old.db"}))
-    held = upgraded.jobs.claim("test")
+    upgraded = Store.open(settings.model_copy(update={"database_url": empty_url}))
+    held = [upgraded.jobs.claim("test") for _ in revisions]
     upgraded.close()
-    assert (held.job_id, held.attempt, held.job.losses, held.job.background) == ("old", 3, 0, False)
+    assert [claim.job_id for claim in held] == revisions
+    assert {(claim.attempt, claim.job.losses, claim.job.background) for claim in held} == {(3, 0, False)}
 
 
 @sqlite_alone
@@ -57,18 +61,18 @@ def test_a_commit_is_durable_and_references_are_checked(store):
     assert foreign_keys == 1
 
 
-def test_several_processes_may_open_a_new_store_at_once(tmp_path):
+def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
     program = (
-        "import sys; from pathlib import Path; from sawmill_worker.storage.settings import StorageSettings;"
-        "from sawmill_worker.storage.store import Store;"
-        "store = Store.open(StorageSettings(data_folder=Path(sys.argv[1]), database_url=None));"
-        "print(len(store.phantoms.page().items))"
+        "import sys; from pathlib import Path; from threading import Event;"
+        "from sawmill_worker.execution.opening import open_store;"
+        "from sawmill_worker.storage.settings import StorageSettings;"
+        "store = open_store(StorageSettings(data_folder=Path(sys.argv[1]), database_url=sys.argv[2]), Event());"
+        "sys.stdout.write(str(len(store.phantoms.page().items)))"
     )
-    processes = [
-        subprocess.Popen([sys.executable, "-c", program, str(tmp_path / "data")], stdout=subprocess.PIPE)
-        for _ in range(4)
-    ]
-    answers = [process.communicate(timeout=60)[0].strip() for process in processes]
+    command = [sys.executable, "-c", program, str(tmp_path / "data"), empty_url]
+    processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(4)]
+    # What waits for the others is logged before.
+    answers = [process.communicate(timeout=60)[0][-1:] for process in processes]
     assert answers == [b"2"] * 4
 
 

@@ -95,8 +95,8 @@ def downgrade(store: Store, revision: str) -> None:
         command.downgrade(config, revision)
 
 
-def test_what_was_stored_before_the_common_table_is_read_as_before(settings, scanner, upload, finish, tmp_path):
-    older = settings.model_copy(update={"database_url": f"sqlite:///{tmp_path}/older.db"})
+def test_what_was_stored_before_the_common_table_is_read_as_before(settings, scanner, upload, finish, empty_url):
+    older = settings.model_copy(update={"database_url": empty_url})
     before = Store.open(older)
     before.scanners.create(scanner, scanner_id=scanner.id)
     scan = upload(before)

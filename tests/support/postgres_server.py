@@ -79,9 +79,11 @@ class PostgresServer:
         members = [self.process.pid, *_children(self.process.pid)]
         for member in members:
             os.kill(member, signal.SIGSTOP)
-        yield
-        for member in members:
-            os.kill(member, signal.SIGCONT)
+        try:
+            yield
+        finally:
+            for member in members:
+                os.kill(member, signal.SIGCONT)
 
     @contextmanager
     def database(self, *, template: str = "template1") -> Iterator[str]:

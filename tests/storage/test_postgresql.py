@@ -1,0 +1,117 @@
+"""A PostgreSQL server that is paused, restarted, or refuses its user."""
+
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from urllib.parse import urlsplit
+
+import psycopg
+import pytest
+
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.execution.opening import open_store
+from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
+from sawmill_worker.storage.store import Store
+
+pytestmark = [pytest.mark.slow, pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)]
+
+LONGEST_S = 5.0
+
+
+def refused_after_s(store: Store) -> float:
+    started = time.monotonic()
+    with pytest.raises(StorageUnavailable, match="does not answer"):
+        store.check()
+    return time.monotonic() - started
+
+
+def check_until_it_answers(store: Store) -> None:
+    deadline = time.monotonic() + 20.0
+    while True:
+        try:
+            store.check()
+        except StorageUnavailable:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
+        else:
+            return
+
+
+def test_a_paused_server_is_given_up_in_time_and_by_one_thread_only(store, postgres):
+    store.check()
+    with postgres.paused():
+        assert refused_after_s(store) < LONGEST_S
+        assert refused_after_s(store) < 0.5
+    check_until_it_answers(store)
+
+
+def test_a_statement_in_progress_is_given_up_when_the_server_is_paused(store, postgres):
+    def pause_in_the_middle():
+        with store._database.read() as session, postgres.paused():
+            session.connection().exec_driver_sql("SELECT 1")
+
+    started = time.monotonic()
+    with pytest.raises(StorageUnavailable, match="has not answered for"):
+        pause_in_the_middle()
+    assert time.monotonic() - started < LONGEST_S
+    check_until_it_answers(store)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["restarted", "killed"])
+def test_a_server_that_comes_back_is_used_again(store, postgres, how):
+    store.check()
+    postgres.stop(how)
+    refused_after_s(store)
+    postgres.start()
+    check_until_it_answers(store)
+
+
+def test_a_row_that_somebody_has_locked_is_given_up_in_time(store, scanner, database_url):
+    with psycopg.connect(database_url) as other:
+        other.execute("SELECT 1 FROM scanners FOR UPDATE")
+        started = time.monotonic()
+        with pytest.raises(StorageUnavailable, match="lock timeout"):
+            store.scanners.update(scanner.id, ScannerSpec(name="Line 3", constants=scanner.constants))
+        assert time.monotonic() - started < LONGEST_S
+
+
+def test_each_of_the_api_s_threads_has_a_connection(store):
+    threads = threading.Barrier(40, timeout=60)
+
+    def use(_):
+        with store._database.read():
+            threads.wait()
+
+    with ThreadPoolExecutor(40) as pool:
+        list(pool.map(use, range(40)))
+
+
+def test_what_waiting_does_not_help_is_said_at_once(settings, postgres):
+    address = f"127.0.0.1:{postgres.port}"
+    for url, sentence in (
+        (f"postgresql://postgres@{address}/nowhere", 'database "nowhere" does not exist'),
+        (f"postgres://mill:secret@{address}/postgres", 'password authentication failed for user "mill"'),
+        (f"postgresql://mill@{address}/postgres", "no password supplied"),
+        (f"mysql://mill:secret@{address}/sawmill", "must begin with sqlite: or postgresql:, not 'mysql'"),
+        ("secret", "is no URL of a database"),
+    ):
+        with pytest.raises(StorageMisconfigured, match=sentence) as refused:
+            open_store(settings.model_copy(update={"database_url": url}), threading.Event())
+        assert "secret" not in str(refused.value)
+
+
+def test_an_absent_server_is_awaited_until_it_is_there_or_this_process_ends(settings, database_url, postgres):
+    assert urlsplit(database_url).port == postgres.port
+    stop = threading.Event()
+    postgres.stop()
+    with ThreadPoolExecutor(2) as pool:
+        in_vain, patient = pool.submit(open_store, settings, stop), pool.submit(open_store, settings, threading.Event())
+        time.sleep(0.3)  # both have tried once
+        stop.set()
+        assert in_vain.result(timeout=20) is None
+        assert not patient.done()
+        postgres.start()
+        opened = patient.result(timeout=30)
+    assert len(opened.phantoms.page().items) == 2
+    opened.close()
