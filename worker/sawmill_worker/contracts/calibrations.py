@@ -382,6 +382,7 @@ def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | Calib
 DECLARATION = AskedKind(
     kind=JobKind.CALIBRATE,
     noun="calibration",
+    lighter="ask for fewer rows or views, or for fewer generations of the published search",
     ask=CalibrationAsk,
     options=CalibrationOptions,
     result=CalibrationResult,

@@ -129,6 +129,7 @@ class Drift(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.DRIFT,
     noun="drift",
+    lighter="ask for fewer rows",
     ask=DriftAsk,
     options=DriftOptions,
     result=DriftResult,

@@ -90,6 +90,7 @@ class Plan(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.PLAN,
     noun="plan",
+    lighter="ask for fewer views, or draw the phantom with fewer corners",
     ask=PlanAsk,
     options=PlanAsked,
     result=PlanResult,

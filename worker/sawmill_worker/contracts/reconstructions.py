@@ -274,6 +274,8 @@ class Reconstruction(Stamped):
 DECLARATION = AskedKind(
     kind=JobKind.RECONSTRUCT,
     noun="reconstruction",
+    # A fitted method reports each iteration, and needs fifty or more of them within its day: half an hour at most.
+    stall_s=2 * 3600,
     ask=ReconstructionAsk,
     options=ReconstructionAsked,
     result=ReconstructionResult,

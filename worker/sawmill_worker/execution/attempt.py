@@ -103,6 +103,7 @@ def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | No
     result = run(attempt)
     # Its supervisor may be taking some of them; none is needed any more, and none is a result.
     shutil.rmtree(attempt.checkpoints, ignore_errors=True)
+    attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
     flush_tree(assignment.output)
     return result
 

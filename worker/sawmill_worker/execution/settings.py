@@ -54,7 +54,7 @@ class ExecutionSettings(BaseSettings):
     stall_s: Seconds | None = Field(
         None,
         description="How long an attempt's progress may stand still before its process is ended, which is a loss; "
-        "null: by the job's kind, 30 minutes.",
+        "null: by the job's kind, 2 hours for a reconstruction and 30 minutes for everything else.",
     )
     time_limit_s: Annotated[float, Field(gt=0, le=30 * 86_400)] | None = Field(
         None,

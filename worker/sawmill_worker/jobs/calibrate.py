@@ -41,11 +41,13 @@ def run(attempt: Attempt) -> dict[str, Any]:
         }
     )
     scan = usable_scan(store, asked.scan_id)
+    attempt.report_stage(0.0, "read")
     given, stack = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
     given, calibration = run_calibration(
         given, options, attempt.report, stack=stack, keeper=_keeper(attempt, given, options)
     )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
+    attempt.report_stage(0.96, "log")
     read = _row_reader(store, scan, options)
     given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
     active = _active(store, scanner)

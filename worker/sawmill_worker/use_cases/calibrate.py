@@ -1,6 +1,7 @@
 """A calibration from a sinogram in memory: what the job and the command line share."""
 
 import math
+import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -36,6 +37,8 @@ from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, P
 MOST_RUNS = 8
 # Of the progress: where the search for the phantom's rows ends, and where the search for the geometry ends.
 ROWS_DONE, SEARCH_DONE = 0.5, 0.95
+# Steps of a search and its fits are told that often; so many of them fill half of what is left of the progress.
+STEPS_EVERY_S, MANY_STEPS = 1.0, 1000
 
 
 @dataclass(frozen=True)
@@ -100,14 +103,16 @@ def run_calibration(
     if Adjustment.PHANTOM_ROWS in options.without:
         stack = None
     begun = 0.0 if stack is None else ROWS_DONE
+    reporting = _Reporting(on_progress, begun)
     if options.method is CalibrationMethod.PAPER:
         if stack is not None:
             given = _narrowed(given, stack, options, on_progress, keeper)
-        return given, _as_published(given, options, _search_callback(on_progress, begun), keeper)
+        return given, _as_published(given, options, reporting.on_round, keeper)
     found = None if stack is None else _in_phantom_rows(given, stack, options, on_progress)
     if found is not None:
         return found
-    return given, calibrate(_task(given, options), seed=options.seed, progress=_search_callback(on_progress, begun))
+    task = _task(given, options)
+    return given, calibrate(task, seed=options.seed, progress=reporting.on_round, on_step=reporting.on_step)
 
 
 def _narrowed(
@@ -155,12 +160,14 @@ def _in_phantom_rows(
     for number, run in enumerate(runs, start=1):
         rows = (given.rows[0] + run.start, given.rows[0] + run.stop)
         narrowed = _of_rows(given, stack, rows)
+        begun, end = (ROWS_DONE * each / len(runs) for each in (number - 1, number))
+        reporting = _Reporting(on_progress, begun, end, stage="rows")
         try:
-            found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed)))
+            found.append((narrowed, calibrate(_task(narrowed, options), seed=options.seed, on_step=reporting.on_step)))
         except CalibrationError:  # these rows show something else
             continue
         finally:
-            on_progress(Progress(fraction=ROWS_DONE * number / len(runs), stage="rows"))
+            on_progress(Progress(fraction=end, stage="rows"))
     if not found:
         return None
     return min(found, key=lambda one: one[1].fit.relative_residual)
@@ -187,16 +194,42 @@ def _as_published(
     )
 
 
-def _search_callback(on_progress: ProgressCallback, begun: float) -> SearchCallback:
-    """Rounds of the search as progress, from the fraction `begun` on."""
+class _Reporting:
+    """Turns rounds of the search, and the steps between them, into progress: from the fraction `begun` towards `end`.
 
-    def on_round(generation: int, most: int, best: float) -> None:
-        fraction = min(begun + (1.0 - begun) * generation / most, SEARCH_DONE)
-        # Before the first fit there is no best value.
-        value = best if math.isfinite(best) else None
-        on_progress(Progress(fraction=fraction, stage="search", generation=generation, best_value=value))
+    How many steps there will be is not known, so they never reach the end; they are reported once a second at most.
+    """
 
-    return on_round
+    def __init__(
+        self, on_progress: ProgressCallback, begun: float, end: float = SEARCH_DONE, *, stage: str = "search"
+    ) -> None:
+        self._on_progress, self._begun, self._end = on_progress, begun, end
+        self._progress = Progress(fraction=begun, stage=stage)
+        self._steps, self._stepped_from, self._told_at = 0, begun, time.monotonic()
+
+    def on_round(self, generation: int, most: int, best: float) -> None:
+        """Report a round; before the first fit there is no best value."""
+        fraction = min(self._begun + (1.0 - self._begun) * generation / most, self._end)
+        self._steps, self._stepped_from = 0, max(fraction, self._progress.fraction)
+        self._tell(
+            replace(
+                self._progress,
+                fraction=self._stepped_from,
+                generation=generation,
+                best_value=best if math.isfinite(best) else None,
+            )
+        )
+
+    def on_step(self) -> None:
+        """Report that one more step was done, if that is due."""
+        self._steps += 1
+        if time.monotonic() - self._told_at >= STEPS_EVERY_S:
+            left = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
+            self._tell(replace(self._progress, fraction=self._end - left))
+
+    def _tell(self, progress: Progress) -> None:
+        self._progress, self._told_at = progress, time.monotonic()
+        self._on_progress(progress)
 
 
 def _task(given: CalibrationInput, chosen: contracts.CalibrationOptions) -> CalibrationTask:

@@ -87,7 +87,8 @@ def prepare_scan(
     step_views, _ = read.block_shape(window_bytes)
     by_views = step_views < read.shape[0]
     afterwards = preparation.needed and (by_views or aligns)
-    progress = _PassProgress(report, read.shape, passes=1 + afterwards + 2 * aligns)
+    # What is prepared afterwards may be looked at again, and moved.
+    progress = _PassProgress(report, read.shape, passes=1 + afterwards + (2 + afterwards) * aligns)
     at_a_time = _within(window_bytes, read.shape[1:])
     scan = new_scan(
         output,

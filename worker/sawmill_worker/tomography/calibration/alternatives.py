@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sawmill_worker.tomography.calibration.fit import Fit, refine
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.task import CalibrationTask, Hypothesis
 from sawmill_worker.tomography.geometry import angle_difference
 from sawmill_worker.vocabulary import Handedness, Rotation
@@ -69,7 +69,9 @@ class Alternatives:
         return self.independent_samples * math.log(max(relative_residual, LEAST_RESIDUAL) / max(best, LEAST_RESIDUAL))
 
 
-def fit_hypotheses(task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]]) -> list[RankedFit]:
+def fit_hypotheses(
+    task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep = unheard
+) -> list[RankedFit]:
     """Fit to all the data what may be the best, and measure there what cannot be; best first, one a first angle."""
     least = min((fit.relative_residual for fits in coarse.values() for fit in fits), default=0.0)
     fitted: list[RankedFit] = []
@@ -86,6 +88,7 @@ def fit_hypotheses(task: CalibrationTask, coarse: Mapping[Hypothesis, Sequence[F
                 start.frame,
                 position_mm=start.position_mm,
                 max_iterations=ITERATIONS if contends else 1,
+                on_step=on_step,
             )
             if fit is not None:
                 fitted.append(RankedFit(hypothesis, fit))

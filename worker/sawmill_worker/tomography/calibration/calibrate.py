@@ -13,7 +13,7 @@ from sawmill_worker.tomography.calibration.error_bars import error_bars
 from sawmill_worker.tomography.calibration.faults.adjustments import prepare
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
 from sawmill_worker.tomography.calibration.faults.metal import Metal, find_metal
-from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, unheard
 from sawmill_worker.tomography.calibration.joint_fit import as_fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.refusals import refuse_unfound
@@ -30,8 +30,17 @@ from sawmill_worker.vocabulary import Adjustment
 LEAST_SIGNAL = 0.02
 
 
-def calibrate(task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None) -> Calibration:
+def calibrate(
+    task: CalibrationTask, *, seed: int = 7, progress: SearchCallback | None = None, on_step: OnStep = unheard
+) -> Calibration:
     """Find the geometry from one scan of the phantom.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        Called after each round of the search.
+    on_step : callable
+        Called at each step of the search and of the fits after it.
 
     Raises
     ------
@@ -39,23 +48,25 @@ def calibrate(task: CalibrationTask, *, seed: int = 7, progress: SearchCallback 
         If no geometry explains the scan; its message gives what to look at.
     """
     started = time.perf_counter()
-    found = search(task, seed, progress)
+    found = search(task, seed, progress, on_step)
     if not found.report.converged or task.screening.hidden is not None:
-        known, _ = _without_metal(task, found.fits)
+        known, _ = _without_metal(task, found.fits, on_step)
         if known is not task:
-            task, found = known, search(known, seed, progress)
-    return conclude(task, found, started=started, searched=time.perf_counter())
+            task, found = known, search(known, seed, progress, on_step)
+    return conclude(task, found, started=started, searched=time.perf_counter(), on_step=on_step)
 
 
-def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, searched: float) -> Calibration:
+def conclude(
+    task: CalibrationTask, basins: SearchResult, *, started: float, searched: float, on_step: OnStep = unheard
+) -> Calibration:
     """From the coarse fits to the complete answer; `started` and `searched` are readings of `time.perf_counter`."""
-    ranked = fit_hypotheses(task, basins.fits)
-    known, metal = _without_metal(task, by_hypothesis(ranked))
+    ranked = fit_hypotheses(task, basins.fits, on_step)
+    known, metal = _without_metal(task, by_hypothesis(ranked), on_step)
     if known is not task:
-        task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked))
-    best = _found(task, ranked)
+        task, ranked = known, fit_hypotheses(known, by_hypothesis(ranked), on_step)
+    best = replace(_found(task, ranked), on_step=on_step)
     sentences = () if metal is None else (metal.sentence(ranked[0].hypothesis.handedness, best.fit.position_mm),)
-    prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without))
+    prepared, joint, scatter, source_distance = with_theta(task, prepare(best, task.without), on_step)
     refined = time.perf_counter()
     fit = as_fit(joint, scatter.covariance, task.true_axis, task.scanner.source_to_cor_mm)
     frame = fit.frame
@@ -102,7 +113,7 @@ def conclude(task: CalibrationTask, basins: SearchResult, *, started: float, sea
 
 
 def _without_metal(
-    task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]]
+    task: CalibrationTask, fits: Mapping[Hypothesis, Sequence[Fit]], on_step: OnStep
 ) -> tuple[CalibrationTask, Metal | None]:
     """The task that knows which samples see metal, and the metal, from fits to some of the samples.
 
@@ -112,7 +123,7 @@ def _without_metal(
         return task, None
     hypothesis, (best, *_) = min(fits.items(), key=lambda item: item[1][0].relative_residual)
     of_all = task if task.screening.hidden is None else replace(task, metal=np.zeros(task.sinogram.shape, bool))
-    metal = find_metal(task.phantoms[hypothesis.handedness], of_all.full_data(hypothesis.rotation), best)
+    metal = find_metal(task.phantoms[hypothesis.handedness], of_all.full_data(hypothesis.rotation), best, on_step)
     return (of_all, None) if metal is None else (replace(task, metal=metal.samples), metal)
 
 

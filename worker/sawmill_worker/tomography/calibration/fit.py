@@ -6,6 +6,7 @@ per-view Gram matrices of `analytic.gram`, so no derivative is ever stored.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,6 +59,14 @@ class Fit(FittedModel):
     iterations: int
 
 
+# Called at each step of fits, whose number is not known beforehand.
+OnStep = Callable[[], None]
+
+
+def unheard() -> None:
+    """For those who need not know of steps."""
+
+
 @dataclass(frozen=True)
 class _Normal:
     """The normal equations after gain and offset are eliminated."""
@@ -107,6 +116,7 @@ def refine(
     position_mm: tuple[float, float] = (0.0, 0.0),
     fixed_source_distance: bool = False,
     max_iterations: int = 60,
+    on_step: OnStep = unheard,
 ) -> Fit | None:
     """Go from an initial guess in the right basin to its minimum.
 
@@ -116,6 +126,8 @@ def refine(
         As this hypothesis of handedness sees it.
     start : SourceFrame
         Where to begin; with `fixed_source_distance` R stays there.
+    on_step : callable
+        Called at each iteration.
 
     Returns
     -------
@@ -134,6 +146,7 @@ def refine(
     damping, converged, iterations = 1e-3, False, 0
     while iterations < max_iterations:
         iterations += 1
+        on_step()
         hessian = now.hessian[np.ix_(free, free)]
         damped = hessian + damping * np.diag(np.diag(hessian))
         try:

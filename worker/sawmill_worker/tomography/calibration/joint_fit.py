@@ -24,7 +24,7 @@ from sawmill_worker.tomography.calibration.faults.inconsistent_views import (
 from sawmill_worker.tomography.calibration.faults.intensity_averaging import averaging
 from sawmill_worker.tomography.calibration.faults.slip import likeliest_slip, slip_at
 from sawmill_worker.tomography.calibration.faults.view_gain import views_differ
-from sawmill_worker.tomography.calibration.fit import Fit
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, unheard
 from sawmill_worker.tomography.calibration.normal_equations import Column, System, ViewGrams
 from sawmill_worker.tomography.calibration.scan_model import ScanModel, Term
 from sawmill_worker.tomography.calibration.selection import Beside, EffectTest
@@ -105,17 +105,19 @@ class JointFit:
         return [columns[i] for i in rest], off
 
 
-def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = ()) -> JointFit:
+def fit_jointly(prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard) -> JointFit:
     """From the plain fit; effects in `without` are tested, and not fitted."""
     fitter = _JointFitter(prepared, frozenset(without))
     while fitter.rounds < ROUNDS and not fitter.round():
-        pass
+        on_step()
     return fitter.result()
 
 
-def fit_consistent_views(prepared: AdjustedFit, without: Collection[Adjustment] = ()) -> tuple[AdjustedFit, JointFit]:
+def fit_consistent_views(
+    prepared: AdjustedFit, without: Collection[Adjustment] = (), on_step: OnStep = unheard
+) -> tuple[AdjustedFit, JointFit]:
     """As `fit_jointly`, without the few views that the fit to the others does not explain."""
-    joint = fit_jointly(prepared, without)
+    joint = fit_jointly(prepared, without, on_step)
     found = np.zeros(len(prepared.data.sinogram), bool)
     for _ in range(VIEW_ROUNDS if Adjustment.OUTLIERS not in without else 0):
         odd = inconsistent_views(joint.model.residual, joint.model.data.sinogram, joint.model.data.weights) & ~found
@@ -123,7 +125,7 @@ def fit_consistent_views(prepared: AdjustedFit, without: Collection[Adjustment] 
         if remaining is None:
             break
         found |= odd
-        joint = fit_jointly(remaining, without)
+        joint = fit_jointly(remaining, without, on_step)
     if not found.any():
         return prepared, joint
     remaining = replace(prepared, adjustments=(*prepared.adjustments, sentence(int(found.sum()))))

@@ -8,7 +8,7 @@ import numpy as np
 
 from sawmill_worker.tomography.calibration.ambiguous_poses import ambiguous_poses
 from sawmill_worker.tomography.calibration.errors import CalibrationError
-from sawmill_worker.tomography.calibration.fit import Fit, refine
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.initial_guesses import random_guesses, shadow_extent, shadow_guesses
 from sawmill_worker.tomography.calibration.misfit import Candidate, CoarseMisfit, coarse_data, search_box
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
@@ -63,7 +63,9 @@ class SearchResult:
     report: SearchReport
 
 
-def search(task: CalibrationTask, seed: int, on_round: SearchCallback | None = None) -> SearchResult:
+def search(
+    task: CalibrationTask, seed: int, on_round: SearchCallback | None = None, on_step: OnStep = unheard
+) -> SearchResult:
     """Coarse fits of each hypothesis; guesses are added until one of them explains the scan.
 
     Raises
@@ -79,7 +81,7 @@ def search(task: CalibrationTask, seed: int, on_round: SearchCallback | None = N
     best, generation = math.inf, 0
     for generation, count in enumerate((0, *RANDOM_GUESSES)):
         guesses = random_guesses(box, count, rng) if count else _from_the_shadow(misfit, task, box, rng)
-        _improve(fits, misfit, guesses, history)
+        _improve(fits, misfit, guesses, history, on_step)
         best = min((fit.relative_residual for fit in fits.values()), default=math.inf)
         if on_round is not None:
             on_round(generation + 1, len(RANDOM_GUESSES) + 1, best)
@@ -122,11 +124,16 @@ def _from_the_shadow(
 
 
 def _improve(
-    fits: dict[Hypothesis, Fit], misfit: CoarseMisfit, guesses: FloatArray, history: list[tuple[int, float]]
+    fits: dict[Hypothesis, Fit],
+    misfit: CoarseMisfit,
+    guesses: FloatArray,
+    history: list[tuple[int, float]],
+    on_step: OnStep,
 ) -> None:
     """Fit the best guesses of each hypothesis coarsely, and keep each fit that beats the one before it."""
     scored: dict[Hypothesis, list[Candidate]] = {}
     for guess in guesses:
+        on_step()
         for hypothesis, candidate in misfit(guess).items():
             scored.setdefault(hypothesis, []).append(candidate)
             SearchReport.note(history, misfit.evaluations, candidate.relative_residual)
@@ -134,7 +141,7 @@ def _improve(
         data = SinogramData(misfit.sinogram, hypothesis.rotation.apply(misfit.angles_rad), misfit.cells)
         phantom = misfit.phantoms[hypothesis.handedness]
         for candidate in sorted(candidates, key=lambda c: c.misfit)[:GUESSES_FITTED]:
-            fit = refine(phantom, data, candidate.frame, max_iterations=COARSE_ITERATIONS)
+            fit = refine(phantom, data, candidate.frame, max_iterations=COARSE_ITERATIONS, on_step=on_step)
             before = fits.get(hypothesis)
             if fit is not None and (before is None or fit.relative_residual < before.relative_residual):
                 fits[hypothesis] = fit

@@ -7,7 +7,7 @@ import numpy as np
 
 from sawmill_worker.tomography.calibration.errors import CalibrationError
 from sawmill_worker.tomography.calibration.faults.finding import AdjustedFit
-from sawmill_worker.tomography.calibration.fit import refine
+from sawmill_worker.tomography.calibration.fit import OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.joint_fit import JointFit, fit_consistent_views, fit_jointly
 from sawmill_worker.tomography.calibration.scatter import Scatter, parameter_scatter
 from sawmill_worker.tomography.calibration.task import CalibrationTask
@@ -34,7 +34,9 @@ class SourceDistance:
     deficit_deviations: float = 0.0
 
 
-def with_theta(task: CalibrationTask, prepared: AdjustedFit) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
+def with_theta(
+    task: CalibrationTask, prepared: AdjustedFit, on_step: OnStep = unheard
+) -> tuple[AdjustedFit, JointFit, Scatter, SourceDistance]:
     """The free fit, or the one with R = r_S where the free one has no theta (docs/conventions.md#theta).
 
     The covariance of a fit that was held is the free one's, and what holding it moved.
@@ -44,7 +46,7 @@ def with_theta(task: CalibrationTask, prepared: AdjustedFit) -> tuple[AdjustedFi
     CalibrationError
         If no fit exists with R = r_S.
     """
-    prepared, free = fit_consistent_views(prepared, task.without)
+    prepared, free = fit_consistent_views(prepared, task.without, on_step)
     scatter = parameter_scatter(free)
     r_s, frame = task.scanner.source_to_cor_mm, free.model.frame
     if frame.source_distance_mm >= r_s:
@@ -52,14 +54,16 @@ def with_theta(task: CalibrationTask, prepared: AdjustedFit) -> tuple[AdjustedFi
     ratio = r_s / frame.source_distance_mm
     start = replace(frame, source_distance_mm=r_s, source_to_detector_mm=frame.source_to_detector_mm * ratio)
     position = (float(free.model.x[Parameter.T_X]), float(free.model.x[Parameter.T_Y]))
-    fit = refine(prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True)
+    fit = refine(
+        prepared.phantom, prepared.data, start, position_mm=position, fixed_source_distance=True, on_step=on_step
+    )
     if fit is None:
         raise CalibrationError(
             "no-geometry",
             f"the scan asks for a source at {frame.source_distance_mm:.4g} mm, nearer than source_to_cor_mm "
             f"{r_s:.6g}: check source_to_cor_mm and the phantom's size",
         )
-    held = fit_jointly(replace(prepared, fit=fit), task.without)
+    held = fit_jointly(replace(prepared, fit=fit), task.without, on_step)
     distance = SourceDistance(
         frame.source_distance_mm, held=True, deficit_deviations=_deficit_deviations(task, frame, scatter)
     )

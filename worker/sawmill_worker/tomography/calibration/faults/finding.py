@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.calibration.fit import Fit, refine
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.phantom import Phantom
@@ -24,6 +24,8 @@ class AdjustedFit:
         Whether the line integrals were made from counts.
     averaging : (views, cells) float64 or None
         What was added to the sinogram because cells average intensities.
+    on_step : callable
+        Called at each step of further fits.
     """
 
     phantom: Phantom
@@ -32,6 +34,7 @@ class AdjustedFit:
     from_counts: bool = False
     adjustments: tuple[str, ...] = ()
     averaging: FloatArray | None = None
+    on_step: OnStep = unheard
 
     def after(self, data: SinogramData, fit: Fit, sentence: str) -> "AdjustedFit":
         """With other data, fit and one more sentence."""
@@ -39,7 +42,7 @@ class AdjustedFit:
 
     def refitted(self, data: SinogramData, start: Fit) -> Fit | None:
         """Least squares with other data, from a fit; None where it does not converge."""
-        fit = refine(self.phantom, data, start.frame, position_mm=start.position_mm)
+        fit = refine(self.phantom, data, start.frame, position_mm=start.position_mm, on_step=self.on_step)
         return fit if fit is not None and fit.converged else None
 
     @cached_property

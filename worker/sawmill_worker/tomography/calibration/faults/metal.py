@@ -13,7 +13,7 @@ from scipy.fft import irfft, next_fast_len, rfft, rfftfreq
 from scipy.ndimage import label, maximum_filter, maximum_filter1d, uniform_filter1d
 
 from sawmill_worker.tomography import analytic
-from sawmill_worker.tomography.calibration.fit import Fit, refine
+from sawmill_worker.tomography.calibration.fit import Fit, OnStep, refine, unheard
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, rotate
 from sawmill_worker.tomography.phantom import Phantom
@@ -73,7 +73,7 @@ class Metal:
         )
 
 
-def find_metal(phantom: Phantom, data: SinogramData, fit: Fit) -> Metal | None:
+def find_metal(phantom: Phantom, data: SinogramData, fit: Fit, on_step: OnStep = unheard) -> Metal | None:
     """Metal in a phantom, from a fit to a scan with it.
 
     Parameters
@@ -95,7 +95,8 @@ def find_metal(phantom: Phantom, data: SinogramData, fit: Fit) -> Metal | None:
         if settled:
             break
         weights = np.where(metal.samples, 0.0, 1.0 if data.weights is None else data.weights)
-        again = refine(phantom, replace(data, weights=weights), fit.frame, position_mm=fit.position_mm)
+        weighted = replace(data, weights=weights)
+        again = refine(phantom, weighted, fit.frame, position_mm=fit.position_mm, on_step=on_step)
         if again is None:
             break
         fit = again
