@@ -40,7 +40,7 @@ def main() -> None:
         report("a list of one kind", lambda: store.jobs.page(limit=PAGE, kind=JobKind.PLAN, state=JobState.QUEUED))
         report("the last job's place", lambda: store.jobs.get(newest))
         report("a claim", lambda: store.jobs.claim("benchmark"))
-        report("a claim of a short job", lambda: store.jobs.claim("benchmark", short_only=True))
+        report("a claim of a short job", lambda: store.jobs.claim("benchmark", short=True))
         report("wake-ups lost", lambda: store.jobs.queued_job_ids(older_than_s=5.0, limit=100))
         report("jobs by state", store.jobs.counts)
         store.close()

@@ -69,7 +69,8 @@ def serve_until_stopped(
             waker.start()
             wake = waker
         elif workers:
-            wake = stack.enter_context(WorkerSupervisor(storage, execution)).wake
+            supervisor = WorkerSupervisor(storage, execution, held_up=store.jobs.short_job_is_held_up)
+            wake = stack.enter_context(supervisor).wake
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         app = create_app(settings, store, wake)

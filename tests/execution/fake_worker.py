@@ -1,5 +1,6 @@
 """The real embedded worker over tasks without science."""
 
+import math
 import signal
 import sys
 import threading
@@ -15,4 +16,15 @@ signal.signal(signal.SIGTERM, lambda *_: (stop.set(), wake.set()))
 threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
 command = [sys.executable, str(Path(__file__).with_name("fake_science.py"))]
 store = Store(StorageSettings())
-run_worker(store, ExecutionSettings(), stop, command=command, wake=wake, on_able=ReportToParent())
+short_only = "--short" in sys.argv
+idle_s = 1.0 if short_only else math.inf
+run_worker(
+    store,
+    ExecutionSettings(),
+    stop,
+    command=command,
+    wake=wake,
+    on_able=ReportToParent(),
+    short_only=short_only,
+    idle_s=idle_s,
+)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from structlog.testing import capture_logs
 
+from sawmill_worker.contracts import kinds
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.supervise import WorkerSupervisor
@@ -58,6 +59,25 @@ def processes_of(folder: Path) -> list[int]:
             if f"SAWMILL_DATA_FOLDER={folder}".encode() in environment.split(b"\0"):
                 found.append(int(entry.name))
     return found
+
+
+def test_a_short_job_waits_for_no_long_one(store, storage, settings, queue, wait_for, monkeypatch):
+    lane = {"command": WORKER, "held_up": store.jobs.short_job_is_held_up}
+    with WorkerSupervisor(storage, settings, **lane) as supervisor:
+        # Files of any size count as large, so their reading as long.
+        with monkeypatch.context() as small:
+            small.setattr(kinds, "SHORT_UPLOAD_BYTES", 0)
+            long = queue("talk")
+        wait_for(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
+        time.sleep(0.5)
+        assert len(supervisor.process_ids) == 1, "no lane is open while nobody needs it"
+        for _ in range(2):
+            short = [queue("succeed") for _ in range(2)]
+            supervisor.wake(short[0].id)
+            wait_for(lambda jobs=short: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+            assert store.jobs.get(long.id).state is JobState.RUNNING
+            wait_for(lambda: len(supervisor.process_ids) == 1)  # it has ended by itself, and opens again
+    assert processes_of(storage.data_folder) == []
 
 
 @pytest.mark.usefixtures("supervisor")

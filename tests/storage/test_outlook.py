@@ -122,10 +122,27 @@ def test_what_is_known_to_take_seconds_is_short(store, upload):
 def test_short_jobs_can_be_claimed_alone(store, add):
     add(1, JobKind.RECONSTRUCT)
     add(1, JobKind.PLAN, short=True, priority=Priority.BACKGROUND)
-    assert len(store.jobs.queued_job_ids(short_only=True)) == 1
-    taken = store.jobs.claim("test", short_only=True)
+    assert len(store.jobs.queued_job_ids(short=True)) == 1
+    taken = store.jobs.claim("test", short=True)
     assert (taken.job.kind, taken.job.short, taken.job.background) == (JobKind.PLAN, True, True)
-    assert store.jobs.claim("test", short_only=True) is None
+    assert store.jobs.claim("test", short=True) is None
     # A long job that waits is no reason to give a short lane's worker back.
-    assert store.jobs.is_in_the_way(taken)
-    assert not store.jobs.is_in_the_way(taken, short_only=True)
+    assert not store.jobs.is_in_the_way(taken)
+    store.jobs.release(taken)
+    assert store.jobs.claim("test").job.kind is JobKind.RECONSTRUCT
+    again = store.jobs.claim("test")
+    add(1, JobKind.RECONSTRUCT)
+    assert store.jobs.is_in_the_way(again)
+
+
+def test_a_short_job_is_held_up_while_long_ones_keep_every_worker_busy(store, add):
+    add(1, JobKind.RECONSTRUCT)
+    add(1, JobKind.RECONSTRUCT, priority=Priority.BATCH)
+    add(1, JobKind.PLAN, short=True, priority=Priority.BATCH)
+    assert not store.jobs.short_job_is_held_up(1)
+    store.jobs.claim("test")
+    assert (store.jobs.short_job_is_held_up(1), store.jobs.short_job_is_held_up(2)) == (True, False)
+    store.jobs.claim("test")
+    assert store.jobs.short_job_is_held_up(2)
+    store.jobs.claim("test")
+    assert not store.jobs.short_job_is_held_up(2)

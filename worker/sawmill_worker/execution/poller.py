@@ -1,9 +1,11 @@
 """The embedded worker (`python -m sawmill_worker.execution.poller`): claims jobs from the database, no broker."""
 
 import argparse
+import math
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 
@@ -18,6 +20,9 @@ from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnav
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
+# Of the short lane: its memory is worth keeping while somebody works at a scan, and no longer.
+SHORT_IDLE_S = 60.0
+
 
 def run_worker(
     store: Store,
@@ -27,6 +32,8 @@ def run_worker(
     command: Sequence[str] = ATTEMPT_COMMAND,
     wake: threading.Event | None = None,
     on_able: Callable[[], None] | None = None,
+    short_only: bool = False,
+    idle_s: float = math.inf,
 ) -> None:
     """Claim and run jobs until `stop` is set; a job that is running then is finished or given back.
 
@@ -36,6 +43,10 @@ def run_worker(
         Set by whoever knows of a new job, or has set `stop`: an idle worker then looks before its time.
     on_able
         As for `Runner`.
+    short_only
+        Leave long jobs to other workers.
+    idle_s
+        End after so long without a job.
 
     Raises
     ------
@@ -46,11 +57,12 @@ def run_worker(
     runner = Runner(store, settings, stop, command=command, on_able=on_able)
     housekeeping = Housekeeping(store, settings, stop)
     housekeeping.start()
+    worked_at = time.monotonic()
     try:
-        while not stop.is_set():
+        while not stop.is_set() and time.monotonic() - worked_at < idle_s:
             wake.clear()
             try:
-                idle = runner.run_next() is None
+                idle = runner.run_next(short=short_only or None) is None
             except (StorageFull, StorageUnavailable) as error:
                 structlog.get_logger().warning("claim-put-off", reason=str(error))
                 wake.wait(settings.outage_wait_s)
@@ -58,6 +70,8 @@ def run_worker(
             if idle:
                 runner.warm_up()
                 wake.wait(settings.poll_s)
+            else:
+                worked_at = time.monotonic()
     finally:
         stop.set()
         runner.close()
@@ -69,6 +83,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
         "--watch-parent", action="store_true", help="look for a job at each byte on standard input, stop at its end"
+    )
+    parser.add_argument(
+        "--short", action="store_true", help=f"take short jobs only, and end after {SHORT_IDLE_S:g} s without any"
     )
     options = parser.parse_args(arguments)
     settings = ExecutionSettings()
@@ -82,7 +99,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (StorageError, OSError) as error:
         raise SystemExit(f"this worker cannot start: {error}") from error
     if store is not None:
-        run_worker(store, settings, stop, wake=wake, on_able=ReportToParent() if options.watch_parent else None)
+        run_worker(
+            store,
+            settings,
+            stop,
+            wake=wake,
+            on_able=ReportToParent() if options.watch_parent else None,
+            short_only=options.short,
+            idle_s=SHORT_IDLE_S if options.short else math.inf,
+        )
         store.close()
 
 

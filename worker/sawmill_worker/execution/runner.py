@@ -69,8 +69,13 @@ class Runner:
         self._lock = threading.Lock()
         self.name = process_name()
 
-    def run_next(self) -> JobState | None:
+    def run_next(self, *, short: bool | None = None) -> JobState | None:
         """Claim the job whose turn it is and run it to the end of the attempt.
+
+        Parameters
+        ----------
+        short
+            A short job only, or a long one only; null: any.
 
         Returns
         -------
@@ -89,7 +94,7 @@ class Runner:
             return None
         process = self._take_ready()
         try:
-            claim = self._store.jobs.claim(self.name)
+            claim = self._store.jobs.claim(self.name, short=short)
         except BaseException:
             self._keep(process)
             raise

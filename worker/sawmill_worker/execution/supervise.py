@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from types import TracebackType
 from typing import Self
@@ -16,16 +16,21 @@ from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sharing import say_if_crowded
+from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 
 WORKER_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.poller", "--watch-parent")
 _LOOK_S = 0.2
+_LANE_LOOK_S = 1.0  # for a short job that nobody announced, as one that waited for another
 _FIRST_BACK_OFF_S = 0.5
 _LONGEST_BACK_OFF_S = 30.0
 
 
 class WorkerSupervisor:
-    """Keeps `settings.workers` worker processes running, as a context manager.
+    """Keeps `settings.workers` worker processes running, as a context manager, and one more while it is needed.
+
+    That one is the short lane: it takes short jobs only, is started while long ones keep all the others busy, and ends
+    by itself when it has had none for a minute. It has all cores too: the system shares them out.
 
     Each one's standard input announces jobs, and ends with this process, however that ends. A worker that had been able
     to run jobs is replaced at once, one that never was ever more slowly.
@@ -37,15 +42,27 @@ class WorkerSupervisor:
     settings
         How many there are, and how they run jobs.
     command
-        Starts one worker.
+        Starts one worker, with `--short` one of the short lane.
+    held_up
+        Whether a short job waits while so many workers are busy with long ones; null: there is no short lane.
     """
 
     def __init__(
-        self, storage: StorageSettings, settings: ExecutionSettings, *, command: Sequence[str] = WORKER_COMMAND
+        self,
+        storage: StorageSettings,
+        settings: ExecutionSettings,
+        *,
+        command: Sequence[str] = WORKER_COMMAND,
+        held_up: Callable[[int], bool] | None = None,
     ) -> None:
         self._settings = settings
         environment = environment_with(storage, settings)
-        self._workers = [_WatchedWorker(command, environment) for _ in range(settings.workers)]
+        general = [_WatchedWorker(command, environment) for _ in range(settings.workers)]
+        alone = environment_with(storage, settings.model_copy(update={"workers": 1}))
+        self._short = _WatchedWorker([*command, "--short"], alone)
+        self._general, self._workers = general, [*general, self._short]
+        self._held_up = held_up
+        self._look_at = 0.0
         # A worker needs its own grace, and then its child's.
         self._patience_s = settings.stop_grace_s + settings.kill_grace_s + 3.0
         self._stop = threading.Event()
@@ -53,7 +70,7 @@ class WorkerSupervisor:
 
     def __enter__(self) -> Self:
         say_if_crowded(self._settings)
-        for worker in self._workers:
+        for worker in self._general:
             worker.start()
         self._thread.start()
         return self
@@ -71,6 +88,7 @@ class WorkerSupervisor:
 
     def wake(self, _job_id: str) -> None:
         """Announce a job to the workers; one that misses it finds the job at its next look."""
+        self._look_at = 0.0
         for worker in self._workers:
             worker.wake()
 
@@ -81,9 +99,23 @@ class WorkerSupervisor:
 
     def _watch(self) -> None:
         while not self._stop.wait(_LOOK_S):
-            for worker in self._workers:
+            for worker in self._general:
                 with going_on("worker-not-watched"):
                     worker.restart_if_due()
+            with going_on("short-lane-not-watched"):
+                self._open_short_lane()
+
+    def _open_short_lane(self) -> None:
+        if self._held_up is None or self._short.is_running or time.monotonic() < self._look_at:
+            return
+        self._look_at = time.monotonic() + _LANE_LOOK_S
+        try:
+            needed = self._held_up(self._settings.workers)
+        except StorageUnavailable as error:
+            structlog.get_logger().warning("look-put-off", reason=str(error))
+            return
+        if needed:
+            self._short.start_if_due()
 
 
 class _WatchedWorker:
@@ -138,6 +170,15 @@ class _WatchedWorker:
             self._put_off("worker-ended", exit_code=self.process and self.process.returncode)
         elif time.monotonic() >= self._restart_at:
             self.start()
+
+    def start_if_due(self) -> None:
+        """Start a process that ends by itself when it is no longer needed."""
+        if self._restart_at is None and (self.process is None or self.process.poll() == 0):
+            self._hang_up()
+            self._back_off_s = 0.0
+            self.start()
+        else:
+            self.restart_if_due()
 
     def ask_to_stop(self) -> None:
         if self.process is not None and self.is_running:

@@ -70,9 +70,18 @@ class Pulse(NamedTuple):
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to run one attempt at a job, for as long as observers see its heartbeats."""
+    """The right to run one attempt at a job, for as long as observers see its heartbeats.
+
+    Attributes
+    ----------
+    job : Job
+        As it was claimed.
+    short_only : bool
+        Whoever claimed it would have taken no long one.
+    """
 
     job: Job
+    short_only: bool = False
 
     @property
     def job_id(self) -> str:
@@ -136,15 +145,15 @@ class Jobs:
             session.flush()
             return self._described(session, [row])[0]
 
-    def claim(self, worker: str, *, short_only: bool = False) -> Claim | None:
+    def claim(self, worker: str, *, short: bool | None = None) -> Claim | None:
         """Take the job whose turn it is: of those that could start and come first by priority, the oldest.
 
         Parameters
         ----------
         worker
             Who takes it, for people to read.
-        short_only
-            Take a short job or none.
+        short
+            Take a short job or none, or a long one or none; null: any.
 
         Returns
         -------
@@ -152,7 +161,7 @@ class Jobs:
             None when there is nothing to do. Of many callers at once, one gets a job.
         """
         now = self._database.now()
-        ready = _claimable(now, short_only=short_only).with_only_columns(JobRow.id).order_by(*ORDER).limit(1)
+        ready = _claimable(now, short=short).with_only_columns(JobRow.id).order_by(*ORDER).limit(1)
         with self._database.write() as session:
             claimed = session.scalar(
                 update(JobRow)
@@ -175,7 +184,7 @@ class Jobs:
                 return None
             row = found(session, JobRow, "job", claimed)
             record(session, now, EventKind.STARTED, row)
-            return Claim(_read(row))
+            return Claim(_read(row), short_only=short is True)
 
     def heartbeat(self, claim: Claim, progress: Progress | None = None) -> bool:
         """Say that the attempt is alive, and carry progress out.
@@ -335,27 +344,33 @@ class Jobs:
             return _read(row)
 
     def queued_job_ids(
-        self, *, older_than_s: float = 0.0, short_only: bool = False, limit: int | None = None
+        self, *, older_than_s: float = 0.0, short: bool | None = None, limit: int | None = None
     ) -> Sequence[str]:
         """Jobs that could have started that long ago, first come first: their wake-up may be lost."""
         since = self._database.now() - timedelta(seconds=older_than_s)
         # Not the column itself, by which SQLite would find them and then sort them all.
-        ready = _claimable(since, short_only=short_only).where(func.coalesce(JobRow.created_at, since) <= since)
+        ready = _claimable(since, short=short).where(func.coalesce(JobRow.created_at, since) <= since)
         with self._database.read() as session:
             return session.scalars(ready.with_only_columns(JobRow.id).order_by(*ORDER).limit(limit)).all()
 
-    def is_in_the_way(self, claim: Claim, *, short_only: bool = False) -> bool:
-        """Whether an attempt's job is for idle times, as its row stands now, and one could start that is not.
+    def is_short(self, job_id: str) -> bool:
+        """Whether there is such a job, and it takes seconds."""
+        with self._database.read() as session:
+            return bool(session.scalar(select(JobRow.short).where(JobRow.id == job_id)))
 
-        Parameters
-        ----------
-        claim
-            The attempt's.
-        short_only
-            Its worker would take a short job only.
-        """
+    def short_job_is_held_up(self, workers: int) -> bool:
+        """Whether a short job could start, were it not for long ones that keep all of some workers busy."""
+        foreground = JobRow.priority < Priority.BACKGROUND  # others give way, or have time
+        long = select(func.count()).where(JobRow.state == JobState.RUNNING, ~JobRow.short, foreground)
+        waiting = _claimable(self._database.now(), short=True).where(foreground).with_only_columns(JobRow.id)
+        with self._database.read() as session:
+            busy = (session.scalar(long) or 0) >= workers
+            return busy and session.scalar(waiting.order_by(*ORDER).limit(1)) is not None
+
+    def is_in_the_way(self, claim: Claim) -> bool:
+        """Whether an attempt's job is for idle times, as its row stands now, and one could start there that is not."""
         others = JobRow.priority < Priority.BACKGROUND
-        ready = _claimable(self._database.now(), short_only=short_only).with_only_columns(JobRow.id)
+        ready = _claimable(self._database.now(), short=claim.short_only or None).with_only_columns(JobRow.id)
         other = ready.where(others).order_by(*ORDER).limit(1)
         itself = select(JobRow.id).where(_held_by(claim), ~others)
         with self._database.read() as session:
@@ -423,7 +438,7 @@ class Jobs:
             record_end_without_result(session, row.kind, row.subject_id, reason)
 
 
-def _claimable(at: datetime, *, short_only: bool = False) -> Select[JobRow]:
+def _claimable(at: datetime, *, short: bool | None = None) -> Select[JobRow]:
     """The jobs that could start at a time."""
     needed = aliased(JobRow)
     unfinished = exists().where(
@@ -433,7 +448,7 @@ def _claimable(at: datetime, *, short_only: bool = False) -> Select[JobRow]:
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
     ready = select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)
-    return ready.where(JobRow.short) if short_only else ready
+    return ready if short is None else ready.where(JobRow.short == short)
 
 
 def _held_by(claim: Claim) -> ColumnElement[bool]:
