@@ -44,7 +44,7 @@ class WorkerSupervisor:
     command
         Starts one worker, with `--short` one of the short lane.
     held_up
-        Whether a short job waits while so many workers are busy with long ones; null: there is no short lane.
+        Whether a short job waits while this number of workers are busy with long ones; null: there is no short lane.
     """
 
     def __init__(
