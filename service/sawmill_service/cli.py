@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from pydantic import ValidationError
 
 from sawmill_worker.cli import app as main
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import say
-from sawmill_worker.contracts.base import complaint
 
 __all__ = ["main"]
 
@@ -40,7 +38,7 @@ def serve(
     from sawmill_service.serving import serve_until_stopped
     from sawmill_service.settings import ServiceSettings
     from sawmill_worker.execution.settings import ExecutionSettings
-    from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
     from sawmill_worker.seeding import seed_apart
     from sawmill_worker.storage.errors import StorageError
     from sawmill_worker.storage.settings import StorageSettings
@@ -49,14 +47,10 @@ def serve(
         if value is not None:
             os.environ[f"SAWMILL_{name}"] = str(value)
     try:
-        check_variables()
-        settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
-    except UnknownVariableError as error:
+        with variables_checked():
+            settings, storage, execution = ServiceSettings(), StorageSettings(), ExecutionSettings()
+    except WrongVariableError as error:
         raise typer.BadParameter(str(error)) from error
-    except ValidationError as error:
-        setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
-        # A message about several settings together names them itself.
-        raise typer.BadParameter(f"SAWMILL_{setting}: {complaint(error)}" if setting else complaint(error)) from error
     seed = seed_apart if examples else None
     try:
         serve_until_stopped(settings, storage, execution, workers=workers != 0, seed=seed)

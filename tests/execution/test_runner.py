@@ -1,3 +1,4 @@
+import errno
 import os
 import signal
 import subprocess
@@ -12,7 +13,7 @@ from write_lock import write_lock
 from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.execution.poller import run_worker
-from sawmill_worker.execution.process import AttemptNotStarted
+from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Jobs
@@ -61,6 +62,43 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
     assert store.scans.get(first.subject_id).state is ScanState.READY
     assert leftovers(store) == []
     assert runner.run_next() is None
+
+
+def test_a_system_without_room_for_a_spare_process_loses_no_job(runner, queue, monkeypatch):
+    queue("succeed")
+    start, started = runner._attempts.start, []
+
+    def start_one():
+        if started:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        started.append(start())
+        return started[0]
+
+    monkeypatch.setattr(runner._attempts, "start", start_one)
+    assert runner.run_next() is JobState.SUCCEEDED
+    with pytest.raises(BlockingIOError):
+        runner.run_next()
+
+
+def test_a_worker_that_works_outlives_troubles_with_starting_processes(store, settings, command, queue, monkeypatch):
+    jobs, asked = [queue("succeed"), queue("succeed")], []
+    troubles = [BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN)), AttemptNotStarted("a process was killed")]
+    become_ready = AttemptProcess.wait_until_ready
+
+    def stumble(process, timeout_s):
+        asked.append(process)
+        if len(asked) > 1 and troubles:
+            raise troubles.pop()
+        become_ready(process, timeout_s)
+
+    class EndsWithThem(threading.Event):
+        def is_set(self):
+            return super().is_set() or all(store.jobs.get(job.id).state.ended for job in jobs)
+
+    monkeypatch.setattr(AttemptProcess, "wait_until_ready", stumble)
+    run_worker(store, settings, EndsWithThem(), command=command)
+    assert troubles == []
+    assert {store.jobs.get(job.id).state for job in jobs} == {JobState.SUCCEEDED}
 
 
 def test_the_end_of_a_job_is_reported_to_those_who_may_wait_for_it(store, settings, stop, command, queue):

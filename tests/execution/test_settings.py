@@ -7,7 +7,14 @@ from pydantic import ValidationError
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.execution.variables import KNOWN, OF_THE_SERVICE, UnknownVariableError, check_variables
+from sawmill_worker.execution.variables import (
+    KNOWN,
+    OF_THE_SERVICE,
+    UnknownVariableError,
+    WrongVariableError,
+    check_variables,
+    variables_checked,
+)
 
 pytestmark = pytest.mark.slow
 
@@ -48,6 +55,21 @@ def test_a_misspelt_setting_is_refused_with_the_nearest_one(name, complaint):
     with pytest.raises(UnknownVariableError) as refused:
         check_variables({name: "30", "PATH": "/bin", "SAWMILL_PORT": "80"})
     assert str(refused.value) == complaint
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("SAWMILL_LEASE_S", "long", "SAWMILL_LEASE_S: Input should be a valid number"),
+        ("SAWMILL_LEASE_S", "15", "lease_s must be at least twice heartbeat_s"),
+        ("SAWMILL_LEASE", "15", "SAWMILL_LEASE is no setting"),
+    ],
+)
+def test_a_setting_that_cannot_be_is_refused_in_one_sentence(monkeypatch, name, value, sentence):
+    monkeypatch.setenv(name, value)
+    with pytest.raises(WrongVariableError, match=sentence) as refused, variables_checked():
+        ExecutionSettings()
+    assert "\n" not in str(refused.value)
 
 
 def test_the_service_s_settings_are_known_to_workers():

@@ -401,15 +401,15 @@ def worker(
 ) -> None:
     """Run one embedded worker beside a service that uses the same data folder."""
     from sawmill_worker.execution.poller import main
-    from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
 
-    try:
-        check_variables()
-    except UnknownVariableError as error:
-        raise typer.BadParameter(str(error)) from error
     if data is not None:
         os.environ["SAWMILL_DATA_FOLDER"] = str(data)
-    main([])
+    try:
+        with variables_checked():
+            main([])
+    except WrongVariableError as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 @app.command(name="compile", cls=Command)

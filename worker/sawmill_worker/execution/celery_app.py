@@ -27,7 +27,7 @@ from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sharing import say_if_crowded
-from sawmill_worker.execution.variables import UnknownVariableError, check_variables
+from sawmill_worker.execution.variables import WrongVariableError, variables_checked
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -254,10 +254,10 @@ def __getattr__(name: str) -> Celery:
     if name != "app":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     try:
-        check_variables()
-    except UnknownVariableError as error:
+        with variables_checked():
+            app = make_celery(ExecutionSettings(), StorageSettings())
+    except (WrongVariableError, ValueError) as error:
         sys.stderr.write(f"{error}\n")
         raise SystemExit(2) from error
-    app = make_celery(ExecutionSettings(), StorageSettings())
     globals()["app"] = app
     return app

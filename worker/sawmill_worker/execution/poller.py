@@ -7,13 +7,14 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 
 import structlog
 
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
+from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import StorageError, StorageFull, StorageUnavailable
@@ -50,7 +51,7 @@ def run_worker(
 
     Raises
     ------
-    sawmill_worker.execution.process.AttemptNotStarted
+    AttemptNotStarted
         No job can be run on this installation.
     """
     wake = wake or threading.Event()
@@ -63,7 +64,9 @@ def run_worker(
             wake.clear()
             try:
                 idle = runner.run_next(short=short_only or None) is None
-            except (StorageFull, StorageUnavailable) as error:
+            except (StorageFull, StorageUnavailable, AttemptNotStarted, OSError) as error:
+                if isinstance(error, AttemptNotStarted) and not runner.able:
+                    raise
                 structlog.get_logger().warning("claim-put-off", reason=str(error))
                 wake.wait(settings.outage_wait_s)
                 continue
@@ -96,19 +99,19 @@ def main(arguments: Sequence[str] | None = None) -> None:
         threading.Thread(target=_listen_to_parent, args=(stop, wake), daemon=True).start()
     try:
         store = open_store(StorageSettings(), stop)
-    except (StorageError, OSError) as error:
+        if store is not None:
+            with closing(store):
+                run_worker(
+                    store,
+                    settings,
+                    stop,
+                    wake=wake,
+                    on_able=ReportToParent() if options.watch_parent else None,
+                    short_only=options.short,
+                    idle_s=SHORT_IDLE_S if options.short else math.inf,
+                )
+    except (StorageError, AttemptNotStarted, OSError) as error:
         raise SystemExit(f"this worker cannot start: {error}") from error
-    if store is not None:
-        run_worker(
-            store,
-            settings,
-            stop,
-            wake=wake,
-            on_able=ReportToParent() if options.watch_parent else None,
-            short_only=options.short,
-            idle_s=SHORT_IDLE_S if options.short else math.inf,
-        )
-        store.close()
 
 
 class ReportToParent:

@@ -47,6 +47,11 @@ class Runner:
         Called with the id of each job that has ended: others may have waited for it.
     on_able
         Called at each look for a job, before it is run: a process is ready, and the database answers.
+
+    Attributes
+    ----------
+    able : bool
+        Whether there was such a look.
     """
 
     def __init__(
@@ -68,6 +73,7 @@ class Runner:
         self._spares: list[AttemptProcess] = []
         self._lock = threading.Lock()
         self.name = process_name()
+        self.able = False
 
     def run_next(self, *, short: bool | None = None) -> JobState | None:
         """Claim the job whose turn it is and run it to the end of the attempt.
@@ -86,7 +92,9 @@ class Runner:
         Raises
         ------
         AttemptNotStarted
-            No process can be started. No job was claimed.
+            No process becomes ready. No job was claimed.
+        OSError
+            The system starts no process now. No job was claimed.
         StorageFull, StorageUnavailable
             The database cannot write. No job was claimed.
         """
@@ -98,6 +106,7 @@ class Runner:
         except BaseException:
             self._keep(process)
             raise
+        self.able = True
         if self._on_able is not None:
             self._on_able()
         if claim is None:
@@ -110,11 +119,15 @@ class Runner:
     def warm_up(self) -> None:
         """Start the spare processes that are missing, so that no job need wait for one.
 
-        For times without a job: a process that starts keeps a core busy for about a second.
+        For times without a job: a process that starts keeps a core busy for about a second. One that the system does
+        not start now is started when a job needs it.
         """
-        with self._lock:
-            while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
-                self._spares.append(self._attempts.start())
+        try:
+            with self._lock:
+                while len(self._spares) < self._settings.spare_processes and not self._stop.is_set():
+                    self._spares.append(self._attempts.start())
+        except OSError as error:
+            structlog.get_logger().warning("spare-not-started", reason=str(error))
 
     def close(self) -> None:
         """End the spare processes."""

@@ -1,9 +1,16 @@
-"""Environment variables named like settings: one that nothing reads is refused, as an unknown field of a request is."""
+"""Environment variables named like settings: one that nothing reads is refused, as an unknown field of a request is.
+
+So is one that holds what its setting cannot be.
+"""
 
 import difflib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
+from pydantic import ValidationError
+
+from sawmill_worker.contracts.base import complaint
 from sawmill_worker.execution.forking import REQUESTS, TBB
 from sawmill_worker.execution.protocol import CHANNEL
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -35,8 +42,31 @@ KNOWN = (
 )
 
 
-class UnknownVariableError(Exception):
-    """A variable of the environment is named like a setting and is none."""
+class WrongVariableError(Exception):
+    """A variable of the environment that cannot be used; the sentence names it."""
+
+
+class UnknownVariableError(WrongVariableError):
+    """It is named like a setting and is none."""
+
+
+@contextmanager
+def variables_checked() -> Iterator[None]:
+    """For the block in which settings are read.
+
+    Raises
+    ------
+    WrongVariableError
+        A variable is misspelt, or its setting refuses its value.
+    """
+    check_variables()
+    try:
+        yield
+    except ValidationError as error:
+        setting = "_".join(str(part) for part in error.errors()[0]["loc"]).upper()
+        # A message about several settings together names them itself.
+        sentence = f"{PREFIX}{setting}: {complaint(error)}" if setting else complaint(error)
+        raise WrongVariableError(sentence) from error
 
 
 def check_variables(environment: Mapping[str, str] = os.environ) -> None:
