@@ -12,6 +12,7 @@ from write_lock import write_lock
 
 from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.execution import process
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess
 from sawmill_worker.execution.runner import Runner
@@ -351,6 +352,40 @@ def test_a_spare_that_died_is_replaced(runner, queue):
 
 
 @both_ways
+def test_a_spare_that_does_not_get_ready_is_replaced(store, runner, queue, monkeypatch):
+    runner.warm_up()
+    (spare,) = runner._spares
+
+    def stopped(_):
+        raise AttemptNotStarted("a process was not ready after 120 s")
+
+    monkeypatch.setattr(spare, "wait_until_ready", stopped)
+    job = queue("succeed")
+    assert runner.run_next() is JobState.SUCCEEDED
+    assert not spare.alive
+    assert store.jobs.get(job.id).attempt == 1
+
+
+class Undying:
+    """A process in the system's own hands, as when it waits for a disk."""
+
+    stdin, pid = None, None
+
+    def poll(self):
+        return None
+
+    def wait(self, timeout=None):
+        assert timeout is not None, "for ever"
+        raise subprocess.TimeoutExpired("attempt", timeout)
+
+
+def test_nobody_waits_for_a_process_that_cannot_be_killed(monkeypatch):
+    monkeypatch.setattr(process, "UNDYING_S", 0.1)
+    reading, writing = os.pipe()
+    os.close(writing)
+    assert AttemptProcess(Undying(), reading).end(0.1) == -signal.SIGKILL
+
+
 @pytest.mark.parametrize("program", ["raise SystemExit(3)", "import time; time.sleep(60)"])
 def test_a_broken_installation_uses_up_no_attempts(store, settings, stop, queue, program):
     job = queue("succeed")

@@ -6,7 +6,10 @@ import signal
 import subprocess
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import IO, Protocol
+
+import structlog
 
 from sawmill_worker.execution.protocol import (
     CHANNEL,
@@ -19,6 +22,9 @@ from sawmill_worker.execution.protocol import (
     Succeeded,
     to_line,
 )
+
+# From SIGKILL until a process that still runs is given up.
+UNDYING_S = 10.0
 
 
 class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
@@ -112,6 +118,9 @@ class AttemptProcess:
     def end(self, grace_s: float) -> int:
         """End it and all it started: asked first, killed after `grace_s`.
 
+        One that the system itself does not let end, as while it waits for a disk that is away, is left to end when that
+        lets it: nobody waits for it, and its folder is its own.
+
         Returns
         -------
         int
@@ -123,7 +132,11 @@ class AttemptProcess:
             self._process.wait(grace_s)
         except subprocess.TimeoutExpired:
             self._signal(signal.SIGKILL)
-        code = self._process.wait()
+        try:
+            code = self._process.wait(UNDYING_S)
+        except subprocess.TimeoutExpired:
+            structlog.get_logger().error("attempt-not-ended", process=self._process.pid, after_s=UNDYING_S)
+            code = -signal.SIGKILL
         if self._process.stdin is not None:
             self._process.stdin.close()
         self._channel.close()
@@ -132,7 +145,8 @@ class AttemptProcess:
     def _signal(self, number: signal.Signals) -> None:
         # Only while it is unreaped is its process group's number surely its own.
         if self._process.poll() is None and self._process.pid is not None:
-            os.killpg(self._process.pid, number)
+            with suppress(ProcessLookupError):  # forked this moment, it leads no group yet: SIGKILL follows
+                os.killpg(self._process.pid, number)
 
 
 class FreshProcesses:

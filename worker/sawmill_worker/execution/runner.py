@@ -16,7 +16,7 @@ from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
-from sawmill_worker.execution.process import AttemptProcess, FreshProcesses
+from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
 from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
@@ -140,10 +140,17 @@ class Runner:
     def _take_ready(self) -> AttemptProcess:
         with self._lock:
             process = self._spares.pop(0) if self._spares else None
-        if process is not None and not process.alive:
-            process.end(self._settings.kill_grace_s)
-            process = None
-        process = process or self._attempts.start()
+        if process is not None:
+            if process.alive:
+                try:
+                    return self._ready(process)
+                except AttemptNotStarted as error:
+                    structlog.get_logger().warning("spare-not-ready", reason=str(error))
+            else:
+                process.end(self._settings.kill_grace_s)
+        return self._ready(self._attempts.start())
+
+    def _ready(self, process: AttemptProcess) -> AttemptProcess:
         try:
             process.wait_until_ready(self._attempts.patience_s(self._settings.start_timeout_s))
         except BaseException:
