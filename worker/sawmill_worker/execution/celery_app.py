@@ -18,7 +18,7 @@ from typing import Any
 import structlog
 from celery import Celery, signals
 from celery.worker import WorkController
-from kombu import Queue
+from kombu.entity import Queue
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
@@ -71,7 +71,7 @@ def make_celery(
         accept_content=["json"],
         task_serializer="json",
         task_default_queue=_QUEUE,
-        task_queues=[Queue(name) for name in _LANES.values()],
+        task_queues=[Queue(name) for name in _LANES.values()],  # type: ignore[no-untyped-call]
         task_ignore_result=True,
         task_acks_late=False,
         task_publish_retry=False,  # the sweep sends lost wake-ups again
