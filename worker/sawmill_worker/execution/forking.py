@@ -40,9 +40,10 @@ def serve(requests: socket.socket, attempt: AttemptMain) -> None:
         ctypes.CDLL(None).malloc_trim(0)
     # What lives now lives as long as the process: a child's collector need not look at it, and so copies no pages.
     gc.freeze()
-    requests.send(WARM)
     children = _Children(requests)
-    while (descriptors := children.next_request()) is not None:
+    with suppress(ConnectionError):  # the supervisor is gone already
+        requests.send(WARM)
+    while descriptors := children.next_request():
         children.fork(attempt, *descriptors)
 
 
@@ -54,15 +55,17 @@ class _Children:
         self._events = selectors.DefaultSelector()
         self._events.register(requests, selectors.EVENT_READ)
 
-    def next_request(self) -> list[int] | None:
-        """The descriptors that it brought; None when there will be none. Children that end meanwhile are entered."""
+    def next_request(self) -> list[int]:
+        """The descriptors that it brought; none when the supervisor is gone. Children that end meanwhile are entered."""
         while True:
             for key, _ in self._events.select():
                 if key.data is not None:
                     self._enter_end(key.fd, *key.data)
                     continue
-                packet, descriptors, _, _ = socket.recv_fds(self._requests, 16, 3)
-                return descriptors if packet else None
+                try:
+                    return socket.recv_fds(self._requests, 16, 3)[1]
+                except ConnectionError:  # as when it had not read yet what it was sent
+                    return []
 
     def fork(self, attempt: AttemptMain, assignment: int, channel: int, book: int) -> None:
         """Start a child; where the system refuses, the supervisor sees its pipes close."""
@@ -75,7 +78,7 @@ class _Children:
             if process_id == 0:
                 os.close(book)
                 self._become_child(assignment, channel, attempt)
-            os.write(book, b"%d\n" % process_id)
+            _enter(book, process_id)
             self._events.register(os.pidfd_open(process_id), selectors.EVENT_READ, (process_id, book))
         os.close(assignment)
         os.close(channel)
@@ -84,8 +87,7 @@ class _Children:
         self._events.unregister(descriptor)
         os.close(descriptor)
         _, status = os.waitpid(process_id, 0)
-        with suppress(BrokenPipeError):  # the supervisor has let go of it
-            os.write(book, b"%d\n" % os.waitstatus_to_exitcode(status))
+        _enter(book, os.waitstatus_to_exitcode(status))
         os.close(book)
 
     def _become_child(self, assignment: int, channel: int, attempt: AttemptMain) -> None:
@@ -110,6 +112,11 @@ class _Children:
             sys.stdout.flush()
             sys.stderr.flush()
             os._exit(code)  # the template's own ending is not the child's to do
+
+
+def _enter(book: int, number: int) -> None:
+    with suppress(BrokenPipeError):  # the supervisor has let go of it
+        os.write(book, b"%d\n" % number)
 
 
 def _seed_anew() -> None:
