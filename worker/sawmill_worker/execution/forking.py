@@ -56,7 +56,7 @@ class _Children:
         self._events.register(requests, selectors.EVENT_READ)
 
     def next_request(self) -> list[int]:
-        """The descriptors that it brought, none when the supervisor is gone; children that end meanwhile are entered."""
+        """Descriptors that it brought, none once the supervisor is gone; children that end meanwhile are entered."""
         while True:
             for key, _ in self._events.select():
                 if key.data is not None:
