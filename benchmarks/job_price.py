@@ -97,7 +97,7 @@ def measured(tree: Path, jobs: int) -> Json:
     """The figures of the service of one checkout."""
     os.environ["PYTHONPATH"] = f"{tree / 'service'}:{tree / 'worker'}"
     # What an installation compiles once is no part of the price, nor of the memory.
-    subprocess.run([sys.executable, "-m", "sawmill_service.cli", "compile"], check=True, capture_output=True)  # noqa: S603
+    subprocess.run([sys.executable, "-m", "sawmill_service.cli", "compile"], check=True, capture_output=True)
     with tempfile.TemporaryDirectory(prefix="sawmill-price-") as name:
         folder = Path(name)
         with demo_client.running_service(folder) as client:
