@@ -68,7 +68,8 @@ class Audit:
         """The process ids of the workers that run a job at this moment."""
         with self.reading() as connection:
             names = connection.scalars(text("SELECT worker FROM jobs WHERE state = 'running'")).all()
-            return [int(name.rpartition("-")[2]) for name in names if name]
+            endings = [name.rpartition("-")[2] for name in names if name]
+            return [int(ending) for ending in endings if ending.isdigit()]
 
     def ledger(self) -> Ledger:
         """Everything, for the counts."""
