@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from faults.catalogue import ENGINES, Engine, Fault
 from faults.small_disk import try_there
-from faults.trial import disturbed
+from faults.trial import settle
 from faults.trials import Outcome, Places, Request, trial_of, try_one
 from faults.work import BASE, MIX, PLANS, answer_of
 
@@ -79,6 +79,6 @@ def right_answers(places: Places, plan: Plan) -> dict[str, str]:
             trial.asker.ask("plan", number)
         for name in sorted(set(plan.mix) - {"plan", *BASE}):
             trial.asker.ask(name)
-        disturbed(trial, None, 0, lambda: None)
+        settle(trial)
         client, data = trial.product.client, trial.product.data
         return {accepted.work.name: answer_of(client, data, accepted) for accepted in trial.asker.accepted}

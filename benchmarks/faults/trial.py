@@ -107,21 +107,24 @@ def ask_all(trial: Trial, jobs: int, progress: Callable[[], None]) -> None:
 
 def disturbed(
     trial: Trial,
-    fault: Callable[[Trial], None] | None,
+    fault: Callable[[Trial], None],
     jobs: int,
     progress: Callable[[], None],
 ) -> None:
-    """Ask, disturb, and wait until all has ended and what was left over has been swept."""
+    """Ask, disturb, and wait until all has ended."""
     with ThreadPoolExecutor(2) as threads:
-        disturbing = threads.submit(fault, trial) if fault else None
+        disturbing = threads.submit(fault, trial)
         asking = threads.submit(ask_all, trial, jobs, progress)
         try:
             asking.result()
             _wait_for_end(trial)
         finally:
             trial.over.set()
-        if disturbing:
-            disturbing.result()
+        disturbing.result()
+
+
+def settle(trial: Trial) -> None:
+    """Wait until everything has ended and what was left over has been swept."""
     _wait_for_end(trial)
     trial.product.wait_until_ready()
     _wait(SETTLED_S, lambda: not orphans(trial.product.data, trial.audit.ledger().known))

@@ -15,7 +15,7 @@ from faults.clocks import Clocks
 from faults.processes import marked
 from faults.product import LONGEST_STOP_S, Product
 from faults.servers import NotHere, Postgres, Redis
-from faults.trial import Counts, Trial, count, disturbed
+from faults.trial import Counts, Trial, count, disturbed, settle
 from faults.work import MIX, Asker
 
 
@@ -92,6 +92,7 @@ def try_one(places: Places, request: Request, right: dict[str, str], tick: Calla
             disturbed(trial, request.fault.disturb, request.jobs, tick)
             if request.fault.finish:
                 request.fault.finish(trial)
+            settle(trial)
             counts = count(trial, right, started)
     except NotHere as reason:
         return Outcome(*names, skipped=str(reason))
