@@ -148,3 +148,12 @@ def test_the_published_log(scanner, theta, full_turn, log_sinogram, log_truth):
     found = tikhonov(a, log_sinogram[::18])
     assert found.converged.all()
     assert relative_error(found.image, log_truth) < 0.26
+
+
+def test_every_step_is_progress(projector):
+    """A step is one of forty of the validation or of some 25 of the solution: nothing is silent for a dozen of them."""
+    a, shares = projector(32, 20), [0.0]
+    tikhonov(a, simulate_sinogram(LOG, a.geometry, noise=0.02, seed=1207), on_progress=shares.append)
+    steps = np.diff(shares[:-1])  # the last says that the slice is done, however soon it converged
+    assert (steps >= 0.0).all()
+    assert steps.max() < 0.05

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
 from sawmill_worker.tomography.iterative.cross_validation import parabola_minimum, power_along_detector
-from sawmill_worker.tomography.iterative.descent import Floats
+from sawmill_worker.tomography.iterative.descent import Floats, OnIteration
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, part_of
 from sawmill_worker.tomography.method import FittedMethod, LeftOut
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
@@ -162,13 +162,13 @@ def _solve(projector: Projector, line: Image, request: _Request, on_progress: On
     on_step = phases.descent("solve", USUAL_STEPS)
     weight = math.inf
     while True:
-        small.extend(min(FIRST_CHECK if small.size == 0 else CHECK_EVERY, request.iterations - small.size))
+        steps = min(FIRST_CHECK if small.size == 0 else CHECK_EVERY, request.iterations - small.size)
+        small.extend(steps, on_step)
         problem = _Projected.of(small)
         before, weight = weight, request.weight or _choose(problem, request, rays, probe)
         coefficients = problem.solution(weight)
         settled = request.weight is not None or abs(weight - before) <= SETTLED * weight
         converged = settled and small.next_norm * abs(coefficients[-1]) <= request.tolerance * small.first_gradient
-        on_step(small.size, request.iterations)
         if converged or small.size >= request.iterations or small.exhausted:
             break
     curve = problem.curve(weight * np.geomspace(1e-3, 1e3, CURVE_POINTS), rays, probe)
@@ -239,8 +239,8 @@ class _Bidiagonalisation:
         norm = float(np.linalg.norm(self._next))
         return norm <= 1e-6 * (self.diagonal[0] if self.diagonal else 1e-300)
 
-    def extend(self, steps: int) -> None:
-        """Take further steps, or fewer if the directions are exhausted."""
+    def extend(self, steps: int, on_step: OnIteration) -> None:
+        """Take further steps, or fewer if the directions are exhausted; `on_step` is told of each, and of the most."""
         for _ in range(steps):
             if self.exhausted:
                 return
@@ -257,6 +257,7 @@ class _Bidiagonalisation:
             following -= ((basis @ following.ravel()) @ basis).reshape(following.shape)
             self._next = following
             self.next_norm = below * float(np.linalg.norm(following))
+            on_step(self.size, len(self._basis))
 
     def combine(self, coefficients: Floats) -> Image:
         """V times the coefficients."""
@@ -268,9 +269,8 @@ class _Bidiagonalisation:
 def _bidiagonalised(projector: Projector, line: Image, steps: int, on_progress: OnProgress) -> _Bidiagonalisation:
     """After this number of steps, or fewer if the directions are exhausted."""
     small = _Bidiagonalisation(projector, line, steps)
-    for step in range(steps):
-        small.extend(1)
-        on_progress((step + 1) / steps)
+    small.extend(steps, lambda done, most: on_progress(done / most))
+    on_progress(1.0)
     return small
 
 
