@@ -136,6 +136,8 @@ def test_a_stopping_celery_worker_gives_its_job_back(
         wake(job.id)
         wait_for(lambda: any(store.files.folder.glob("attempts/*/pid")))
         attempt = int(next(store.files.folder.glob("attempts/*/pid")).read_text())
+        answers = make_celery(on_redis, storage).control.ping(timeout=10, limit=1)
+        assert [list(each.values()) for each in answers] == [[{"ok": "pong"}]], "a busy worker is healthy"
         worker.send_signal(number)
         wait_for(lambda: store.jobs.get(job.id).state is JobState.QUEUED)
         worker.wait(timeout=20)

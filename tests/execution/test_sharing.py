@@ -4,6 +4,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from sawmill_worker.execution import sharing
+from sawmill_worker.execution.runner import _attempt_environment
 from sawmill_worker.execution.settings import ExecutionSettings
 
 
@@ -42,3 +43,12 @@ def test_more_threads_than_cores_are_said(monkeypatch, workers, threads, said):
     with capture_logs() as log:
         sharing.say_if_crowded(asked(workers, threads))
     assert [entry["event"] for entry in log] == said
+
+
+def test_attempts_get_their_share_for_kernels_and_for_linear_algebra(store, monkeypatch):
+    for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+        monkeypatch.delenv(name, raising=False)
+    environment = _attempt_environment(store, asked(2))
+    assert [environment[name] for name in ("NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS")] == ["4", "4"]
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "3")
+    assert _attempt_environment(store, asked(2))["OPENBLAS_NUM_THREADS"] == "3"

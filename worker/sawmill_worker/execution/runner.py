@@ -364,5 +364,7 @@ def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str,
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
     # Threads of GNU OpenMP that wait by keeping a core busy keep other processes from it, for minutes in all.
     environment.setdefault("OMP_WAIT_POLICY", "passive")
-    environment[sharing.VARIABLE] = str(sharing.threads_each(settings))
+    threads = str(sharing.threads_each(settings))
+    environment[sharing.VARIABLE] = threads
+    environment.setdefault("OPENBLAS_NUM_THREADS", threads)
     return environment
