@@ -1,11 +1,12 @@
 /* A wall clock that can be stepped while a process runs.
 
    Preloaded, it moves CLOCK_REALTIME for its process alone, by the seconds (a double) at the start of the file
-   $FAULTS_CLOCKS/<process id>. The file begins as a copy of $FAULTS_CLOCKS/start. A forked child goes by the file of
-   its parent. No other clock is moved, as none moves when somebody sets a machine's time. */
+   $FAULTS_CLOCKS/<process id>. The file begins as a copy of $FAULTS_CLOCKS/start, and that of a forked child with what
+   its parent's holds. No other clock is moved, as none moves when somebody sets a machine's time. */
 
 #define _GNU_SOURCE
 #include <fcntl.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -16,29 +17,41 @@
 
 static volatile double *offset_s = NULL;
 
-__attribute__((constructor)) static void open_own_file(void)
+static void open_own_file(double start)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%d", getenv("FAULTS_CLOCKS"), (int)getpid());
+    int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
+    if (file < 0)
+        return;
+    if (write(file, &start, sizeof start) == sizeof start) {
+        void *shared = mmap(NULL, sizeof start, PROT_READ, MAP_SHARED, file, 0);
+        offset_s = shared == MAP_FAILED ? NULL : shared;
+    }
+    close(file);
+}
+
+static void go_on_in_child(void)
+{
+    open_own_file(offset_s == NULL ? 0.0 : *offset_s);
+}
+
+__attribute__((constructor)) static void begin(void)
 {
     const char *folder = getenv("FAULTS_CLOCKS");
     char path[4096];
     double start = 0.0;
-    int file;
     if (folder == NULL)
         return;
     snprintf(path, sizeof path, "%s/start", folder);
-    if ((file = open(path, O_RDONLY | O_CLOEXEC)) >= 0) {
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file >= 0) {
         if (read(file, &start, sizeof start) != sizeof start)
             start = 0.0;
         close(file);
     }
-    snprintf(path, sizeof path, "%s/%d", folder, (int)getpid());
-    if ((file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600)) < 0)
-        return;
-    if (write(file, &start, sizeof start) == sizeof start) {
-        void *shared = mmap(NULL, sizeof start, PROT_READ, MAP_SHARED, file, 0);
-        if (shared != MAP_FAILED)
-            offset_s = shared;
-    }
-    close(file);
+    open_own_file(start);
+    pthread_atfork(NULL, NULL, go_on_in_child);
 }
 
 static long long offset_ns(void)

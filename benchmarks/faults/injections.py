@@ -96,9 +96,10 @@ def clock_steps(trial: Trial) -> None:
             clocks.step_all(offset_s)
             trial.happened["stepped all"] += 1
         else:
-            part, victim = _victim(trial, ("api", "worker", "attempt"))
+            part, victim = _victim(trial, ("api", "worker", "attempt", "template"))
             clocks.step(victim, offset_s)
             trial.happened[f"stepped {part}"] += 1
+        time.sleep(trial.rng.uniform(0.0, 90.0) if trial.long else 0.0)  # a minute makes a step a lasting one
     clocks.step_all(0.0)
 
 

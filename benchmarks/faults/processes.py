@@ -11,8 +11,7 @@ _PARTS = {
     "sawmill_service": "api",
     "sawmill_worker.execution.poller": "worker",
     "sawmill_worker.execution.celery_app": "worker",
-    "sawmill_worker.execution.template": "template",
-    "sawmill_worker.execution": "attempt",
+    "sawmill_worker.execution.attempt": "attempt",
 }
 
 
@@ -23,8 +22,11 @@ def marked(world: str) -> list[int]:
 
 
 def playing(world: str, part: str) -> list[int]:
-    """Those that are `api`, `worker`, `template` or `attempt`."""
-    return [process_id for process_id in marked(world) if _part(process_id) == part]
+    """Those that are `api`, `worker`, `attempt`, or the `template` of which attempts are forked."""
+    parts = {process_id: _part(process_id) for process_id in marked(world)}
+    parents = {_parent(process_id) for process_id, played in parts.items() if played == "attempt"}
+    parts |= {process_id: "template" for process_id in parents & parts.keys() if parts[process_id] == "attempt"}
+    return [process_id for process_id, played in parts.items() if played == part]
 
 
 def send(process_ids: Sequence[int], number: signal.Signals) -> None:
@@ -34,10 +36,18 @@ def send(process_ids: Sequence[int], number: signal.Signals) -> None:
             os.kill(process_id, number)
 
 
-def serving(process_ids: Sequence[int], parents: Sequence[int]) -> int:
-    """Of attempts the one that has a job, most likely: the oldest child of a worker that has one, else any."""
-    children = [process_id for process_id in process_ids if _number(process_id, 1) in parents]
-    return min(children or process_ids, key=lambda process_id: _number(process_id, 19))
+def serving(process_ids: Sequence[int], workers: Sequence[int]) -> int:
+    """Of attempts the one that has a job, most likely: the oldest below a worker that has one, else any."""
+    below = [
+        process_id
+        for process_id in process_ids
+        if {_parent(process_id), _parent(_parent(process_id))}.intersection(workers)
+    ]
+    return min(below or process_ids, key=lambda process_id: _number(process_id, 19))
+
+
+def _parent(process_id: int) -> int:
+    return _number(process_id, 1)
 
 
 def _number(process_id: int, place: int) -> int:
