@@ -6,13 +6,17 @@ from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
+import h5py
+import numpy as np
 import pytest
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
+from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.vocabulary import CalibrationMethod
 
 pytestmark = pytest.mark.slow
@@ -119,6 +123,83 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
     monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(log))
     run(replace(job, announce=lambda _: None))
     assert ("checkpoint-passed-over", "search") in log
+
+
+@pytest.fixture
+def volume(store, ingested, sinogram, turn, theta):
+    """Ask for a volume of a log that is dense here and thin there, with noise."""
+
+    def asked(rows: int, **options: Any) -> None:
+        stack = sinogram(turn(20))[:, None] * np.linspace(0.5, 1.5, rows)[:, None]
+        stack += 0.5 * np.random.default_rng(1216).standard_normal(stack.shape)
+        scan = ingested(stack, "9:18")
+        store.reconstructions.accept(
+            ReconstructionAsk(scan_id=scan.id, theta=theta, size=32, field_mm=420.0, **options)
+        )
+
+    return asked
+
+
+def everything_in(path):
+    """Every dataset of a file but those that tell of times."""
+    found = {}
+    with h5py.File(path) as file:
+        file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
+    return {name: value for name, value in found.items() if not name.endswith("date")}
+
+
+# Blocks of 16 slices, two at a time; and one after another, with a weight that is chosen once.
+@pytest.mark.usefixtures("hours_go_by")
+@pytest.mark.parametrize(("method", "rows"), [("fbp", 150), ("total_variation", 70), ("tikhonov", 40)])
+def test_a_volume_killed_again_and_again_has_the_same_values(volume, attempt, run_killed, tmp_path, method, rows):
+    volume(rows, method=method)
+    job = attempt(JobKind.RECONSTRUCT)
+    whole = run(job)
+    result, deaths = run_killed(job, 0)
+    assert deaths > 1
+    same(result, whole)
+    (made,) = tmp_path.glob(f"killed-*-{deaths + 1}/volume.h5")
+    right, found = everything_in(job.output / "volume.h5"), everything_in(made)
+    assert right.keys() == found.keys()
+    for name in right:
+        np.testing.assert_array_equal(found[name], right[name], err_msg=name)
+
+
+@pytest.mark.usefixtures("hours_go_by")
+def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_killed):
+    volume(150, method="fbp")
+    job = attempt(JobKind.RECONSTRUCT)
+    whole = run(job)
+    folder = store.files.kept_with(job.job.id, "settings").parent
+    announced = []
+
+    def take(names):
+        store.files.keep(job.output, job.job.id, names)
+        announced.extend(names)
+
+    run(replace(job, announce=take))
+    for number, path in enumerate(sorted(folder.glob("slices-*"))):
+        path.write_bytes(path.read_bytes()[: -1 - number])
+    result, _ = run_killed(job, 100)
+    same(result, whole)
+
+
+@pytest.mark.usefixtures("hours_go_by")
+def test_checkpoints_leave_room_for_the_volume(volume, attempt, store, monkeypatch):
+    volume(150, method="fbp")
+    job = attempt(JobKind.RECONSTRUCT)
+    free = job.store.files.check_room
+
+    def nearly_full(needed, *, needed_by):
+        if "checkpoint" in needed_by:
+            assert needed > 150 * 32 * 32 * 4
+            raise StorageFull("the disk is full")
+        free(needed, needed_by=needed_by)
+
+    monkeypatch.setattr(store.files, "check_room", nearly_full)
+    announced = []
+    assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
+    assert announced == []
 
 
 class Log:

@@ -22,9 +22,8 @@ def pack(chunk: NDArray[Any]) -> bytes:
     return packed + struct.pack("<I", fletcher32(packed))
 
 
-def write_packed(dataset: h5py.Dataset, index: int, chunk: NDArray[Any]) -> None:
-    """Write the chunk at an index of the first axis, which spans the others."""
-    packed = pack(chunk.astype(dataset.dtype, copy=False))
+def write_chunk(dataset: h5py.Dataset, index: int, packed: bytes) -> None:
+    """Write a packed chunk at an index of the first axis, which spans the others."""
     dataset.id.write_direct_chunk((index, *(0 for _ in dataset.shape[1:])), packed)
 
 

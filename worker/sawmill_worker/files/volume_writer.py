@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,45 @@ from numpy.typing import NDArray
 from sawmill_worker.files import volume_layout as layout
 from sawmill_worker.files.hdf5 import whole_hdf5
 from sawmill_worker.files.nexus import PACKED, new_entry, new_group, write_mapping, write_process, write_scalar
-from sawmill_worker.files.packing import write_packed
+from sawmill_worker.files.packing import pack, write_chunk
 from sawmill_worker.files.vtk_hdf import describe_image
 
 # Slices a chunk of the side views: about as many as are written at a time.
 SIDE_VIEW_ROWS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class PackedSlices:
+    """Slices as they are stored.
+
+    Attributes
+    ----------
+    chunks : tuple of bytes
+        One a slice.
+    along_x, along_y : (slices, y), (slices, x) float32
+        What is densest in each slice along x, and along y.
+    """
+
+    chunks: tuple[bytes, ...]
+    along_x: NDArray[np.float32]
+    along_y: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, slices: NDArray[np.float32]) -> "PackedSlices":
+        """Pack slices (slices, x, y)."""
+        single = slices.astype(np.float32, copy=False)
+        return cls(tuple(map(pack, single)), single.max(axis=1), single.max(axis=2))
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The same as arrays of numbers."""
+        chunks = {f"chunk_{n}": np.frombuffer(chunk, np.uint8) for n, chunk in enumerate(self.chunks)}
+        return {"along_x": self.along_x, "along_y": self.along_y, **chunks}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> "PackedSlices":
+        """Back from `arrays`; others among them are left alone."""
+        along_x, along_y = arrays["along_x"], arrays["along_y"]
+        return cls(tuple(arrays[f"chunk_{n}"].tobytes() for n in range(len(along_x))), along_x, along_y)
 
 
 class NewVolume:
@@ -28,10 +63,14 @@ class NewVolume:
 
     def write(self, first: int, slices: NDArray[np.float32]) -> None:
         """Write slices (slices, x, y), and what is densest in them from the side."""
-        for n, values in enumerate(slices, first):
-            write_packed(self._volume, n, values)
-        written = np.s_[first : first + len(slices)]
-        self._along_x[written], self._along_y[written] = slices.max(axis=1), slices.max(axis=2)
+        self.write_packed(first, PackedSlices.of(slices))
+
+    def write_packed(self, first: int, slices: PackedSlices) -> None:
+        """As `write`."""
+        for n, chunk in enumerate(slices.chunks, first):
+            write_chunk(self._volume, n, chunk)
+        written = np.s_[first : first + len(slices.chunks)]
+        self._along_x[written], self._along_y[written] = slices.along_x, slices.along_y
 
     def note_method(self, report: Mapping[str, Any]) -> None:
         """Write down what the method did; JSON-able, the units in the names."""

@@ -40,7 +40,7 @@ class AttemptKeeper:
         self._announced_at = time.monotonic()
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else FIRST_PAUSE_AGAIN_S
         self._unannounced: list[str] = []
-        self._begun, self._lock = False, threading.Lock()
+        self._begun, self._taken_up, self._lock = False, False, threading.Lock()
         self._log = structlog.get_logger().bind(job=attempt.job.id, attempt=attempt.job.attempt)
 
     @property
@@ -86,5 +86,7 @@ class AttemptKeeper:
         except (UnusableCheckpoint, OSError) as error:
             self._log.warning("checkpoint-passed-over", name=name, reason=str(error))
             return None
-        self._log.info("checkpoint-taken-up", name=name)
+        if not self._taken_up:
+            self._log.info("checkpoint-taken-up", name=name)
+        self._taken_up = True
         return arrays

@@ -1,6 +1,6 @@
 """Reconstruct the slices of a scan."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from sawmill_worker.contracts.scans import ScanShape
 from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
+from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography import cost
@@ -53,8 +54,24 @@ def run(attempt: Attempt) -> dict[str, Any]:
             counts=scan.data is DataKind.COUNTS,
             preparation=tuple(scan.remarks),
         )
-        result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report)
+        keeper = _keeper(attempt, given, options)
+        result = run_reconstruction(given, options, attempt.output / "volume.h5", attempt.report, keeper)
     return result.model_dump(mode="json")
+
+
+def _keeper(attempt: Attempt, given: ReconstructionInput, options: ReconstructionAsked) -> AttemptKeeper:
+    slices = len(range(*given.rows, given.row_step))
+    origin = {
+        "input_sha256": given.input_sha256,
+        "options": options.model_dump(mode="json"),
+        "rows": (*given.rows, given.row_step),
+        "views": len(given.angles_rad),
+        "scanner": vars(given.scanner),
+        "theta": asdict(given.theta),
+        "rotation": given.rotation,
+        "handedness": given.handedness,
+    }
+    return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 
 def needs(attempt: Attempt) -> Needs:

@@ -1,6 +1,7 @@
 """The most probable image under independent noise and Cauchy-distributed differences: flat wood, sharp edges."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Literal, NamedTuple, Self
@@ -355,6 +356,17 @@ class CauchyMap(FittedMethod):
             on_progress=on_progress,
         )
         return replace(self, sigma=choice.sigma, beta=choice.beta)
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """Sigma as a multiple of the noise, and beta."""
+        if not isinstance(self.sigma, NoiseMultiple) or self.beta is None:
+            return {}
+        return {"noise_multiple": float(self.sigma.factor), "beta": float(self.beta)}
+
+    def with_choice(self, choice: Mapping[str, float]) -> Self:
+        """With a sigma and a beta that were chosen."""
+        return replace(self, sigma=NoiseMultiple(choice["noise_multiple"]), beta=choice["beta"])
 
     def reconstruct(
         self,

@@ -4,6 +4,7 @@ A method's fields are its options, by the names of the request's fields (docs/ad
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -76,6 +77,15 @@ class FittedMethod(ABC):
         left_out: LeftOut = None,  # noqa: ARG002
     ) -> Self:
         """The method with the parameters chosen from a slice (views, detector)."""
+        return self
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """What `chosen` chose, for `with_choice`."""
+        return {}
+
+    def with_choice(self, _choice: Mapping[str, float]) -> Self:
+        """The method with the parameters that another one of the same options chose."""
         return self
 
     @abstractmethod

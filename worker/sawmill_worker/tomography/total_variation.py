@@ -1,5 +1,6 @@
 """Smoothed total variation: convex, and the yardstick for other edge-preserving methods."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import ClassVar, Self
@@ -202,6 +203,15 @@ class TotalVariation(FittedMethod):
             on_progress=on_progress,
         )
         return replace(self, weight=choice.weight)
+
+    @property
+    def choice(self) -> dict[str, float]:
+        """The weight."""
+        return {} if self.weight is None else {"weight": float(self.weight)}
+
+    def with_choice(self, choice: Mapping[str, float]) -> Self:
+        """With a weight that was chosen."""
+        return replace(self, weight=choice["weight"])
 
     def reconstruct(
         self,

@@ -2,16 +2,18 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from threading import Lock
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.reconstructions import MethodReport, ReconstructionOptions
+from sawmill_worker.contracts.reconstructions import MetalReport, MethodReport, ReconstructionOptions
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.choosing import Recommendation
+from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, DirectMethod, FittedMethod, Method
@@ -23,11 +25,13 @@ from sawmill_worker.tomography.stack import most_concurrent
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
-from sawmill_worker.use_cases.method_findings import MethodFindings
+from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, gathered, report_of
 from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
 
 Images = NDArray[np.float32]
-Curve = Mapping[str, NDArray[np.float64]]
+# JSON-able.
+Settings = Mapping[str, Any]
+Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 
 # Slices by a direct method whose misfit is computed: projecting a slice takes longer than reconstructing it
 # (docs/performance.md).
@@ -84,6 +88,13 @@ class LogTask:
         return self.projector.grid.around(self.radius_mm)
 
 
+class Solved(NamedTuple):
+    """A block: its images (slices, x, y), and what was found in it."""
+
+    images: Images
+    findings: BlockFindings
+
+
 class BlockSolver(Protocol):
     """A method at work on one log.
 
@@ -91,24 +102,24 @@ class BlockSolver(Protocol):
     ----------
     step, concurrent : int
         Slices in a block, and the number of threads that may call it at once.
-    curve : mapping or None
-        What the parameters of the middle slice were chosen from, or of the nearest slice that is not empty: columns,
-        and the parameters taken.
     """
 
     step: int
     concurrent: int
-    curve: Curve | None
 
-    def __call__(self, first: int, rows: Images) -> Images:
-        """Slices (slices, x, y) of line integrals (views, slices, detector); `first` is the number of the first slice.
+    @property
+    def settings(self) -> Settings:
+        """What has been chosen once for the whole log: a solver that is given them solves blocks as this one does."""
+
+    def __call__(self, first: int, rows: Images) -> Solved:
+        """A block of line integrals (views, slices, detector); `first` is the number of the first slice.
 
         NaN in every cell of rows that a view lacks: methods that can leave out rays do without them, others have them
         interpolated in angle.
         """
 
-    def report(self) -> MethodReport:
-        """The report of the blocks so far."""
+    def report(self, found: BlockFindings) -> MethodReport:
+        """The report of what was found in all blocks."""
 
 
 def may_fit(name: ReconstructionMethod) -> bool:
@@ -123,73 +134,92 @@ def method_of(name: ReconstructionMethod, options: ReconstructionOptions) -> Met
     return kind(**{option.name: getattr(options, option.name) for option in fields(kind)})
 
 
-def solver_of(name: ReconstructionMethod, task: LogTask, recommended: Recommendation | None) -> BlockSolver:
+def solver_of(
+    name: ReconstructionMethod, task: LogTask, recommended: Recommendation | None, settings: Settings | None = None
+) -> BlockSolver:
     """The solver of a method.
 
     Parameters
     ----------
     recommended : Recommendation or None
         What `auto` chose the method by.
+    settings : mapping, optional
+        Of an earlier solver of the same task; by default they are chosen.
 
     Raises
     ------
     sawmill_worker.use_cases.failures.JobFailure
         One slice does not fit into the memory, or the slice to choose parameters from is empty.
     """
-    method, findings = method_of(name, task.options), MethodFindings(name, recommended)
+    method, general = method_of(name, task.options), BlockFindings()
     if task.options.uncertainty:
-        findings.remark(NO_UNCERTAINTY)
+        general.remark(NO_UNCERTAINTY)
+    report = partial(report_of, name, recommended)
     if isinstance(method, DirectMethod):
-        return _DirectSolver(method, task, findings)
-    return _FittedSolver(name, method, task, findings)
+        return _DirectSolver(method, task, general, report, settings)
+    return _FittedSolver(name, method, task, general, report, settings)
 
 
 class _DirectSolver:
     """Concurrent blocks of the field alone; the misfit of a few slices."""
 
-    curve: Curve | None = None
-
-    def __init__(self, method: DirectMethod, task: LogTask, findings: MethodFindings) -> None:
+    def __init__(
+        self,
+        method: DirectMethod,
+        task: LogTask,
+        general: BlockFindings,
+        report: Report,
+        settings: Settings | None,
+    ) -> None:
         views, cells = task.projector.geometry.sinogram_shape
         size = task.projector.grid.size
         check_memory(cost.block_bytes(views, cells, size, 1), task.memory_bytes)
         memory_bytes = min(cost.MEMORY_BYTES, task.memory_bytes)
         self.step, self.concurrent = cost.blocks(views, cells, size, task.slices, memory_bytes, most_concurrent())
+        if settings is not None:
+            self.step = settings["step"]
+            fitting = memory_bytes // cost.block_bytes(views, cells, size, self.step)
+            self.concurrent = max(1, min(self.concurrent, fitting))
         self._method, self._projector = method, task.projector
         self._metal = _metal_reduction(task, leave_out=False)
-        self._findings, self._checking = findings, Lock()
+        self._general, self._report, self._checking = general, report, Lock()
         self._holds_all = task.full_grid()[0].size == size
         self._checked = set(np.linspace(0, task.slices - 1, CHECKED_SLICES).round().astype(int).tolist())
 
-    def __call__(self, first: int, rows: Images) -> Images:
+    @property
+    def settings(self) -> Settings:
+        return {"step": self.step}
+
+    def __call__(self, first: int, rows: Images) -> Solved:
         complete = filled(rows, self._projector.geometry.angles_rad)
         block = self._metal(complete.transpose(1, 0, 2))
+        findings = BlockFindings(metal=block.count())
         images = self._method.reconstruct(self._projector, block.lines).image
         for index in range(rows.shape[1]):
             if first + index in self._checked:
                 with self._checking:
-                    self._check(block.lines[index], images[index])
+                    self._check(block.lines[index], images[index], findings)
         block.put_back(images, self._projector.grid)
-        return images
+        return Solved(images, findings)
 
-    def _check(self, line: Images, image: Images) -> None:
+    def _check(self, line: Images, image: Images, findings: BlockFindings) -> None:
         lines = np.ascontiguousarray(line)[None]
         noise = estimated_noise(lines[0])
         if _backgrounds(lines).any():
-            self._findings.remark(
+            findings.remark(
                 "the air does not stand at 0, and that is in the slices: prepare the scan with air=background"
             )
         if not self._holds_all:
-            self._findings.add_checked(noise)
+            findings.add_checked(noise)
             return
         misfit = data_misfit(self._projector, image[None], lines, np.full((1, 1, 1), noise))
-        self._findings.add_checked(noise, misfit)
+        findings.add_checked(noise, misfit)
         remark = self._method.remark_on(float(misfit[0]), lines[0], noise)
         if remark is not None:
-            self._findings.remark(remark)
+            findings.remark(remark)
 
-    def report(self) -> MethodReport:
-        return self._findings.report(self._metal.report())
+    def report(self, found: BlockFindings) -> MethodReport:
+        return self._report(gathered([self._general, found]), self._metal.report(found.metal))
 
 
 class _FittedSolver:
@@ -202,16 +232,19 @@ class _FittedSolver:
     concurrent = 1
 
     def __init__(
-        self, name: ReconstructionMethod, method: FittedMethod, task: LogTask, findings: MethodFindings
+        self,
+        name: ReconstructionMethod,
+        method: FittedMethod,
+        task: LogTask,
+        general: BlockFindings,
+        report: Report,
+        settings: Settings | None,
     ) -> None:
         grid, self._field = task.full_grid()
         self._projector = Projector(task.projector.geometry, grid)
-        self._method, self._task, self._findings = method, task, findings
-        self.curve: Curve | None = None
-        # Of the slice of the curve from the middle one, in slices.
-        self._curve_distance: float = np.inf
+        self._method, self._task, self._general, self._report = method, task, general, report
         if grid.size != task.projector.grid.size:
-            findings.remark(
+            general.remark(
                 f"the whole log was reconstructed, {grid.field_mm:.0f} mm across, and the field cut out of it"
             )
         image_bytes = 4 * grid.size**2
@@ -220,32 +253,45 @@ class _FittedSolver:
         self.step = int(min(max(together, 1), FITTED_TOGETHER))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out)
         if method.is_open:
-            self._sample = _levelled(task.sample[None], findings)
+            self._sample = _levelled(task.sample[None], general)
             if not self._sample.any():
                 raise refused(
                     "empty-slice",
                     f"row {task.middle_row}, the middle one, from which {name} chooses its settings, shows nothing: "
                     "leave it out of the rows, or give the settings",
                 )
+        if settings is not None:
+            self.step = settings["step"]
+            self._choose(settings["choice"])
 
-    def __call__(self, first: int, rows: Images) -> Images:
+    @property
+    def settings(self) -> Settings:
+        return {"step": self.step, "choice": self._method.choice}
+
+    def _choose(self, choice: Mapping[str, float]) -> None:
+        if choice:
+            self._method = self._method.with_choice(choice)
+
+    def __call__(self, first: int, rows: Images) -> Solved:
+        findings = BlockFindings()
         complete = filled(rows, self._projector.geometry.angles_rad)
-        lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), self._findings), ~present_rows(rows)
+        lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), findings), ~present_rows(rows)
         shown = lines.any(axis=(1, 2))
         size = self._task.projector.grid.size
         images = np.zeros((len(lines), size, size), np.float32)
         if shown.any():
             numbers = first + np.flatnonzero(shown)
             block = self._metal(lines[shown])
+            findings.metal = block.count()
             left_out = self._left_out(block, lost.T[shown])
-            found = self._solve(
-                numbers, block.lines, left_out, lambda share: self._task.on_progress(len(lines) * share)
-            )
-            block.put_back(found, self._projector.grid)
-            field = (slice(None), *self._field)
-            images[shown] = found[field]
-        self._findings.add_empty(int((~shown).sum()))
-        return images
+            found = self._solve(block.lines, left_out, lambda share: self._task.on_progress(len(lines) * share))
+            findings.add(found)
+            findings.curve = self._curve_of(numbers, found)
+            images_found = found.image
+            block.put_back(images_found, self._projector.grid)
+            images[shown] = images_found[(slice(None), *self._field)]
+        findings.add_empty(int((~shown).sum()))
+        return Solved(images, findings)
 
     def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
@@ -254,49 +300,41 @@ class _FittedSolver:
         rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
         return rays if block.left_out is None else block.left_out | rays
 
-    def _solve(
-        self,
-        numbers: NDArray[np.int64],
-        lines: Images,
-        left_out: NDArray[np.bool_] | None,
-        on_progress: OnProgress,
-    ) -> Images:
+    def _solve(self, lines: Images, left_out: NDArray[np.bool_] | None, on_progress: OnProgress) -> Estimate:
         """Slices of the full grid, from line integrals (slices, views, detector)."""
-        method, counts = self._method, self._task.counts
-        choosing = method.is_open and self._task.slices > len(lines)
-        phases = Phases(on_progress, choose=method.choosing_cost_slices * choosing, reconstruct=len(lines))
+        counts = self._task.counts
+        choosing = self._method.is_open and self._task.slices > len(lines)
+        phases = Phases(on_progress, choose=self._method.choosing_cost_slices * choosing, reconstruct=len(lines))
         if choosing:
-            sample = self._metal.taken_out(self._sample)
-            method = self._method = method.chosen(
+            sample = self._metal(self._sample)
+            chosen = self._method.chosen(
                 self._projector,
                 sample.lines[0],
                 counts=counts,
                 on_progress=phases.of("choose"),
                 left_out=sample.left_out,
             )
-        found = method.reconstruct(
+            self._choose(chosen.choice)
+        return self._method.reconstruct(
             self._projector,
             lines,
             counts=counts,
             on_progress=phases.of("reconstruct"),
             left_out=left_out,
         )
-        self._findings.add(found)
-        if found.curves:
-            self._keep_nearest_curve(numbers, found.curves, found.parameters)
-        return found.image
 
-    def _keep_nearest_curve(
-        self, numbers: NDArray[np.int64], curves: tuple[Curve, ...], parameters: Mapping[str, NDArray[np.float64]]
-    ) -> None:
+    def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
+        """Of the slice nearest to the middle of the log."""
+        if not found.curves:
+            return None
         distances = np.abs(numbers - self._task.slices // 2)
         index = int(np.argmin(distances))
-        if distances[index] < self._curve_distance:
-            self._curve_distance = int(distances[index])
-            self.curve = {**curves[index], **{name: np.array(values[index]) for name, values in parameters.items()}}
+        columns = {name: column.tolist() for name, column in found.curves[index].items()}
+        taken = {name: float(values[index]) for name, values in found.parameters.items()}
+        return CurvePoints(int(distances[index]), {**columns, **taken})
 
-    def report(self) -> MethodReport:
-        return self._findings.report(self._metal.report())
+    def report(self, found: BlockFindings) -> MethodReport:
+        return self._report(gathered([self._general, found]), self._metal.report(found.metal))
 
 
 def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
@@ -309,7 +347,7 @@ def _metal_reduction(task: LogTask, *, leave_out: bool) -> MetalReduction:
     )
 
 
-def _levelled(lines: Images, findings: MethodFindings) -> Images:
+def _levelled(lines: Images, findings: BlockFindings) -> Images:
     """Line integrals (slices, views, detector) without the background that their air shows."""
     backgrounds = _backgrounds(lines)
     if not backgrounds.any():

@@ -1,4 +1,4 @@
-"""Metal in a block of slices: taken out before a method works on it, and put back into its images."""
+"""Metal in a block of slices: taken out before a method works on it, counted, and put back into its images."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +11,7 @@ from sawmill_worker.contracts.reconstructions import MetalReport
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.metal import INTERPOLATION, WITHOUT_RAYS, Metal, MetalSearch
+from sawmill_worker.use_cases.method_findings import MetalCount
 
 Images = NDArray[np.float32]
 
@@ -32,6 +33,11 @@ class WithoutMetal:
     metal: Mapping[int, Metal] = field(default_factory=dict)
     left_out: NDArray[np.bool_] | None = None
 
+    def count(self) -> MetalCount:
+        """Of the metal in the block."""
+        traces = [found.trace for found in self.metal.values()]
+        return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
+
     def put_back(self, images: Images, grid: ImageGrid) -> None:
         """Add the metal to images (slices, size, size), in place."""
         for index, found in self.metal.items():
@@ -39,7 +45,7 @@ class WithoutMetal:
 
 
 class MetalReduction:
-    """Looks for metal in the blocks of a log, and counts it.
+    """Looks for metal in the blocks of a log.
 
     Parameters
     ----------
@@ -54,19 +60,9 @@ class MetalReduction:
     def __init__(self, geometry: FanBeamGeometry, radius_mm: float, *, leave_out: bool, wanted: bool) -> None:
         self._search = MetalSearch.of(geometry, radius_mm) if wanted else None
         self._leave_out, self._working = leave_out, Lock()
-        self._slices, self._samples, self._all = 0, 0, 0
 
     def __call__(self, lines: Images) -> WithoutMetal:
-        """A block (slices, views, detector) of any strides without its metal, which is counted."""
-        block = self.taken_out(lines)
-        with self._working:
-            for metal in block.metal.values():
-                self._slices, self._all = self._slices + 1, self._all + metal.trace.size
-                self._samples += int(metal.trace.sum())
-        return block
-
-    def taken_out(self, lines: Images) -> WithoutMetal:
-        """As a call, without counting."""
+        """A block (slices, views, detector) of any strides without its metal."""
         if self._search is None:
             return WithoutMetal(lines)
         with self._working:
@@ -80,14 +76,14 @@ class MetalReduction:
             filled[index], trace[index] = metal.filled, metal.trace
         return WithoutMetal(filled, found, trace if self._leave_out else None)
 
-    def report(self) -> MetalReport | None:
-        """The metal of the blocks so far."""
-        if not self._slices:
+    def report(self, found: MetalCount) -> MetalReport | None:
+        """The report of what was counted; None for no metal."""
+        if not found.slices:
             return None
         return MetalReport(
-            slices=self._slices,
-            samples=self._samples,
-            share_of_samples=self._samples / self._all,
+            slices=found.slices,
+            samples=found.samples,
+            share_of_samples=found.samples / found.all_samples,
             treatment="left-out" if self._leave_out else "interpolated",
             source=WITHOUT_RAYS if self._leave_out else INTERPOLATION,
         )

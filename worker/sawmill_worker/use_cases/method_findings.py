@@ -1,4 +1,7 @@
-"""The findings of a reconstruction's method, gathered over the blocks of a log."""
+"""The findings of a reconstruction's method, block by block, and their report."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,56 +12,112 @@ from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.vocabulary import ReconstructionMethod
 
 
-class MethodFindings:
-    """Gathers the findings of each block for the method's report."""
+@dataclass
+class MetalCount:
+    """Metal in some slices.
 
-    def __init__(self, method: ReconstructionMethod, recommended: Recommendation | None) -> None:
-        self._method, self._recommended = method, recommended
-        self._noise: list[float] = []
-        self._misfit: list[float] = []
-        self._parameters: dict[str, list[float]] = {}
-        self._unconverged = 0
-        self._remarks: dict[str, None] = {}
+    Attributes
+    ----------
+    slices : int
+        That show metal.
+    samples, all_samples : int
+        Line integrals of these slices, through metal or beside it, and altogether.
+    """
+
+    slices: int = 0
+    samples: int = 0
+    all_samples: int = 0
+
+
+@dataclass
+class CurvePoints:
+    """What the parameters of a slice were chosen from: columns, and the parameters taken.
+
+    Attributes
+    ----------
+    slices_from_middle : int
+        Of the log.
+    """
+
+    slices_from_middle: int
+    columns: dict[str, list[float] | float]
+
+
+@dataclass
+class BlockFindings:
+    """What a method found in a block of slices: JSON-able by `dataclasses.asdict`."""
+
+    noise: list[float] = field(default_factory=list)
+    misfit: list[float] = field(default_factory=list)
+    parameters: dict[str, list[float]] = field(default_factory=dict)
+    unconverged: int = 0
+    remarks: list[str] = field(default_factory=list)
+    metal: MetalCount = field(default_factory=MetalCount)
+    curve: CurvePoints | None = None
 
     def remark(self, sentence: str) -> None:
         """Add a remark, once."""
-        self._remarks.setdefault(sentence)
+        if sentence not in self.remarks:
+            self.remarks.append(sentence)
 
     def add(self, found: Estimate) -> None:
-        """Add a block: its quality, and the parameters of its slices."""
+        """Add what a method found: its quality, and the parameters of its slices."""
         if found.noise is not None:
-            self._noise.append(found.noise)
+            self.noise.append(float(found.noise))
         if found.misfit is not None:
-            self._misfit.extend(found.misfit.tolist())
-        self._unconverged += int((~found.converged).sum())
+            self.misfit.extend(found.misfit.tolist())
+        self.unconverged += int((~found.converged).sum())
         for sentence in found.remarks:
             self.remark(sentence)
         for name, values in found.parameters.items():
-            self._parameters.setdefault(name, []).extend(values.tolist())
+            self.parameters.setdefault(name, []).extend(values.tolist())
 
     def add_checked(self, noise: float, misfit: NDArray[np.float64] | None = None) -> None:
         """Add the quality of a slice that was checked after its reconstruction."""
-        self._noise.append(noise)
+        self.noise.append(float(noise))
         if misfit is not None:
-            self._misfit.extend(misfit.tolist())
+            self.misfit.extend(misfit.tolist())
 
     def add_empty(self, slices: int) -> None:
         """Add slices whose image and data are both 0: their misfit is 0."""
-        self._misfit.extend([0.0] * slices)
+        self.misfit.extend([0.0] * slices)
 
-    def report(self, metal: MetalReport | None) -> MethodReport:
-        """Medians over the slices, the worst misfit, and the metal that was found."""
-        chosen = self._recommended
-        return MethodReport(
-            name=self._method,
-            reason=None if chosen is None else chosen.reason,
-            expected_error=None if chosen is None else chosen.expected_error,
-            view_step=1 if chosen is None else chosen.view_step,
-            noise=float(np.median(self._noise)) if self._noise else 0.0,
-            data_misfit=float(np.median(self._misfit)) if self._misfit else None,
-            worst_data_misfit=max(self._misfit) if self._misfit else None,
-            metal=metal,
-            unconverged_slices=self._unconverged,
-            remarks=list(self._remarks),
-            **{name: float(np.median(values)) for name, values in self._parameters.items()},
+
+def gathered(blocks: Iterable[BlockFindings]) -> BlockFindings:
+    """All blocks as one; of the curves the one nearest to the middle."""
+    every = BlockFindings()
+    for block in blocks:
+        every.noise += block.noise
+        every.misfit += block.misfit
+        every.unconverged += block.unconverged
+        for sentence in block.remarks:
+            every.remark(sentence)
+        for name, values in block.parameters.items():
+            every.parameters.setdefault(name, []).extend(values)
+        every.metal.slices += block.metal.slices
+        every.metal.samples += block.metal.samples
+        every.metal.all_samples += block.metal.all_samples
+        nearest = every.curve is None or (
+            block.curve is not None and block.curve.slices_from_middle < every.curve.slices_from_middle
         )
+        every.curve = block.curve if nearest else every.curve
+    return every
+
+
+def report_of(
+    method: ReconstructionMethod, recommended: Recommendation | None, found: BlockFindings, metal: MetalReport | None
+) -> MethodReport:
+    """Medians over the slices, the worst misfit, and the metal that was found."""
+    return MethodReport(
+        name=method,
+        reason=None if recommended is None else recommended.reason,
+        expected_error=None if recommended is None else recommended.expected_error,
+        view_step=1 if recommended is None else recommended.view_step,
+        noise=float(np.median(found.noise)) if found.noise else 0.0,
+        data_misfit=float(np.median(found.misfit)) if found.misfit else None,
+        worst_data_misfit=max(found.misfit) if found.misfit else None,
+        metal=metal,
+        unconverged_slices=found.unconverged,
+        remarks=found.remarks,
+        **{name: float(np.median(values)) for name, values in found.parameters.items()},
+    )

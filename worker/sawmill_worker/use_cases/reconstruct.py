@@ -20,14 +20,20 @@ from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import reconstruct_stack
-from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, method_of, solver_of
+from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
+from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
+from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, settings_of
+from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation, Theta
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
+
+# Takes the number of a block's first slice, its images, and what is to be told of it.
+Write = Callable[[int, Images, FinishedBlock], None]
 
 # The blocks take at most this share of the free memory: the rest is for the files' caches and for other processes.
 MEMORY_SHARE = 0.5
@@ -86,9 +92,18 @@ class ReconstructedVolume:
 
 
 def run_reconstruction(
-    given: ReconstructionInput, options: ReconstructionOptions, output: Path, report: ProgressCallback
+    given: ReconstructionInput,
+    options: ReconstructionOptions,
+    output: Path,
+    report: ProgressCallback,
+    keeper: Keeper = NOTHING_KEPT,
 ) -> ReconstructionResult:
     """Reconstruct each row into the volume's file, which exists once it is complete; return the result beside it.
+
+    Parameters
+    ----------
+    keeper
+        Of finished blocks, and of what was chosen for all of them.
 
     Raises
     ------
@@ -99,7 +114,7 @@ def run_reconstruction(
     """
     run = _Run(given, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
-    solver = run.solver()
+    solver = run.solver(settings_of(keeper))
     origin = VolumeOrigin(
         given.scanner,
         given.theta,
@@ -112,11 +127,12 @@ def run_reconstruction(
     )
     views = run.views
     with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
-        result = run.reconstruct(solver, volume.write)
+        kept = KeptVolume(volume, solver, keeper)
+        result, curve = run.reconstruct(solver, kept.write, kept.take_up)
         assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
         volume.note_method(result.method.model_dump(mode="json", exclude_none=True))
-        if solver.curve is not None:
-            volume.note_alpha_curve(solver.curve)
+        if curve is not None:
+            volume.note_alpha_curve({name: np.array(column) for name, column in curve.columns.items()})
     return result.model_copy(update={"time_s": run.elapsed_s})
 
 
@@ -127,10 +143,11 @@ def reconstruct_in_memory(
     run = _Run(given, options, report)
     data = np.empty(run.shape, np.float32)
 
-    def keep(start: int, images: Images) -> None:
+    def write(start: int, images: Images, _block: FinishedBlock) -> None:
         data[start : start + len(images)] = images
 
-    return ReconstructedVolume(data, run.reconstruct(run.solver(), keep))
+    result, _ = run.reconstruct(run.solver(), write)
+    return ReconstructedVolume(data, result)
 
 
 class _Run:
@@ -155,8 +172,8 @@ class _Run:
         """The views that are used."""
         return int(self._given.angles_rad.size)
 
-    def solver(self) -> BlockSolver:
-        """The method that was asked for, or that `auto` chooses from the middle slice."""
+    def solver(self, settings: Settings | None = None) -> BlockSolver:
+        """The method that was asked for, or that `auto` chooses from the middle slice; with settings chosen earlier."""
         middle = self.slices // 2
         rows = self._given.read(middle, middle + 1)
         sample = np.ascontiguousarray(filled(rows, self._given.angles_rad)[:, 0])
@@ -181,7 +198,7 @@ class _Run:
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
         )
-        return solver_of(name, task, recommended)
+        return solver_of(name, task, recommended, settings)
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
         projector, options = self._projector, self._options
@@ -200,24 +217,46 @@ class _Run:
         )
         return sample[used]
 
-    def reconstruct(self, solver: BlockSolver, write: Callable[[int, Images], None]) -> ReconstructionResult:
-        """All blocks; `write` takes the number of a block's first slice and its images."""
+    def reconstruct(
+        self, solver: BlockSolver, write: Write, take_up: Callable[[int], FinishedBlock | None] = lambda _: None
+    ) -> tuple[ReconstructionResult, CurvePoints | None]:
+        """All blocks.
+
+        Parameters
+        ----------
+        write : callable
+            Takes the number of a block's first slice, its images, and what is to be told of it.
+        take_up : callable
+            Takes the number of a block's first slice; what is to be told of it, where it was finished and written.
+
+        Returns
+        -------
+        The result, and what the parameters of the middle slice were chosen from.
+        """
         given, options = self._given, self._options
-        seen, fewest = ValueRange(self.slices, options.size), [int(given.angles_rad.size)]
+        seen, blocks = ValueRange(self.slices, options.size), dict[int, FinishedBlock]()
 
         def reconstruct_block(start: int, stop: int) -> Iterator[None]:
-            rows = given.read(start, stop)
+            block = take_up(start)
             yield
-            images = solver(start, rows)
-            yield
-            write(start, images)
-            seen.add(images)
-            fewest.append(int(present_rows(rows).sum(axis=0).min()))
+            if block is None:
+                rows = given.read(start, stop)
+                yield
+                images, findings = solver(start, rows)
+                yield
+                fewest = int(present_rows(rows).sum(axis=0).min())
+                block = FinishedBlock(seen.sample(images), findings, fewest)
+                write(start, images, block)
+            blocks[start] = block
 
         reconstruct_stack(
             self.slices, reconstruct_block, step=solver.step, concurrent=solver.concurrent, done=self._reporting
         )
-        return ReconstructionResult(
+        in_order = [blocks[start] for start in sorted(blocks)]
+        for block in in_order:
+            seen.add(block.sample)
+        found = gathered(block.findings for block in in_order)
+        result = ReconstructionResult(
             shape=self.shape,
             pixel_mm=self._projector.grid.pixel_mm,
             unit=volume_unit(counts=given.counts),
@@ -226,15 +265,16 @@ class _Run:
             rotation=given.rotation,
             handedness=given.handedness,
             views=self.views,
-            fewest_views=min(fewest),
+            fewest_views=min(block.fewest_views for block in in_order),
             rows=given.rows,
             row_step=given.row_step,
             time_s=self.elapsed_s,
             software_version=version("sawmill-calibration"),
             input_sha256=given.input_sha256,
             preparation=list(given.preparation),
-            method=solver.report(),
+            method=solver.report(found),
         )
+        return result, found.curve
 
 
 def _radius_mm(read: ReadRows, geometry: FanBeamGeometry, slices: int) -> float:

@@ -19,9 +19,13 @@ class ValueRange:
         self._step = max(1, math.ceil(math.sqrt(slices * size * size / SAMPLED_VALUES)))
         self._samples: list[NDArray[np.float32]] = []
 
-    def add(self, block: NDArray[np.float32]) -> None:
-        """Take the sample of some slices (slices, x, y)."""
-        self._samples.append(block[:, :: self._step, :: self._step].ravel())
+    def sample(self, block: NDArray[np.float32]) -> NDArray[np.float32]:
+        """The values to take of some slices (slices, x, y)."""
+        return block[:, :: self._step, :: self._step].ravel()
+
+    def add(self, sample: NDArray[np.float32]) -> None:
+        """Take a sample."""
+        self._samples.append(sample)
 
     def percentiles(self) -> tuple[float, float]:
         """The 0.1 and the 99.9 percentile of what was added."""

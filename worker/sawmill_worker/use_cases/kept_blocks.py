@@ -1,0 +1,95 @@
+"""Finished blocks of a volume, kept as they are stored, and written into the next attempt's file as they are."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from threading import Lock
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.files.volume_writer import NewVolume, PackedSlices
+from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, Settings
+from sawmill_worker.use_cases.keeping import Keeper
+from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints, MetalCount
+
+SETTINGS = "settings"
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedBlock:
+    """What is left to tell of a block whose slices are written.
+
+    Attributes
+    ----------
+    sample : (values,) float32
+        Of its values.
+    fewest_views : int
+        Of any of its slices.
+    """
+
+    sample: NDArray[np.float32]
+    findings: BlockFindings
+    fewest_views: int
+
+
+def settings_of(keeper: Keeper) -> Settings | None:
+    """What an earlier attempt at the volume had chosen."""
+    kept = keeper.kept(SETTINGS)
+    return None if kept is None else _parsed(kept[SETTINGS])
+
+
+class KeptVolume:
+    """A volume that is being written, from any thread, whose blocks are kept beside it once that is worth while."""
+
+    def __init__(self, volume: NewVolume, solver: BlockSolver, keeper: Keeper) -> None:
+        self._volume, self._solver, self._keeper = volume, solver, keeper
+        self._kept_settings: Settings | None = None
+        self._keeping_settings = Lock()
+
+    def take_up(self, first: int) -> FinishedBlock | None:
+        """Write the block that begins with a slice, if an earlier attempt finished it with the same settings."""
+        kept = self._keeper.kept(_name(first), self._solver.settings)
+        if kept is None:
+            return None
+        self._volume.write_packed(first, PackedSlices.from_arrays(kept))
+        return FinishedBlock(kept["sample"], _findings(_parsed(kept["findings"])), int(kept["fewest_views"]))
+
+    def write(self, first: int, images: Images, block: FinishedBlock) -> None:
+        """Write a block (slices, x, y) and, in a long job, keep it."""
+        slices = PackedSlices.of(images)
+        self._volume.write_packed(first, slices)
+        if self._keeper.has_begun:
+            self._keep(first, slices, block)
+
+    def _keep(self, first: int, slices: PackedSlices, block: FinishedBlock) -> None:
+        with self._keeping_settings:
+            settings = self._solver.settings
+            if settings != self._kept_settings:
+                self._keeper.keep(SETTINGS, {SETTINGS: _text(settings)})
+                self._kept_settings = settings
+        told: dict[str, NDArray[Any]] = {
+            "sample": block.sample,
+            "findings": _text(asdict(block.findings)),
+            "fewest_views": np.array(block.fewest_views),
+        }
+        self._keeper.keep(_name(first), {**slices.arrays(), **told}, settings)
+
+
+def _name(first: int) -> str:
+    return f"slices-{first:08d}"
+
+
+def _text(value: Mapping[str, Any]) -> NDArray[np.uint8]:
+    return np.frombuffer(json.dumps(value).encode(), np.uint8)
+
+
+def _parsed(text: NDArray[np.uint8]) -> dict[str, Any]:
+    parsed: dict[str, Any] = json.loads(text.tobytes())
+    return parsed
+
+
+def _findings(told: dict[str, Any]) -> BlockFindings:
+    metal, curve = MetalCount(**told.pop("metal")), told.pop("curve")
+    return BlockFindings(**told, metal=metal, curve=None if curve is None else CurvePoints(**curve))
