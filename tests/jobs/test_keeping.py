@@ -50,7 +50,7 @@ def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
                 if next(left, None) is None:
                     raise Killed
 
-            job = first.job.model_copy(update={"attempt": number})
+            job = first.job.model_copy(update={"attempt": number + 1})
             try:
                 return run(replace(first, job=job, output=output, announce=announce)), number - 1
             except Killed:
@@ -145,12 +145,12 @@ def everything_in(path):
     found = {}
     with h5py.File(path) as file:
         file.visititems(lambda name, item: found.update({name: item[()]}) if isinstance(item, h5py.Dataset) else None)
-    return {name: value for name, value in found.items() if not name.endswith("date")}
+    return {name: value for name, value in found.items() if not name.endswith(("date", "_time"))}
 
 
 # Blocks of 16 slices, two at a time; and one after another, with a weight that is chosen once.
 @pytest.mark.usefixtures("hours_go_by")
-@pytest.mark.parametrize(("method", "rows"), [("fbp", 150), ("total_variation", 70), ("tikhonov", 40)])
+@pytest.mark.parametrize(("method", "rows"), [("fbp", 100), ("total_variation", 40), ("tikhonov", 40)])
 def test_a_volume_killed_again_and_again_has_the_same_values(volume, attempt, run_killed, tmp_path, method, rows):
     volume(rows, method=method)
     job = attempt(JobKind.RECONSTRUCT)

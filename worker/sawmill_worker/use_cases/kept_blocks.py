@@ -43,9 +43,9 @@ def settings_of(keeper: Keeper) -> Settings | None:
 class KeptVolume:
     """A volume that is being written, from any thread, whose blocks are kept beside it once that is worth while."""
 
-    def __init__(self, volume: NewVolume, solver: BlockSolver, keeper: Keeper) -> None:
+    def __init__(self, volume: NewVolume, solver: BlockSolver, keeper: Keeper, kept_settings: Settings | None) -> None:
         self._volume, self._solver, self._keeper = volume, solver, keeper
-        self._kept_settings: Settings | None = None
+        self._kept_settings = kept_settings
         self._keeping_settings = Lock()
 
     def take_up(self, first: int) -> FinishedBlock | None:

@@ -114,7 +114,8 @@ def run_reconstruction(
     """
     run = _Run(given, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
-    solver = run.solver(settings_of(keeper))
+    settings = settings_of(keeper)
+    solver = run.solver(settings)
     origin = VolumeOrigin(
         given.scanner,
         given.theta,
@@ -127,7 +128,7 @@ def run_reconstruction(
     )
     views = run.views
     with new_volume(output, run.shape, origin, options, unit=volume_unit(counts=given.counts), views=views) as volume:
-        kept = KeptVolume(volume, solver, keeper)
+        kept = KeptVolume(volume, solver, keeper, settings)
         result, curve = run.reconstruct(solver, kept.write, kept.take_up)
         assert result.method is not None  # noqa: S101 - a reconstruction made now has a report
         volume.note_method(result.method.model_dump(mode="json", exclude_none=True))
