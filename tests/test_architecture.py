@@ -77,3 +77,12 @@ def test_a_process_that_is_kept_ready_has_all_jobs_imported():
     modules = imported_by("import sawmill_worker.execution.attempt")
     jobs = ("ingest", "calibrate", "reconstruct", "trace_phantom", "plan", "drift")
     assert {f"sawmill_worker.jobs.{job}" for job in jobs} <= modules
+
+
+def test_what_runs_idle_holds_no_library_that_only_work_needs():
+    """The memory of a service at rest (`make bench-job-price`)."""
+    for resting in ("sawmill_service.serving", "sawmill_worker.execution.poller"):
+        loaded = imported_by(f"import {resting}")
+        assert not loaded & {"numpy", "scipy", "numba", "h5py", "PIL", "matplotlib", "alembic", "celery"}, resting
+    ready = imported_by("import sawmill_worker.execution.attempt")
+    assert not ready & {"scipy.stats", "scipy.optimize", "scipy.interpolate", "matplotlib", "alembic", "celery"}

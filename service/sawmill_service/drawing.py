@@ -1,18 +1,21 @@
-"""Pictures that need matplotlib, drawn when they are first asked for."""
+"""Pictures that need matplotlib, drawn when they are first asked for.
+
+What draws is imported by the first picture: no other request needs it.
+"""
+# ruff: noqa: PLC0415 - for that reason
 
 import threading
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from numpy.typing import NDArray
-
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.files import calibration_file
 from sawmill_worker.storage.store import Store
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # One picture at a time: what many ask for at once is drawn once, and matplotlib shares its caches of text and fonts.
 _DRAWING = threading.Lock()
@@ -39,8 +42,9 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
     """
 
     def draw() -> bytes:
-        # Imported here because no other request needs matplotlib.
-        from sawmill_worker.pictures.calibration_report import overlay_png, report_png  # noqa: PLC0415
+        from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+        from sawmill_worker.files import calibration_file
+        from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 
         record = calibration_file.read_calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
         drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
@@ -49,10 +53,9 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
     return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
 
 
-def drawn_alpha_curve(columns: Mapping[str, NDArray[Any]]) -> bytes:
+def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
     """The picture of what Tikhonov's alpha was chosen from."""
-    # Imported here because no other request needs matplotlib.
-    from sawmill_worker.pictures.alpha_curve import alpha_curve_png  # noqa: PLC0415
+    from sawmill_worker.pictures.alpha_curve import alpha_curve_png
 
     with _DRAWING:
         return alpha_curve_png(**columns)

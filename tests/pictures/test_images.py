@@ -7,9 +7,10 @@ import pytest
 from matplotlib import colormaps
 from PIL import Image
 
-from sawmill_worker.pictures.color_maps import ColorMap, painted
+from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
 from sawmill_worker.pictures.windows import round_length, ticks, window_of
+from sawmill_worker.vocabulary import ColorMap
 
 
 @pytest.fixture

@@ -1,8 +1,12 @@
-"""/v1/reconstructions: pictures and the volume, beside the routes that every asked kind has."""
+"""/v1/reconstructions: pictures and the volume, beside the routes that every asked kind has.
+
+What draws is imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+"""
+# ruff: noqa: PLC0415 - for that reason
 
 from collections.abc import Sequence
 from enum import IntEnum, StrEnum
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
@@ -14,13 +18,10 @@ from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Contract, Identifier, parse_span
 from sawmill_worker.contracts.reconstructions import ReconstructionResult
-from sawmill_worker.files import volume_reader
-from sawmill_worker.pictures.color_maps import ColorMap
-from sawmill_worker.pictures.images import image_png, image_png16
-from sawmill_worker.pictures.log_pictures import mosaic_png, side_view_png, spread
-from sawmill_worker.pictures.windows import Window, window_of
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import ColorMap
 
+Window = tuple[float, float]
 MOST_TILES = 64
 USUAL_TILES = 16
 
@@ -100,7 +101,7 @@ class MosaicQuery(WindowQuery):
 class SideQuery(WindowQuery):
     """From where to look at the log."""
 
-    along: volume_reader.Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
+    along: Literal["x", "y"] = Field("x", description="The axis to look along; the other one runs down the picture.")
 
 
 @router.get(
@@ -123,6 +124,10 @@ def get_slice(
     path = store.files.volume(reconstruction_id)
 
     def draw() -> bytes:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.images import image_png, image_png16
+        from sawmill_worker.pictures.windows import window_of
+
         if query.show is Shown.DEVIATION:
             image = volume_reader.deviation_slice(path, index)
             window = _window(query, window_of(image.data))
@@ -156,6 +161,9 @@ def get_mosaic(
     window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.log_pictures import mosaic_png
+
         slices = volume_reader.volume_slices(store.files.volume(reconstruction_id), indices)
         return mosaic_png(
             ((image.data, image.label) for image in slices),
@@ -181,6 +189,10 @@ def get_side_view(
     _result(store, reconstruction_id)
 
     def draw() -> bytes:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.log_pictures import side_view_png
+        from sawmill_worker.pictures.windows import window_of
+
         view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
         return side_view_png(
             view.data,
@@ -203,6 +215,8 @@ def get_side_view(
 )
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
+    from sawmill_worker.files import volume_reader
+
     _result(store, reconstruction_id)
     columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
     return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
@@ -241,6 +255,8 @@ def _window(query: WindowQuery, usual: Window) -> Window:
 def _tiles(query: MosaicQuery, available: int) -> Sequence[int]:
     """The slices of a mosaic."""
     if query.slices is None:
+        from sawmill_worker.pictures.log_pictures import spread
+
         return spread(query.count or USUAL_TILES, available)
     wanted = parse_span("slices", query.slices)
     if wanted.stop > available:

@@ -14,8 +14,6 @@ from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
-from sawmill_worker.files import scan_reader
-from sawmill_worker.pictures.images import sinogram_png
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
@@ -126,6 +124,10 @@ def _ready(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
 
 def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:
     def draw() -> bytes:
+        # Imported by the first picture: a service that draws none does not hold NumPy, h5py and Pillow.
+        from sawmill_worker.files import scan_reader  # noqa: PLC0415
+        from sawmill_worker.pictures.images import sinogram_png  # noqa: PLC0415
+
         sinogram = scan_reader.sinogram(store.files.scan(scan.id), row)
         return sinogram_png(
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"

@@ -1,20 +1,12 @@
 """Colour maps for pictures: grey, and three of matplotlib's in which equal steps of a value look like equal steps."""
 
-from enum import StrEnum
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-class ColorMap(StrEnum):
-    """How a picture shows values, from low to high."""
-
-    GREY = "grey"
-    VIRIDIS = "viridis"
-    INFERNO = "inferno"
-    MAGMA = "magma"
+from sawmill_worker.vocabulary import ColorMap
 
 
 def painted(fractions: NDArray[np.floating[Any]], color_map: ColorMap) -> NDArray[np.uint8]:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from sawmill_worker.pictures.color_maps import ColorMap
 from sawmill_worker.pictures.pages import (
     Layout,
     draw_bottom_axis,
@@ -23,6 +22,7 @@ from sawmill_worker.pictures.pages import (
     panel_of,
 )
 from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
+from sawmill_worker.vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
 

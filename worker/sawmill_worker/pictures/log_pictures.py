@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from sawmill_worker.pictures.color_maps import ColorMap, painted
+from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.pages import (
     INK,
     PAPER,
@@ -26,6 +26,7 @@ from sawmill_worker.pictures.pages import (
     panel_of,
 )
 from sawmill_worker.pictures.windows import Window, ticks, to_unit, window_of
+from sawmill_worker.vocabulary import ColorMap
 
 TILE_PX = 256
 # Above each tile for its label, and between two tiles.

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
-from sawmill_worker.pictures.color_maps import ColorMap, painted
+from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.windows import Window, round_length, ticks, to_unit
+from sawmill_worker.vocabulary import ColorMap
 
 INK = "#141414"
 PAPER = "#ffffff"

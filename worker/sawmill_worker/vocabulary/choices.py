@@ -204,3 +204,12 @@ class AlphaRule(StrEnum):
     DISCREPANCY = "discrepancy"
     GCV = "gcv"
     L_CURVE = "l-curve"
+
+
+class ColorMap(StrEnum):
+    """How a picture shows values, from low to high."""
+
+    GREY = "grey"
+    VIRIDIS = "viridis"
+    INFERNO = "inferno"
+    MAGMA = "magma"
