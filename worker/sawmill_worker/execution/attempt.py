@@ -50,7 +50,10 @@ def main() -> None:
 def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
     """Wait for the assignment on standard input, and answer it."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
-    channel.write(to_line(Ready()))
+    try:
+        channel.write(to_line(Ready()))
+    except BrokenPipeError:  # the supervisor was killed meanwhile
+        return
     line = supervisor.readline()
     if line:
         threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()

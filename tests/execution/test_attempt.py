@@ -1,0 +1,12 @@
+"""The process of an attempt, apart from the science."""
+
+import os
+
+from sawmill_worker.execution import attempt
+
+
+def test_an_attempt_whose_supervisor_was_killed_ends_without_a_word():
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
+        attempt._attempt(channel, memory_limit_bytes=None)
