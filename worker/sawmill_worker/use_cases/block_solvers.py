@@ -71,6 +71,8 @@ class LogTask:
         Limit of all blocks together.
     on_progress : callable
         Called, while a block is at work, with the number of its slices that the work done is worth.
+    on_chosen : callable
+        Called with the solver's settings when parameters have been chosen for all slices.
     """
 
     options: ReconstructionOptions
@@ -82,6 +84,7 @@ class LogTask:
     counts: bool
     memory_bytes: int
     on_progress: Callable[[float], None]
+    on_chosen: Callable[[Settings], None]
 
     def full_grid(self) -> tuple[ImageGrid, tuple[slice, slice]]:
         """The grid that also holds all of the log, and where the field lies in it."""
@@ -315,6 +318,7 @@ class _FittedSolver:
                 left_out=sample.left_out,
             )
             self._choose(chosen.choice)
+            self._task.on_chosen(self.settings)
         return self._method.reconstruct(
             self._projector,
             lines,

@@ -19,7 +19,7 @@ SETTINGS = "settings"
 
 @dataclass(frozen=True, eq=False)
 class FinishedBlock:
-    """What is left to tell of a block whose slices are written.
+    """What the report needs of a block whose slices are written.
 
     Attributes
     ----------
@@ -38,6 +38,11 @@ def settings_of(keeper: Keeper) -> Settings | None:
     """What an earlier attempt at the volume had chosen."""
     kept = keeper.kept(SETTINGS)
     return None if kept is None else _parsed(kept[SETTINGS])
+
+
+def keep_settings(keeper: Keeper, settings: Settings) -> None:
+    """Keep what was chosen for all blocks."""
+    keeper.keep(SETTINGS, {SETTINGS: _text(settings)})
 
 
 class KeptVolume:
@@ -67,14 +72,14 @@ class KeptVolume:
         with self._keeping_settings:
             settings = self._solver.settings
             if settings != self._kept_settings:
-                self._keeper.keep(SETTINGS, {SETTINGS: _text(settings)})
+                keep_settings(self._keeper, settings)
                 self._kept_settings = settings
-        told: dict[str, NDArray[Any]] = {
+        summary: dict[str, NDArray[Any]] = {
             "sample": block.sample,
             "findings": _text(asdict(block.findings)),
             "fewest_views": np.array(block.fewest_views),
         }
-        self._keeper.keep(_name(first), {**slices.arrays(), **told}, settings)
+        self._keeper.keep(_name(first), {**slices.arrays(), **summary}, settings)
 
 
 def _name(first: int) -> str:
@@ -90,6 +95,6 @@ def _parsed(text: NDArray[np.uint8]) -> dict[str, Any]:
     return parsed
 
 
-def _findings(told: dict[str, Any]) -> BlockFindings:
-    metal, curve = MetalCount(**told.pop("metal")), told.pop("curve")
-    return BlockFindings(**told, metal=metal, curve=None if curve is None else CurvePoints(**curve))
+def _findings(parsed: dict[str, Any]) -> BlockFindings:
+    metal, curve = MetalCount(**parsed.pop("metal")), parsed.pop("curve")
+    return BlockFindings(**parsed, metal=metal, curve=None if curve is None else CurvePoints(**curve))

@@ -23,7 +23,7 @@ from sawmill_worker.tomography.stack import reconstruct_stack
 from sawmill_worker.use_cases.block_solvers import BlockSolver, Images, LogTask, Settings, method_of, solver_of
 from sawmill_worker.use_cases.capacity import check_disk, memory_available
 from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
-from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, settings_of
+from sawmill_worker.use_cases.kept_blocks import FinishedBlock, KeptVolume, keep_settings, settings_of
 from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
@@ -32,7 +32,7 @@ from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, Re
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
 
-# Takes the number of a block's first slice, its images, and what is to be told of it.
+# Takes the number of a block's first slice, its images, and what the report needs of it.
 Write = Callable[[int, Images, FinishedBlock], None]
 
 # The blocks take at most this share of the free memory: the rest is for the files' caches and for other processes.
@@ -115,7 +115,12 @@ def run_reconstruction(
     run = _Run(given, options, report)
     check_disk(output.parent, run.shape, cost.volume_bytes(options.size, run.slices))
     settings = settings_of(keeper)
-    solver = run.solver(settings)
+
+    def on_chosen(chosen: Settings) -> None:
+        if keeper.has_begun:
+            keep_settings(keeper, chosen)
+
+    solver = run.solver(settings, on_chosen)
     origin = VolumeOrigin(
         given.scanner,
         given.theta,
@@ -173,7 +178,9 @@ class _Run:
         """The views that are used."""
         return int(self._given.angles_rad.size)
 
-    def solver(self, settings: Settings | None = None) -> BlockSolver:
+    def solver(
+        self, settings: Settings | None = None, on_chosen: Callable[[Settings], None] = lambda _: None
+    ) -> BlockSolver:
         """The method that was asked for, or that `auto` chooses from the middle slice; with settings chosen earlier."""
         middle = self.slices // 2
         rows = self._given.read(middle, middle + 1)
@@ -198,6 +205,7 @@ class _Run:
             counts=given.counts,
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
+            on_chosen=on_chosen,
         )
         return solver_of(name, task, recommended, settings)
 
@@ -226,9 +234,9 @@ class _Run:
         Parameters
         ----------
         write : callable
-            Takes the number of a block's first slice, its images, and what is to be told of it.
+            Takes the number of a block's first slice, its images, and what the report needs of it.
         take_up : callable
-            Takes the number of a block's first slice; what is to be told of it, where it was finished and written.
+            Takes the number of a block's first slice; what the report needs of it, where it was finished and written.
 
         Returns
         -------
