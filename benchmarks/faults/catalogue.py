@@ -36,7 +36,7 @@ class Fault:
     on : callable
         Whether an engine can have it.
     jobs_a_fault : int
-        At most one fault for so many jobs.
+        At most one fault for this number of jobs.
     before : callable or None
         Done with the data folder and the database's URL before the product starts for the first time.
     begin, finish : callable or None

@@ -21,7 +21,7 @@ from sawmill_worker.vocabulary import CalibrationMethod
 
 pytestmark = pytest.mark.slow
 
-# Times, and what is told of them, are no part of an answer.
+# Times are no part of an answer.
 NOT_COMPARED = {"timing_s", "time_s"}
 
 
@@ -37,7 +37,7 @@ def hours_go_by(monkeypatch):
 
 @pytest.fixture
 def run_killed(store, tmp_path) -> Callable[..., tuple[dict[str, Any], int]]:
-    """Run a job; each attempt dies when it has announced its progress so many times."""
+    """Run a job; each attempt dies at an announcement of its progress, after a number of others."""
 
     def killed(first: Attempt, announcements: int) -> tuple[dict[str, Any], int]:
         for number in range(1, 200):

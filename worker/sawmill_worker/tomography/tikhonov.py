@@ -240,7 +240,7 @@ class _Bidiagonalisation:
         return norm <= 1e-6 * (self.diagonal[0] if self.diagonal else 1e-300)
 
     def extend(self, steps: int, on_step: OnIteration) -> None:
-        """Take further steps, or fewer if the directions are exhausted; `on_step` is told of each, and of the most."""
+        """Take further steps, or fewer if the directions are exhausted; `on_step` hears of each, and of the most."""
         for _ in range(steps):
             if self.exhausted:
                 return

@@ -37,7 +37,7 @@ from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, P
 MOST_RUNS = 8
 # Of the progress: where the search for the phantom's rows ends, and where the search for the geometry ends.
 ROWS_DONE, SEARCH_DONE = 0.5, 0.95
-# Steps of a search and its fits are told that often; so many of them fill half of what is left of the progress.
+# Steps of a search and its fits are reported that often; this number fills half of what is left of the progress.
 STEPS_EVERY_S, MANY_STEPS = 1.0, 1000
 
 
@@ -205,7 +205,7 @@ class _Reporting:
     ) -> None:
         self._on_progress, self._begun, self._end = on_progress, begun, end
         self._progress = Progress(fraction=begun, stage=stage)
-        self._steps, self._stepped_from, self._told_at = 0, begun, time.monotonic()
+        self._steps, self._stepped_from, self._reported_at = 0, begun, time.monotonic()
 
     def on_round(self, generation: int, most: int, best: float) -> None:
         """Report a round; before the first fit there is no best value."""
@@ -223,12 +223,12 @@ class _Reporting:
     def on_step(self) -> None:
         """Report that one more step was done, if that is due."""
         self._steps += 1
-        if time.monotonic() - self._told_at >= STEPS_EVERY_S:
+        if time.monotonic() - self._reported_at >= STEPS_EVERY_S:
             left = (self._end - self._stepped_from) * MANY_STEPS / (self._steps + MANY_STEPS)
             self._tell(replace(self._progress, fraction=self._end - left))
 
     def _tell(self, progress: Progress) -> None:
-        self._progress, self._told_at = progress, time.monotonic()
+        self._progress, self._reported_at = progress, time.monotonic()
         self._on_progress(progress)
 
 
