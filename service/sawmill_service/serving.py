@@ -23,6 +23,8 @@ from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 def no_wake(_: str) -> None:
     """Embedded workers look into the database by themselves."""
@@ -51,9 +53,8 @@ def serve_until_stopped(
         The address or the port cannot be used.
     """
     configure_logs(execution.log_format)
-    ending = _EndsOnce()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, ending)
+    for number in _SIGNALS:
+        signal.signal(number, _end_start)
     with ExitStack() as stack:
         listening = stack.enter_context(
             closing(listen(settings.host, settings.port, guarded=settings.token is not None))
@@ -80,19 +81,19 @@ def serve_until_stopped(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
         Server(config, app.state.stopping).run(sockets=[listening])
-        ending.begun = True
+        _ignore_signals()
 
 
-class _EndsOnce:
-    """Ends the start of the service at the first signal; while things end in order, more of them change nothing."""
+def _end_start(_number: int, _frame: FrameType | None) -> None:
+    """End what has begun in order; while it runs, uvicorn listens instead."""
+    _ignore_signals()
+    raise SystemExit(0)
 
-    def __init__(self) -> None:
-        self.begun = False
 
-    def __call__(self, _number: int, _frame: FrameType | None) -> None:
-        if not self.begun:
-            self.begun = True
-            raise SystemExit(0)
+def _ignore_signals() -> None:
+    """Everything ends already; more signals would only cut that short."""
+    for number in _SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _opened(storage: StorageSettings) -> Store:
