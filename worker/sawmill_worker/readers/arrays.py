@@ -1,6 +1,7 @@
 """Checks that hold for an array of any format, most of them made before its data are read."""
 
 import math
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,12 +13,16 @@ from sawmill_worker.files.errors import UnreadableScan
 
 MAX_BYTES = 8 * 2**30
 
-# Deflate packs at most 1032 to 1; below a few MiB even an empty promise does no harm.
-LARGEST_RATIO = 1000
-HARMLESS_BYTES = 16 * 2**20
+# No measurement packs so well; what a file declares below the second does no harm.
+LARGEST_RATIO = 200
+HARMLESS_BYTES = 64 * 2**20
+# Deflate unpacks to at most so many times what is stored (RFC 1951: 258 bytes of two bits).
+MOST_DEFLATE = 1032
 # Data that cannot be packed grow by less than this in every packing that is read.
 MOST_GROWTH = 1.01
-PACKING_BYTES = 64 * 2**10
+PACKING_BYTES = 1024
+# Of what is deflated, at a time, where only its size is wanted.
+STEP_BYTES = 2**14
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,9 @@ def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: 
         )
     if declared > HARMLESS_BYTES and stored_bytes * LARGEST_RATIO < declared:
         raise UnreadableScan(
-            "too-large", f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them"
+            "too-large",
+            f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them; above "
+            f"{HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} times as many",
         )
 
 
@@ -71,6 +78,17 @@ def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
         raise UnreadableScan(
             "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
         )
+
+
+def check_inflates(what: str, deflated: bytes, declared_bytes: int) -> None:
+    """Refuse deflated data that unpack to more than is declared; nothing of them is kept: `too-large`."""
+    inflater, inflated = zlib.decompressobj(), 0
+    for start in range(0, len(deflated), STEP_BYTES):
+        inflated += len(inflater.decompress(deflated[start : start + STEP_BYTES]))
+        if inflated > MOST_GROWTH * declared_bytes + PACKING_BYTES:
+            raise UnreadableScan(
+                "too-large", f"{what} declares {declared_bytes} bytes of data and unpacks to more; export it again"
+            )
 
 
 def check_scan_dimensions(what: str, shape: Sequence[int]) -> None:

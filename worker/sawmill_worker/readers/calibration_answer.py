@@ -5,7 +5,7 @@ from pathlib import Path
 from sawmill_worker.files.calibration_file import ANSWER
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
 from sawmill_worker.files.hdf5 import open_hdf5
-from sawmill_worker.readers.hdf5_guard import read_text
+from sawmill_worker.readers.hdf5_texts import read_text
 
 # The most bytes that are read of an answer: it has some ten thousand.
 LONGEST_ANSWER = 16 * 2**20

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files import nxtomo
@@ -15,9 +16,11 @@ from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileContents, Projections
 from sawmill_worker.readers.hdf5_exchange import DATA as EXCHANGE_DATA
 from sawmill_worker.readers.hdf5_exchange import is_exchange, read_exchange
-from sawmill_worker.readers.hdf5_guard import attribute_text, check_dataset, datasets, find, read_float32
+from sawmill_worker.readers.hdf5_guard import datasets, find, name_of, read_float32
 from sawmill_worker.readers.hdf5_nxtomo import find_entries, read_nxtomo
 from sawmill_worker.readers.hdf5_projections import all_views, transposed
+from sawmill_worker.readers.hdf5_storage import check_dataset
+from sawmill_worker.readers.hdf5_texts import attribute, attribute_text
 from sawmill_worker.readers.mat import MATLAB_NUMBERS
 from sawmill_worker.readers.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 
@@ -47,7 +50,7 @@ def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
             return None
         return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA))), None)
     if len(entries) > 1:
-        names = ", ".join(quoted(entry.name) for entry in entries)
+        names = ", ".join(name_of(entry).strip("'") for entry in entries)
         raise UnreadableScan(
             "dataset-ambiguous", f"the file holds several NXtomo entries ({names}); name the right one with dataset"
         )
@@ -81,7 +84,7 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
 def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:
     node, where = found[name], repr(quoted(name))
     check_dataset(where, node, bounds)
-    if node.attrs.get("MATLAB_empty"):
+    if np.any(attribute(node, "MATLAB_empty")):
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     return node
 

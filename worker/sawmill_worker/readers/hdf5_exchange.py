@@ -8,8 +8,9 @@ from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds, check_scan_dimensions
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.hdf5_fields import read_angles, read_pitch
-from sawmill_worker.readers.hdf5_guard import attribute_text, find, numbers, read_float32
+from sawmill_worker.readers.hdf5_guard import find, numbers, read_float32
 from sawmill_worker.readers.hdf5_projections import all_views
+from sawmill_worker.readers.hdf5_texts import attribute_text
 
 DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"

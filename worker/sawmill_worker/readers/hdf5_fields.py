@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds
-from sawmill_worker.readers.hdf5_guard import Node, attribute_text, numbers
+from sawmill_worker.readers.hdf5_guard import Node, numbers
+from sawmill_worker.readers.hdf5_texts import attribute_text
 from sawmill_worker.readers.units import length_of, to_degrees
 
 

@@ -22,13 +22,15 @@ from sawmill_worker.files.nxtomo import (
 from sawmill_worker.readers.arrays import Bounds, check_scan_dimensions, check_size
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.hdf5_fields import read_angles, read_pitch
-from sawmill_worker.readers.hdf5_guard import Node, children, numbers, read_images, read_text
+from sawmill_worker.readers.hdf5_guard import Node, check_members, children, name_of, numbers, read_images
 from sawmill_worker.readers.hdf5_projections import chosen_views
+from sawmill_worker.readers.hdf5_texts import read_text
 
 
 def find_entries(file: h5py.File) -> list[h5py.Group]:
     """Every group, at the top or one level below it, whose `definition` is NXtomo."""
     top = [node for _, node in children(file["/"]) if isinstance(node, h5py.Group)]
+    check_members(sum(map(len, top)))
     below = [node for group in top if not _is_nxtomo(group) for _, node in children(group)]
     return [group for group in (*top, *below) if _is_nxtomo(group)]
 
@@ -47,7 +49,7 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
     """
     dataset = numbers(entry, DATA, bounds)
     if dataset is None:
-        raise UnreadableScan("dataset-missing", f"the NXtomo entry {entry.name!r} has no {DATA}")
+        raise UnreadableScan("dataset-missing", f"the NXtomo entry {name_of(entry)} has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
     keys = _read_image_key(entry, len(dataset), bounds.whole)
     angles_deg, problem = read_angles(entry, ANGLES, bounds.whole, default_unit=None)

@@ -23,7 +23,8 @@ from sawmill_worker.files.scan_layout import (
     USABLE,
 )
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
-from sawmill_worker.readers.hdf5_guard import attribute_text, find, numbers, read_text
+from sawmill_worker.readers.hdf5_guard import find, numbers
+from sawmill_worker.readers.hdf5_texts import attribute, attribute_text, read_text
 
 
 def is_own_scan(path: Path) -> bool:
@@ -63,5 +64,5 @@ def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bou
     present = numbers(file, ROWS_PRESENT, bounds)
     if present is None:
         return True
-    usable = np.asarray(present.attrs.get(USABLE, ()))
+    usable = np.asarray(attribute(present, USABLE))
     return present.shape == shape and usable.shape == (2,) and bool(0 <= usable[0] < usable[1] <= shape[1])

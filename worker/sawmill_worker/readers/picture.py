@@ -1,5 +1,6 @@
 """Drawings of phantoms: PNG pictures as grey values."""
 
+import math
 import warnings
 from pathlib import Path
 
@@ -8,9 +9,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
+from sawmill_worker.readers.arrays import HARMLESS_BYTES, LARGEST_RATIO
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_PICTURE_PIXELS = 64 * 2**20
+# Of those bits deep; everything else has one byte for each of its bands.
+BITS = {"1": 1, "I;16": 16, "I;16B": 16, "I": 16}
 
 
 def read_picture(path: Path) -> NDArray[np.float32]:
@@ -32,6 +36,19 @@ def read_picture(path: Path) -> NDArray[np.float32]:
                 raise UnreadableScan(
                     "too-large", f"the picture has {width} x {height} pixels; give one of at most 64 million"
                 )
+            _check_stored(picture, path.stat().st_size)
             # A 16-bit picture has no transparency; every other kind goes by way of RGB, which drops it.
             grey = picture if picture.mode.startswith("I") else picture.convert("RGB").convert("L")
             return np.asarray(grey, np.float32)
+
+
+def _check_stored(picture: Image.Image, stored_bytes: int) -> None:
+    width, height = picture.size
+    row_bytes = math.ceil(width * BITS.get(picture.mode, 8 * len(picture.getbands())) / 8)
+    declared = height * (1 + row_bytes)  # each row begins with the number of its filter
+    if declared > max(HARMLESS_BYTES, LARGEST_RATIO * stored_bytes):
+        raise UnreadableScan(
+            "too-large",
+            f"the picture has {declared} bytes of pixels and its file {stored_bytes}; above {HARMLESS_BYTES >> 20} MiB "
+            f"it may be at most {LARGEST_RATIO} times as many: save the drawing in grey or smaller",
+        )

@@ -16,6 +16,9 @@ CORNER_CUT = 1.5
 NEAR_CORNER = 3.0
 LEAST_AREA = 25.0
 MOST_SHAPES = 200
+# Sides of pixels between bright and dark: one point of an outline each, and some 250 bytes while they are joined.
+MOST_EDGES = 1_000_000
+ROWS_AT_ONCE = 256
 
 
 def trace(
@@ -53,9 +56,11 @@ def trace(
         raise PhantomError("the picture is of one grey throughout: the phantom must be brighter than its surroundings")
     pixel = width_mm / picture.shape[1]
     centre = 0.5 * (np.array(picture.shape) - 1.0)
+    level = 0.5 * (low + high)
+    _check_edges(picture, level)
     padded = np.pad(np.asarray(picture, np.float64), 1, constant_values=low)
     shapes: list[Shape] = []
-    for contour in find_contours(padded, 0.5 * (low + high)):
+    for contour in find_contours(padded, level):
         outline = contour[:-1] - 1.0
         area = _area(outline)
         if abs(area) >= LEAST_AREA:
@@ -68,6 +73,20 @@ def trace(
     if not any(shape.density > 0.0 for shape in shapes):
         raise PhantomError("the picture shows holes only: the phantom must be brighter than its surroundings")
     return Phantom(name, tuple(shapes), max(size_tolerance, _pixel_tolerance(shapes, pixel)))
+
+
+def _check_edges(picture: NDArray[np.floating], level: float) -> None:
+    """Refuse a picture of more edges than outlines can be made of, before any is made."""
+    edges, above = 0, np.zeros((1, picture.shape[1]), bool)
+    for start in range(0, len(picture), ROWS_AT_ONCE):
+        bright = np.concatenate([above, picture[start : start + ROWS_AT_ONCE] > level])
+        edges += np.count_nonzero(bright[1:] != bright[:-1]) + np.count_nonzero(bright[1:, 1:] != bright[1:, :-1])
+        above = bright[-1:]
+    if edges > MOST_EDGES:
+        raise PhantomError(
+            f"the picture has edges along {edges} pixel sides; at most {MOST_EDGES} are traced: give a clean drawing, "
+            "without texture or noise"
+        )
 
 
 def _pixel_tolerance(shapes: list[Shape], pixel: float) -> float:

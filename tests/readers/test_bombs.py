@@ -1,0 +1,125 @@
+"""Small files that ask for gigabytes or hours: refused at once, in little memory, with one sentence."""
+
+import h5py
+import numpy as np
+import pytest
+from hostile import MEBIBYTE, Outcome, checkers, chunk_of, deflated, deflated_twice, outcome
+from PIL import Image
+
+# What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
+MOST_MEBIBYTES = 600
+MOST_SECONDS = 10.0
+
+
+@pytest.fixture
+def file(tmp_path):
+    return tmp_path / "upload"
+
+
+def refused(file, code, *words, **options) -> Outcome:
+    found = outcome(file, **options)
+    assert found.code == code, found
+    assert found.mebibytes < MOST_MEBIBYTES, found
+    assert found.seconds < MOST_SECONDS, found
+    assert "\n" not in found.sentence
+    assert "pickle" not in found.sentence
+    for word in words:
+        assert word in found.sentence, found
+    return found
+
+
+class TestHdf5:
+    def test_a_definition_of_2_gb(self, file):
+        with h5py.File(file, "w") as h5:
+            h5.create_group("entry").create_dataset("definition", (), "S2000000000")
+        assert file.stat().st_size < 20_000
+        refused(file, "too-large", "'definition' claims to have 2000000000 bytes", "at most")
+
+    def test_a_definition_whose_chunk_inflates_to_2_gib(self, file):
+        with h5py.File(file, "w") as h5:
+            text = h5.create_group("entry").create_dataset("definition", (1,), "S8", chunks=(1,), compression=9)
+            text.id.write_direct_chunk((0,), deflated(b"", 2**31))
+        refused(file, "too-large", "'definition' declares 8 bytes of data while the file stores 2")
+
+    def test_deflate_twice(self, file):
+        deflated_twice(file)
+        assert file.stat().st_size < 30_000
+        refused(file, "unsupported-storage", "'data' is packed twice", "(deflate, deflate)", "pack it once")
+
+    def test_more_filters_than_anybody_needs(self, file):
+        layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        layout.set_chunk((20, 1, 768))
+        for _ in range(10):
+            layout.set_shuffle()
+        with h5py.File(file, "w") as h5:
+            space = h5py.h5s.create_simple((20, 1, 768))
+            data = h5py.h5d.create(h5.id, b"data", h5py.h5t.NATIVE_FLOAT, space, layout)
+            data.write_direct_chunk((0, 0, 0), bytes(4 * 20 * 768))
+        refused(file, "unsupported-storage", "'data' is stored with 10 filters", "at most 3")
+
+    def test_a_chunk_stored_in_what_it_declares_that_inflates_to_4_gib(self, file):
+        stored = deflated(b"", 2**32)
+        chunk_of(file, stored, (20, 70, 768))
+        assert len(stored) <= 4 * 20 * 70 * 768
+        refused(file, "too-large", "a chunk of 'data' declares 4300800 bytes of data and unpacks to more")
+
+    def test_flats_of_5_gb_as_float32(self, file):
+        data, chunk = np.ones((20, 100, 768), np.float32), (1024, 1, 1024)
+        piece = deflated(b"", MEBIBYTE)
+        with h5py.File(file, "w") as h5:
+            h5["data"] = data
+            flats = h5.create_dataset("flats", (1024, 1200, 1024), "u1", chunks=chunk, compression=9)
+            for row in range(1200):
+                flats.id.write_direct_chunk((0, row, 0), piece)
+        refused(file, "too-large", "'flats' needs 5033164800 bytes as float32", counts=True)
+
+    def test_flats_of_zeros_that_fit_into_the_memory(self, file):
+        with h5py.File(file, "w") as h5:
+            h5["data"] = np.ones((20, 100, 768), np.float32)
+            flats = h5.create_dataset("flats", (200, 1000, 1024), "u1", chunks=(200, 1, 1024), compression=9)
+            piece = deflated(bytes(200 * 1024), 0)
+            for row in range(1000):
+                flats.id.write_direct_chunk((0, row, 0), piece)
+        refused(file, "too-large", "'flats' declares 204800000 bytes", "at most 200 times as many", counts=True)
+
+    def test_a_hundred_thousand_members(self, file):
+        with h5py.File(file, "w", libver="latest") as h5:
+            h5["data"] = np.ones((20, 1, 768), np.float32)
+            for number in range(20):
+                group = h5.create_group(f"group {number}")
+                group["first"] = 1.0
+                for link in range(5_000):
+                    group.id.links.create_hard(b"%d" % link, group.id, b"first")
+        refused(file, "too-large", "the file has more than 10000 groups and datasets", "leave out what is no part")
+
+    def test_names_that_are_no_utf8_are_no_obstacle(self, file):
+        with h5py.File(file, "w") as h5:
+            h5["data"] = np.ones((20, 1, 768), np.float32)
+            for name in (b"Holz f\xfcr S\xe4ge", b"\xff\xfe"):
+                h5py.h5d.create(h5.id, name, h5py.h5t.NATIVE_FLOAT, h5py.h5s.create_simple((3,)))
+        assert outcome(file).code == "read"
+
+    def test_a_name_of_60_kb(self, file):
+        with h5py.File(file, "w") as h5:
+            h5.create_group("a" * 60_000)
+        refused(file, "too-large", "a name in the group '/' has 60000 bytes; at most 1024 are read")
+
+
+class TestPictures:
+    def test_checkers(self, file):
+        picture = file.with_suffix(".png")
+        checkers(picture)
+        assert picture.stat().st_size < 20_000
+        refused(picture, "PhantomError", "pixel sides; at most 1000000 are traced", "a clean drawing")
+
+    def test_more_than_is_stored(self, file):
+        picture = file.with_suffix(".png")
+        Image.new("RGB", (8000, 8000)).save(picture)
+        refused(picture, "too-large", "192008000 bytes of pixels", "at most 200 times as many")
+
+    def test_a_large_clean_drawing_is_traced(self, file):
+        drawing = Image.new("1", (4000, 4000))
+        drawing.paste(1, (500, 500, 3000, 3500))
+        picture = file.with_suffix(".png")
+        drawing.save(picture)
+        assert outcome(picture).code == "read"

@@ -1,0 +1,120 @@
+"""Small files that ask for gigabytes or hours, and a process of its own that reads one and tells what it took."""
+
+import multiprocessing
+import resource
+import struct
+import time
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+
+MEBIBYTE = 2**20
+# What the service's own attempts may have; a reader that asks for more has failed its test without harm.
+DATA_BYTES = 2 * 2**30
+MOST_SECONDS = 30.0
+CONTEXT = multiprocessing.get_context("forkserver")
+CONTEXT.set_forkserver_preload(["sawmill_worker.readers.reading", "sawmill_worker.tomography.tracing"])
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a reading ended, what it took in seconds, and in MiB beyond the idle process."""
+
+    code: str
+    sentence: str
+    seconds: float
+    mebibytes: float
+
+
+def outcome(path: Path, *, counts: bool = False, dataset: str | None = None) -> Outcome:
+    """Read a scan, or a picture where the file's name ends in .png, in a process that may die."""
+    receiver, sender = CONTEXT.Pipe(duplex=False)
+    process = CONTEXT.Process(target=_report, args=(sender, path, counts, dataset))
+    process.start()
+    sender.close()
+    try:
+        return receiver.recv() if receiver.poll(MOST_SECONDS) else Outcome("too-long", "", MOST_SECONDS, 0.0)
+    except EOFError:
+        return Outcome("died", "", 0.0, 0.0)
+    finally:
+        process.kill()
+        process.join()
+        receiver.close()
+
+
+def _report(sender, path, counts, dataset):
+    from sawmill_worker.files.errors import FileError  # noqa: PLC0415 - preloaded where it is run
+
+    resource.setrlimit(resource.RLIMIT_DATA, (DATA_BYTES, DATA_BYTES))
+    idle, start = _peak_kibibytes(), time.monotonic()
+    code, sentence = "read", ""
+    try:
+        (_trace if path.suffix == ".png" else _read)(path, counts, dataset)
+    except FileError as refusal:
+        code, sentence = refusal.code, str(refusal)
+    except (MemoryError, ValueError) as error:  # a PhantomError among them
+        code, sentence = type(error).__name__, str(error)
+    sender.send(Outcome(code, sentence, time.monotonic() - start, (_peak_kibibytes() - idle) / 1024))
+
+
+def _read(path, counts, dataset):
+    from sawmill_worker.readers.angles import AngleSteps  # noqa: PLC0415
+    from sawmill_worker.readers.reading import reading_scan  # noqa: PLC0415
+
+    steps = AngleSteps(0.0, 18.0)
+    with reading_scan(path, counts=counts, dataset=dataset, angles_deg=steps, free_bytes=DATA_BYTES) as scan:
+        for _ in scan.blocks(64 * MEBIBYTE):
+            pass
+
+
+def _trace(path, *_):
+    from sawmill_worker.readers.picture import read_picture  # noqa: PLC0415
+    from sawmill_worker.tomography.tracing import trace  # noqa: PLC0415
+
+    trace(read_picture(path), 400.0, name="hostile")
+
+
+def _peak_kibibytes():
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def deflated(beginning: bytes, zeros: int) -> bytes:
+    """A zlib stream of some bytes and then zeros, in whole MiB: one is deflated once and repeated."""
+    deflate = zlib.compressobj(9, zlib.DEFLATED, -zlib.MAX_WBITS)
+    first = deflate.compress(beginning) + deflate.flush(zlib.Z_FULL_FLUSH)
+    mebibyte = deflate.compress(bytes(MEBIBYTE)) + deflate.flush(zlib.Z_FULL_FLUSH)
+    sums = zlib.adler32(beginning)
+    low, high = sums & 0xFFFF, sums >> 16
+    checksum = (high + zeros * low) % 65521 << 16 | low
+    return b"\x78\xda" + first + mebibyte * (zeros // MEBIBYTE) + b"\x03\x00" + struct.pack(">I", checksum)
+
+
+def checkers(path: Path, side: int = 6400) -> None:
+    """A PNG of black and white pixels in turn, 13 kB: each white one is an outline of its own."""
+    rows = (b"\0" + b"\xaa" * (side // 8) + b"\0" + b"\x55" * (side // 8)) * (side // 2)
+    header = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
+    parts = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, 9)), (b"IEND", b""))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_png_part(kind, data) for kind, data in parts))
+
+
+def _png_part(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+
+def chunk_of(path: Path, stored: bytes, shape: tuple[int, ...], *, deflates: int = 1) -> None:
+    """HDF5 with one chunk, stored as those bytes whatever its shape declares."""
+    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    layout.set_chunk(shape)
+    for _ in range(deflates):
+        layout.set_deflate(9)
+    with h5py.File(path, "w") as file:
+        space = h5py.h5s.create_simple(shape)
+        dataset = h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_FLOAT, space, layout)
+        dataset.write_direct_chunk((0,) * len(shape), stored)
+
+
+def deflated_twice(path: Path, inflated: int = 2**32) -> None:
+    """HDF5 whose one chunk, of 60 kB as declared, inflates to 4 GiB."""
+    chunk_of(path, zlib.compress(deflated(b"", inflated), 9), (20, 1, 768), deflates=2)

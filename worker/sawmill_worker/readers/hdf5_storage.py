@@ -1,0 +1,108 @@
+"""What is decided of a dataset from how it is stored, before the library reads, allocates or unpacks anything of it."""
+
+import math
+
+import h5py
+
+from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.readers.arrays import (
+    HARMLESS_BYTES,
+    MOST_DEFLATE,
+    Bounds,
+    check_inflates,
+    check_number_type,
+    check_packed,
+    check_size,
+)
+
+# Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
+PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "lzf"}
+KNOWN_FILTERS = frozenset({*PACKINGS, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32})
+# Shuffle, one packing, a checksum.
+MOST_FILTERS = 3
+
+
+def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
+    """Refuse a dataset that is not plain numbers stored inside this file, in a size that can be read."""
+    check_storage(where, dataset)
+    check_number_type(where, dataset.dtype)
+    if dataset.shape is None:
+        raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
+    itemsize = dataset.dtype.itemsize
+    stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+    check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
+    if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
+        raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
+    if dataset.size and not stored:
+        raise UnreadableScan("truncated-file", f"{where} was declared and never written; export the file again")
+    if dataset.chunks is not None:
+        check_chunks(where, dataset)
+
+
+def check_chunks(where: str, dataset: h5py.Dataset) -> None:
+    """Refuse a dataset of which chunks are missing, or unpack to more than they declare."""
+    stored = _Chunks(_deflates(dataset))
+    dataset.id.chunk_iter(stored.add)
+    declared = math.prod(-(-length // of_chunk) for length, of_chunk in zip(dataset.shape, dataset.chunks, strict=True))
+    if stored.count < declared:
+        raise UnreadableScan(
+            "truncated-file",
+            f"{where} was written in part: {stored.count} of its {declared} chunks; export the file again",
+        )
+    what, chunk_bytes = f"a chunk of {where}", math.prod(dataset.chunks) * dataset.dtype.itemsize
+    check_packed(what, stored.largest, chunk_bytes)
+    for offset in stored.suspects:
+        check_inflates(what, dataset.id.read_direct_chunk(offset)[1], chunk_bytes)
+
+
+class _Chunks:
+    """The chunks of a dataset, counted, and where those are that could inflate to what does harm."""
+
+    def __init__(self, deflate: int | None) -> None:
+        self.count = self.largest = 0
+        self.suspects: list[tuple[int, ...]] = []
+        self._deflate = deflate
+
+    def add(self, chunk: h5py.h5d.StoreInfo) -> None:
+        self.count += 1
+        self.largest = max(self.largest, chunk.size)
+        deflated = self._deflate is not None and not chunk.filter_mask >> self._deflate & 1
+        if deflated and chunk.size * MOST_DEFLATE > HARMLESS_BYTES:
+            self.suspects.append(chunk.chunk_offset)
+
+
+def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
+    layout = dataset.id.get_create_plist()
+    found = (layout.get_filter(index) for index in range(layout.get_nfilters()))
+    return [(code, name) for code, _, _, name in found]
+
+
+def _deflates(dataset: h5py.Dataset) -> int | None:
+    """Which of the dataset's filters deflates."""
+    codes = [code for code, _ in _filters(dataset)]
+    return codes.index(h5py.h5z.FILTER_DEFLATE) if h5py.h5z.FILTER_DEFLATE in codes else None
+
+
+def check_storage(where: str, dataset: h5py.Dataset) -> None:
+    """Refuse what lies in other files, or behind filters that are unknown or more than one packing."""
+    if dataset.is_virtual or dataset.external:
+        raise UnreadableScan(
+            "external-storage", f"{where} takes its data from other files or datasets; put the data themselves into it"
+        )
+    filters = _filters(dataset)
+    for code, name in filters:
+        if code not in KNOWN_FILTERS:
+            raise UnreadableScan(
+                "unsupported-storage",
+                f"{where} is stored with the filter {quoted(repr(name))} ({code}); repack it with gzip or without",
+            )
+    packings = [PACKINGS[code] for code, _ in filters if code in PACKINGS]
+    if len(packings) > 1:
+        raise UnreadableScan("unsupported-storage", f"{where} is packed twice ({', '.join(packings)}); pack it once")
+    if len(filters) > MOST_FILTERS:
+        raise UnreadableScan(
+            "unsupported-storage",
+            f"{where} is stored with {len(filters)} filters; use at most {MOST_FILTERS}: shuffle, gzip and a checksum",
+        )
+    if packings and any(code == h5py.h5z.FILTER_SHUFFLE for code, _ in filters[1:]):
+        raise UnreadableScan("unsupported-storage", f"{where} is shuffled after it was packed; shuffle it before")
