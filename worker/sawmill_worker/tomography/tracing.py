@@ -80,7 +80,7 @@ def _check_edges(picture: NDArray[np.floating], level: float) -> None:
     edges, above = 0, np.zeros((1, picture.shape[1]), bool)
     for start in range(0, len(picture), ROWS_AT_ONCE):
         bright = np.concatenate([above, picture[start : start + ROWS_AT_ONCE] > level])
-        edges += np.count_nonzero(bright[1:] != bright[:-1]) + np.count_nonzero(bright[1:, 1:] != bright[1:, :-1])
+        edges += int((bright[1:] != bright[:-1]).sum() + (bright[1:, 1:] != bright[1:, :-1]).sum())
         above = bright[-1:]
     if edges > MOST_EDGES:
         raise PhantomError(
