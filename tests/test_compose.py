@@ -31,8 +31,8 @@ ROOT = Path(__file__).parents[1]
 COMPOSE = ROOT / "docker-compose.yml"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 BIN = Path(sys.executable).parent
-# What the image of Redis brings along; everything else must come from our own installation.
-REDIS_PROGRAMS = {"redis-server", "redis-cli"}
+# What the images of servers bring along; everything else must come from our own installation.
+SERVERS = {"redis": {"redis-server", "redis-cli"}, "postgres": {"postgres", "pg_isready"}}
 PATIENCE_S = 90.0
 # The token's file beside docker-compose.yml, and as the API's container sees it.
 TOKEN_FILE, IN_CONTAINER = "secrets/sawmill_token", "/run/secrets/sawmill_token"
@@ -62,6 +62,7 @@ class Place:
             ("0.0.0.0", "127.0.0.1"),  # noqa: S104 - the container's; tests stay on loopback
             ("8000", str(self.port)),
             ("/run/secrets/sawmill_token", str(self.token)),
+            ("${SAWMILL_DATABASE_URL:-}", ""),
             ("$$", "$"),
         ):
             text = text.replace(there, here)
@@ -130,7 +131,8 @@ def test_a_worker_has_time_to_give_its_job_back(services):
 
 def test_every_variable_is_a_setting(services):
     known = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
-    given = {name for service in services.values() for name in service.get("environment", {})}
+    ours = (service for name, service in services.items() if name not in SERVERS)
+    given = {name for service in ours for name in service["environment"]}
     image = re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())
     assert given | set(image) <= known
 
@@ -138,7 +140,7 @@ def test_every_variable_is_a_setting(services):
 def test_every_program_is_installed(services):
     for name, service in services.items():
         for program in (command[0] for command in words(service)):
-            assert program in REDIS_PROGRAMS if name == "redis" else (BIN / program).is_file(), program
+            assert program in SERVERS[name] if name in SERVERS else (BIN / program).is_file(), program
 
 
 def documented_commands() -> list[list[str]]:

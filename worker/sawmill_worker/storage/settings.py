@@ -18,7 +18,8 @@ class StorageSettings(BaseSettings):
     )
     database_url: str | None = Field(
         None,
-        description="SQLAlchemy URL; null: SQLite in the data folder, which must then be on a local disk.",
+        description="`postgresql://user:password@host/database`; null: SQLite in the data folder, "
+        "which must then be on a local disk.",
     )
 
     disk_reserve_bytes: Annotated[int, Field(ge=0)] = Field(

@@ -1,0 +1,115 @@
+"""A service and its workers on PostgreSQL, which comes late, pauses, and is killed in the middle of a job."""
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.tomography.ray_error import ray_error
+
+pytestmark = pytest.mark.slow
+
+LONGEST_S = 5.0
+PROCESSES = {
+    "serve": ["sawmill_service.cli", "serve", "--no-examples", "--port", "0"],
+    "worker": ["sawmill_worker.execution.poller"],
+    "celery": ["celery", "-A", "sawmill_worker.execution.celery_app", "worker"],
+}
+
+
+def refused(service, method, path, **options):
+    """Whether a request is answered in time and as it should be while the database is away."""
+    started = time.monotonic()
+    response = service.client.request(method, path, **options)
+    answered = response.status_code, response.json()["code"], int(response.headers["retry-after"]) > 0
+    assert time.monotonic() - started < LONGEST_S
+    return answered == (503, "storage-unavailable", True)
+
+
+@pytest.mark.timeout(200)
+def test_a_calibration_outlives_a_late_a_paused_and_a_killed_server(
+    tmp_path, offline, serve, postgres, postgres_url, mill_scan
+):
+    postgres.stop()
+    late = threading.Thread(target=start_when_awaited, args=(postgres, tmp_path / "service.log"))
+    late.start()
+    with serve(tmp_path, {**offline.variables, "SAWMILL_DATABASE_URL": postgres_url}, "--no-examples") as service:
+        late.join()
+        scanner_id = service.create_scanner(mill_scan.scanner)
+        with postgres.paused():
+            assert refused(service, "GET", "/health/ready")
+            assert refused(
+                service, "POST", "/v1/scanners", json={"name": "Line 3", "constants": vars(mill_scan.scanner)}
+            )
+        wait_until_ready(service)
+        spec = {"scanner_id": scanner_id, "data": "counts", "phantom_id": "l-shape", "phantom_rows": "0:2"}
+        scan = service.upload(mill_scan.path.read_bytes(), **spec)
+        asked = service.post("/v1/calibrations", json={"scan_id": scan["id"]})
+        while service.get(f"/v1/jobs/{asked['job_id']}").json()["state"] == "queued":
+            time.sleep(0.1)
+        postgres.stop(signal.SIGKILL)
+        assert refused(service, "GET", "/health/ready")
+        assert refused(service, "GET", f"/v1/jobs/{asked['job_id']}")
+        postgres.start()
+        wait_until_ready(service)
+        ended = service.wait(asked["job_id"])
+        found = CalibrationSucceeded.model_validate(service.get(f"/v1/calibrations/{asked['id']}").json())
+    assert (ended["state"], ended["losses"]) == ("succeeded", 0)
+    truth = mill_scan.theta.source_frame(mill_scan.scanner.source_to_cor_mm)
+    # The limit of the same job without disturbance (test_whole_job.py).
+    assert ray_error(mill_scan.scanner, truth, found.source_frame).rms_mm < 0.05
+
+
+def start_when_awaited(postgres, log):
+    deadline = time.monotonic() + 60.0
+    while not (log.exists() and "database-awaited" in log.read_text()) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    postgres.start()
+
+
+def wait_until_ready(service):
+    deadline = time.monotonic() + 30.0
+    while not service.client.get("/health/ready").is_success:
+        assert time.monotonic() < deadline
+        time.sleep(0.2)
+
+
+@pytest.fixture
+def start(tmp_path, offline, redis_url):
+    """Start each of the processes that need the database; their exit codes and logs are what is asked of them."""
+
+    def run(url: str) -> dict[str, subprocess.Popen[str]]:
+        given = {"SAWMILL_DATABASE_URL": url, "SAWMILL_DATA_FOLDER": str(tmp_path / "data")}
+        brokers = {"celery": {"SAWMILL_BROKER_URL": redis_url}}
+        return {
+            name: subprocess.Popen(
+                [sys.executable, "-m", *command],
+                env={**offline.variables, **given, **brokers.get(name, {})},
+                stderr=subprocess.PIPE,
+                text=True,
+            )
+            for name, command in PROCESSES.items()
+        }
+
+    return run
+
+
+def test_every_process_waits_for_a_server_and_ends_when_it_is_asked_to(start):
+    for name, process in start("postgresql://postgres@127.0.0.1:1/sawmill").items():
+        log = next(line for line in process.stderr if "database-awaited" in line)
+        assert "Connection refused" in log
+        process.terminate()
+        process.communicate(timeout=30)
+        assert process.returncode == 0, name
+
+
+def test_every_process_says_at_once_that_there_is_no_such_database(start, postgres):
+    for name, process in start(postgres.url("nowhere")).items():
+        _, log = process.communicate(timeout=60)
+        assert process.returncode == 1, name
+        assert 'database "nowhere" does not exist' in " ".join(log.split()), name
+        assert "Traceback" not in log
