@@ -33,7 +33,9 @@ class Database:
         self.clock = SharedClock(self.read)
         self.now = clock or self.clock
         self._writer = engine.execution_options(writes=True)
-        self._reading, self._writing = Door(), Door()  # SQLite reads while somebody holds its write lock
+        self._reading = Door()
+        # SQLite reads while somebody holds its write lock.
+        self._writing = Door() if engine.dialect.name == "sqlite" else self._reading
 
     @contextmanager
     def read(self) -> Iterator[Session]:
