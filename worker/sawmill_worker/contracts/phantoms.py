@@ -146,4 +146,10 @@ class StoredPhantom(Stamped):
     job_id: Identifier | None = None
 
 
-DECLARATION = UploadedKind(kind=JobKind.TRACE_PHANTOM, noun="phantom", result=PhantomDrawing, upload="picture")
+DECLARATION = UploadedKind(
+    kind=JobKind.TRACE_PHANTOM,
+    noun="phantom",
+    result=PhantomDrawing,
+    upload="picture",
+    lighter="give a picture of fewer pixels",
+)
