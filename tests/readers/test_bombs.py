@@ -1,9 +1,11 @@
 """Small files that ask for gigabytes or hours: refused at once, in little memory, with one sentence."""
 
+import struct
+
 import h5py
 import numpy as np
 import pytest
-from hostile import MEBIBYTE, Outcome, checkers, chunk_of, deflated, deflated_twice, outcome
+from hostile import MEBIBYTE, Outcome, archive_of, checkers, chunk_of, deflated, deflated_twice, outcome
 from PIL import Image
 
 # What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
@@ -123,3 +125,58 @@ class TestPictures:
         picture = file.with_suffix(".png")
         drawing.save(picture)
         assert outcome(picture).code == "read"
+
+
+class TestArchives:
+    def test_a_header_of_2_8_gb_in_an_npz(self, file):
+        length = 2_800 * MEBIBYTE
+        head = b"\x93NUMPY\2\0" + struct.pack("<I", length)
+        archive_of(file, "data.npy", deflated(head, length), len(head) + length)
+        refused(file, "too-large", "2936012812 bytes")
+
+    def test_a_header_of_60_mb_in_an_npz(self, file):
+        length = 60 * MEBIBYTE
+        head = b"\x93NUMPY\2\0" + struct.pack("<I", length)
+        archive_of(file, "data.npy", deflated(head, length), len(head) + length)
+        refused(file, "too-large", "header claims to have 62914560 bytes; at most 4096")
+
+    @pytest.mark.parametrize("shape", ["-" * 4000 + "1", "(" * 150 + ")" * 150, "9" * 4000, "1" + ",1" * 1900])
+    def test_headers_that_no_parser_likes(self, file, shape):
+        header = f"{{'descr':'<f4','fortran_order':False,'shape':({shape},)}}".encode()
+        file.write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", len(header)) + header)
+        assert refused(file, outcome(file).code).code in {"broken-file", "too-large", "truncated-file", "wrong-shape"}
+
+    def test_a_long_header_is_not_to_be_trusted(self, file):
+        file.write_bytes(b"\x93NUMPY\1\0" + struct.pack("<H", 20_000) + b" " * 20_000)
+        refused(file, "too-large", "header claims to have 20000 bytes")
+
+    def test_three_million_entries(self, file):
+        entry = struct.pack("<4s6H3L5H2L", b"PK\1\2", 20, 20, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0) + b"a"
+        count = 3_000_000
+        end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 0xFFFF, 0xFFFF, count * len(entry), 4, 0)
+        file.write_bytes(b"PK\3\4" + entry * count + end)
+        refused(file, "too-large", "directory has 141000000 bytes; at most 16777216")
+
+    def test_three_hundred_thousand_entries(self, file):
+        entry = struct.pack("<4s6H3L5H2L", b"PK\1\2", 20, 20, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0) + b"a"
+        end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 0xFFFF, 0xFFFF, 300_000 * len(entry), 4, 0)
+        file.write_bytes(b"PK\3\4" + entry * 300_000 + end)
+        refused(file, "too-large", "the archive holds 300000 files; at most 100000")
+
+
+class TestMat:
+    def packed(self, file, shape, data_bytes, name=b"arr"):
+        head = struct.pack("<4I", 6, 8, 6, 0) + struct.pack("<2I2i", 5, 8, *shape)
+        head += struct.pack("<2H4s", 1, len(name), name) + struct.pack("<2I", 9, data_bytes)
+        body = struct.pack("<2I", 14, len(head) + data_bytes) + head
+        stored = deflated(body, data_bytes)
+        start = b"MATLAB 5.0".ljust(124) + b"\0\1IM"
+        file.write_bytes(start + struct.pack("<2I", 15, len(stored)) + stored)
+
+    def test_a_length_of_3_gb_inside_a_packed_element(self, file):
+        self.packed(file, (20, 3 * 2**30 // 160), 3 * 2**30 // 160 * 160)
+        refused(file, "too-large", "'arr' needs 3221225440 bytes")
+
+    def test_zeros_that_fit_into_the_memory(self, file):
+        self.packed(file, (32, 2**21), 2**29)
+        refused(file, "too-large", "'arr' declares 536870912 bytes", "at most 200 times as many")

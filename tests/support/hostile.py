@@ -118,3 +118,15 @@ def chunk_of(path: Path, stored: bytes, shape: tuple[int, ...], *, deflates: int
 def deflated_twice(path: Path, inflated: int = 2**32) -> None:
     """HDF5 whose one chunk, of 60 kB as declared, inflates to 4 GiB."""
     chunk_of(path, zlib.compress(deflated(b"", inflated), 9), (20, 1, 768), deflates=2)
+
+
+def archive_of(path: Path, name: str, zlib_stream: bytes, size: int) -> None:
+    """A ZIP of one member that is stored as that stream and declares that size."""
+    packed = zlib_stream[2:-4]
+    local = struct.pack("<4s5H3L2H", b"PK\3\4", 20, 0, 8, 0, 0, 0, len(packed), size, len(name), 0) + name.encode()
+    directory = struct.pack(
+        "<4s6H3L5H2L", b"PK\1\2", 20, 20, 0, 8, 0, 0, 0, len(packed), size, len(name), 0, 0, 0, 0, 0, 0
+    )
+    directory += name.encode()
+    end = struct.pack("<4s4H2LH", b"PK\5\6", 0, 0, 1, 1, len(directory), len(local) + len(packed), 0)
+    path.write_bytes(local + packed + directory + end)

@@ -1,6 +1,10 @@
 """ZIP archives that are safe to unpack, decided from their directory alone."""
 
-from pathlib import PurePosixPath
+import io
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
 from zipfile import ZIP_DEFLATED, ZIP_STORED, ZipFile, ZipInfo
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
@@ -8,10 +12,52 @@ from sawmill_worker.readers.arrays import HARMLESS_BYTES, LARGEST_RATIO
 
 MOST_MEMBERS = 100_000
 ENCRYPTED = 0x1
+DIRECTORY_ENTRY = b"PK\x01\x02"
+LARGEST_DIRECTORY_BYTES = 16 * 2**20
 
 
-def members(archive: ZipFile, max_bytes: int) -> list[ZipInfo]:
-    """Every file in the archive, all of them checked.
+@contextmanager
+def opened(path: Path) -> Iterator[ZipFile]:
+    """Open an archive whose members were counted before any of them was made.
+
+    Raises
+    ------
+    UnreadableScan
+        `too-large` for too many members.
+    """
+    with _Counted(path) as stream, ZipFile(stream) as archive:
+        stream.largest = math.inf
+        yield archive
+
+
+class _Counted(io.FileIO):
+    """A file that lets its archive's directory be read only where that has few enough entries.
+
+    The standard library reads it in one piece and then makes an object of each entry, however many are announced.
+    """
+
+    largest: float = LARGEST_DIRECTORY_BYTES
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        asked = -1 if size is None else size
+        if asked > self.largest:
+            raise UnreadableScan(
+                "too-large",
+                f"the archive's directory has {asked} bytes; at most {LARGEST_DIRECTORY_BYTES} and {MOST_MEMBERS} "
+                "files are allowed",
+            )
+        data = super().read(asked) or b""
+        if self.largest < math.inf and data.count(DIRECTORY_ENTRY) > MOST_MEMBERS:
+            raise _too_many(data.count(DIRECTORY_ENTRY))
+        return data
+
+
+def _too_many(count: int) -> UnreadableScan:
+    return UnreadableScan("too-large", f"the archive holds {count} files; at most {MOST_MEMBERS} are allowed")
+
+
+def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
+    """Every file in the archive of so many bytes, all of them checked.
 
     What is unpacked of a member never exceeds the size checked here: the reader of the standard library stops there.
 
@@ -22,11 +68,17 @@ def members(archive: ZipFile, max_bytes: int) -> list[ZipInfo]:
     """
     infos = [info for info in archive.infolist() if not info.is_dir()]
     if len(infos) > MOST_MEMBERS:
-        raise UnreadableScan("too-large", f"the archive holds {len(infos)} files; at most {MOST_MEMBERS} are allowed")
+        raise _too_many(len(infos))
     for info in infos:
         _check_member(info)
     declared = sum(info.file_size for info in infos)
     stored = sum(info.compress_size for info in infos)
+    if stored > size_bytes:
+        raise UnreadableScan(
+            "unsafe-archive",
+            f"the archive's files claim to be stored in {stored} bytes of its {size_bytes}: they share their data; "
+            "pack each on its own",
+        )
     if declared > max_bytes:
         raise UnreadableScan(
             "too-large",
@@ -34,7 +86,9 @@ def members(archive: ZipFile, max_bytes: int) -> list[ZipInfo]:
         )
     if declared > HARMLESS_BYTES and stored * LARGEST_RATIO < declared:
         raise UnreadableScan(
-            "too-large", f"the archive declares {declared} bytes and stores {stored}; no scan packs so well"
+            "too-large",
+            f"the archive declares {declared} bytes and stores {stored}; no scan packs so well: above "
+            f"{HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} times as many",
         )
     return infos
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.arrays import HARMLESS_BYTES, LARGEST_RATIO
 
 TAG_BYTES = 8
 SMALL_DATA_BYTES = 4
@@ -42,7 +43,8 @@ class VariableStream:
     def __init__(self, file: BinaryIO, stored_bytes: int, *, packed: bool, order: str, most_bytes: int) -> None:
         self.order = order
         self.position = 0
-        self._file, self._left, self._most = file, stored_bytes, most_bytes
+        declared = max(HARMLESS_BYTES, LARGEST_RATIO * stored_bytes)
+        self._file, self._left, self._most = file, stored_bytes, min(most_bytes, declared) if packed else most_bytes
         self._inflater = zlib.decompressobj() if packed else None
 
     def element(self) -> Element:
@@ -95,7 +97,9 @@ class VariableStream:
         self.position += len(piece)
         if self.position > self._most:
             raise UnreadableScan(
-                "too-large", f"a variable unpacks to more than the {self._most} bytes that are allowed or free"
+                "too-large",
+                f"a variable unpacks to more than the {self._most} bytes that are allowed or free, or 200 times "
+                "what is stored of it",
             )
         return piece
 

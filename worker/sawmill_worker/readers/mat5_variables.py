@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.arrays import HARMLESS_BYTES, LARGEST_RATIO
 from sawmill_worker.readers.mat5_stream import TAG_BYTES, Element, VariableStream
 
 HEADER_BYTES = 128
@@ -120,7 +121,7 @@ def _variables(path: Path, most_bytes: int) -> Iterator[tuple[str, Variable]]:
     if size == HEADER_BYTES:
         raise EOFError("no variable follows the header")
     with path.open("rb") as file:
-        order, offset = _byte_order(file.read(HEADER_BYTES)), HEADER_BYTES
+        order, offset, unpacked = _byte_order(file.read(HEADER_BYTES)), HEADER_BYTES, 0
         while offset < size:
             file.seek(offset)
             kind, length = struct.unpack(f"{order}2I", file.read(TAG_BYTES))
@@ -132,6 +133,13 @@ def _variables(path: Path, most_bytes: int) -> Iterator[tuple[str, Variable]]:
             stream = VariableStream(file, stored, packed=packed, order=order, most_bytes=most_bytes)
             here = Variable("double", (), is_complex=False, offset=start, stored_bytes=stored, packed=packed)
             yield from _matrix(stream, here, "", 0)
+            unpacked += stream.position
+            if unpacked > max(HARMLESS_BYTES, LARGEST_RATIO * size):
+                raise UnreadableScan(
+                    "too-large",
+                    f"the structs of the file unpack to more than {LARGEST_RATIO} times its {size} bytes; no scan "
+                    "packs so well",
+                )
             offset += TAG_BYTES + length
 
 

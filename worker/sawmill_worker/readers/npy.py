@@ -1,23 +1,29 @@
 """NumPy's own files, never with pickled objects, their headers held against what is really there."""
 
+import io
 import math
+import struct
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
-from zipfile import ZipFile
+from zipfile import ZipFile, ZipInfo
 
 import numpy as np
 from numpy.lib import format as npy_format
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.archives import members
 from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type, check_scan_dimensions, check_size
 from sawmill_worker.readers.contents import FileContents, Projections, held
 from sawmill_worker.readers.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
 
+# The formats of a header's own length, by the versions that hold plain arrays.
+LENGTHS = {(1, 0): "<H", (2, 0): "<I"}
+# That of a plain array has some hundred; the parser of longer ones may run out of its stack.
+LONGEST_HEADER_BYTES = 4096
+LONGEST_AXIS = 2**48
 # Of a file, mapped at a time.
 PIECE_BYTES = 16 * 2**20
 
@@ -79,38 +85,46 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
     return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
 
 
-def read_npz(path: Path, dataset: str | None, max_bytes: int) -> FileContents:
-    """Read an archive of NPY files; only the arrays that are needed are unpacked.
+def read_npz(archive: ZipFile, infos: list[ZipInfo], dataset: str | None, max_bytes: int) -> FileContents:
+    """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked.
 
     Raises
     ------
     UnreadableScan
-        When it is unsafe to unpack, or holds no projections.
+        When it holds no projections, or an array that must not be read.
     """
-    with ZipFile(path) as archive:
-        headers: dict[str, NpyHeader] = {}
-        for info in members(archive, max_bytes):
-            with archive.open(info) as stream:
-                headers[info.filename.removesuffix(".npy")] = read_header(stream)
-        load = partial(_load, archive, headers, max_bytes)
-        arrays = NamedArrays(
-            format="npz",
-            infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
-            load=load,
-            projections=lambda name: held(as_float32(load(name))),
-        )
-        return read_named_arrays(arrays, dataset)
+    headers: dict[str, NpyHeader] = {}
+    for info in infos:
+        with archive.open(info) as stream:
+            headers[info.filename.removesuffix(".npy")] = read_header(stream)
+    load = partial(_load, archive, headers, max_bytes)
+    arrays = NamedArrays(
+        format="npz",
+        infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
+        load=load,
+        projections=lambda name: held(as_float32(load(name))),
+    )
+    return read_named_arrays(arrays, dataset)
 
 
 def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO
     """Read magic and header, leaving the stream at the first byte of data."""
     version = npy_format.read_magic(stream)
-    if version == (1, 0):
-        shape, fortran_order, dtype = npy_format.read_array_header_1_0(stream)
-    elif version == (2, 0):
-        shape, fortran_order, dtype = npy_format.read_array_header_2_0(stream)
-    else:
+    if version not in LENGTHS:
         raise UnreadableScan("wrong-type", f"NPY version {version} is for records; store a plain array of numbers")
+    prefix = stream.read(struct.calcsize(LENGTHS[version]))
+    (length,) = struct.unpack(LENGTHS[version], prefix)
+    if length > LONGEST_HEADER_BYTES:
+        raise UnreadableScan(
+            "too-large",
+            f"the array's header claims to have {length} bytes; at most {LONGEST_HEADER_BYTES} are read: store a plain "
+            "array of numbers",
+        )
+    header = io.BytesIO(prefix + stream.read(length))
+    read = npy_format.read_array_header_1_0 if version == (1, 0) else npy_format.read_array_header_2_0
+    shape, fortran_order, dtype = read(header)
+    if any(n > LONGEST_AXIS for n in shape):
+        raise UnreadableScan("too-large", f"the array declares an axis longer than {LONGEST_AXIS}; export it again")
     if any(n < 0 for n in shape):
         raise UnreadableScan("wrong-shape", f"the array declares the shape {shape}; no length can be negative")
     return NpyHeader(tuple(int(n) for n in shape), bool(fortran_order), dtype)

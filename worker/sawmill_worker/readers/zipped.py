@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.archives import members
-from sawmill_worker.readers.arrays import Bounds
+from sawmill_worker.readers.archives import members, opened
+from sawmill_worker.readers.arrays import Bounds, check_size
 from sawmill_worker.readers.contents import FileContents, Projections
 from sawmill_worker.readers.npy import read_npz
 from sawmill_worker.readers.tiff import TiffPages, open_pages
@@ -39,10 +39,10 @@ def read_zip(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) 
     UnreadableScan
         When the archive is unsafe to unpack, or holds neither.
     """
-    archive = files.enter_context(ZipFile(path))
-    infos = members(archive, bounds.array)
+    archive, size = files.enter_context(opened(path)), path.stat().st_size
+    infos = members(archive, size, bounds.array)
     if infos and all(info.filename.endswith(".npy") for info in infos):
-        return read_npz(path, dataset, bounds.piece)
+        return read_npz(archive, members(archive, size, bounds.piece), dataset, bounds.piece)
     if dataset is not None:
         raise UnreadableScan(
             "contradiction", f"a ZIP of TIFFs has no named arrays; leave out dataset {quoted(dataset)!r}"
@@ -97,7 +97,7 @@ def _checked_members(
 ) -> list[_Member]:
     """Each file's pages checked, all of one size; views may lack rows."""
     found: list[_Member] = []
-    before = 0
+    before = stored = 0
     for info in infos:
         if info.file_size > bounds.piece:
             raise UnreadableScan(
@@ -110,6 +110,8 @@ def _checked_members(
         _check_like(member, (found or [member])[0], rows_missing=rows_missing)
         found.append(member)
         before += 4 * math.prod(member.shape)
+        stored += info.compress_size
+    check_size("the archive", (before // 4,), 4, stored_bytes=stored, max_bytes=bounds.array)
     return found
 
 
