@@ -18,6 +18,7 @@ from pathlib import Path
 from faults.catalogue import ENGINES, FAULTS
 from faults.conduct import Plan, conduct_all
 from faults.printed import print_table
+from faults.trials import Outcome
 
 
 def main() -> None:
@@ -43,11 +44,15 @@ def main() -> None:
         folder=options.keep,
     )
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that what was started is ended too
-    outcomes = conduct_all(plan)
-    if options.json:
-        print(json.dumps([outcome.as_json() for outcome in outcomes], indent=1))
-    else:
-        print_table(outcomes, plan.seed)
+    outcomes: list[Outcome] = []
+    try:
+        for outcome in conduct_all(plan):
+            outcomes.append(outcome)  # noqa: PERF402 - so that they are there if the next is interrupted
+    finally:  # an interrupted run prints what it has
+        if options.json:
+            print(json.dumps([outcome.as_json() for outcome in outcomes], indent=1))
+        else:
+            print_table(outcomes, plan.seed)
     sys.exit(0 if all(outcome.sound for outcome in outcomes) else 1)
 
 

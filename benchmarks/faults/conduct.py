@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,8 +49,8 @@ class Plan:
         ]
 
 
-def conduct_all(plan: Plan) -> list[Outcome]:
-    """The right answers first, then the trials."""
+def conduct_all(plan: Plan) -> Iterator[Outcome]:
+    """The right answers first, then the trials, as they end."""
     bar = (TextColumn("{task.description:<40}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     requests = plan.requests()
     with ExitStack() as stack:
@@ -60,15 +60,13 @@ def conduct_all(plan: Plan) -> list[Outcome]:
         progress = stack.enter_context(Progress(*bar, console=Console(stderr=True)))
         task = progress.add_task("right answers", total=sum(request.jobs for request in requests))
         right = right_answers(places, plan)
-        outcomes = []
         for request in requests:
             progress.update(task, description=f"{request.engine.name}: {request.fault.name}")
             if request.fault.small_disk:
-                outcomes.append(try_there(places.folder, request, right))
+                yield try_there(places.folder, request, right)
                 progress.advance(task, request.jobs)
             else:
-                outcomes.append(try_one(places, request, right, lambda: progress.advance(task)))
-        return outcomes
+                yield try_one(places, request, right, lambda: progress.advance(task))
 
 
 def right_answers(places: Places, plan: Plan) -> dict[str, str]:
