@@ -19,7 +19,6 @@ from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.execution import template
-from sawmill_worker.execution.process import AttemptNotStarted
 from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
 from sawmill_worker.execution.template import ForkedProcess, Template, template_library
 from sawmill_worker.files import calibration_file
@@ -119,9 +118,7 @@ def test_a_stopped_template_is_replaced(runner, queue, monkeypatch):
     queue("succeed")
     queue("succeed")
     assert runner.run_next() is JobState.SUCCEEDED, "in the spare that was there"
-    with pytest.raises(AttemptNotStarted, match=r"not ready after 0\.2 s"):
-        runner.run_next()
-    assert runner.run_next() is JobState.SUCCEEDED
+    assert runner.run_next() is JobState.SUCCEEDED, "in a child of a new template"
     assert template_of(runner) != stopped
 
 
