@@ -5,7 +5,7 @@ import struct
 import h5py
 import numpy as np
 import pytest
-from hostile import MEBIBYTE, Outcome, archive_of, checkers, chunk_of, deflated, deflated_twice, outcome
+from hostile import MEBIBYTE, Outcome, archive_of, checkers, chunk_of, deflated, deflated_twice, outcome, pages_of
 from PIL import Image
 
 # What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
@@ -180,3 +180,14 @@ class TestMat:
     def test_zeros_that_fit_into_the_memory(self, file):
         self.packed(file, (32, 2**21), 2**29)
         refused(file, "too-large", "'arr' declares 536870912 bytes", "at most 200 times as many")
+
+
+class TestTiff:
+    def test_pages_that_share_one_bomb(self, file):
+        # 600 pages of 60 MB in all, below what is held against the file's size, each of which inflates 98 MiB.
+        pages_of(file, deflated(b"", 98 * MEBIBYTE), (20, 5120), 600)
+        refused(file, "too-large", "pages 0 to ", "share their data")
+
+    def test_a_strip_stored_in_what_it_declares_that_inflates_to_4_gib(self, file):
+        pages_of(file, deflated(b"", 2**32), (2048, 2100), 1)
+        refused(file, "too-large", "a strip or tile of page 0 declares 4300800 bytes of data and unpacks to more")

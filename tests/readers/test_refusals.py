@@ -437,6 +437,20 @@ class TestNpy:
             np.savez(stream, allow_pickle=True, data=np.full((6, 8), None))
         refused(file, "wrong-type", "'data' is of type object", dataset="data")
 
+    @pytest.mark.parametrize(
+        ("array", "wrong"),
+        [
+            (np.ones((6, 3, 8), complex), r"data \(6, 3, 8\) of complex128, not of real numbers"),
+            (np.ones((2, 3, 8)), r"data \(2, 3, 8\) with 2 views, at least 3 are needed"),
+            (np.ones((6, 3, 1)), r"data \(6, 3, 1\) with 1 cells, at least 2 are needed"),
+            (np.ones((6, 3, 8, 1)), r"data \(6, 3, 8, 1\) with 4 axes instead of 2 or 3"),
+        ],
+    )
+    def test_what_is_wrong_with_the_shape_that_is_asked_for(self, file, array, wrong):
+        with file.open("wb") as stream:
+            np.savez(stream, data=array)
+        refused(file, "dataset-missing", wrong)
+
     def test_npz_with_two_kinds_of_angles(self, file, stack):
         with file.open("wb") as stream:
             np.savez(stream, data=stack, angles_deg=np.arange(6), angles_rad=np.arange(6))

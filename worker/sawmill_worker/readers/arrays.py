@@ -94,9 +94,11 @@ def check_inflates(what: str, deflated: bytes, declared_bytes: int) -> None:
 def check_scan_dimensions(what: str, shape: Sequence[int]) -> None:
     """Refuse projections that are neither (views, detector) nor (views, rows, detector): `wrong-shape`."""
     if len(shape) not in {2, 3} or 0 in shape:
+        wrong = f"{len(shape)} axes instead of 2 or 3" if len(shape) not in {2, 3} else "an axis of length 0"
         raise UnreadableScan(
             "wrong-shape",
-            f"{what} has the shape {tuple(shape)}; projections are (views, rows, detector) or (views, detector)",
+            f"{what} has the shape {tuple(shape)}; projections are (views, rows, detector) or (views, detector), and "
+            f"this has {wrong}",
         )
 
 

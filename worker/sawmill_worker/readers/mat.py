@@ -31,7 +31,9 @@ def read_mat5(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> 
     load = partial(_load, path, variables, bounds)
     arrays = NamedArrays(
         format="mat-v5",
-        infos={name: ArrayInfo(found.shape, found.kind in MATLAB_NUMBERS) for name, found in variables.items()},
+        infos={
+            name: ArrayInfo(found.shape, found.kind in MATLAB_NUMBERS, found.kind) for name, found in variables.items()
+        },
         load=load,
         projections=lambda name: held(as_float32(load(name))),
         text=partial(_text, path, variables, bounds),

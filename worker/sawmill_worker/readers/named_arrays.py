@@ -25,10 +25,11 @@ LENGTHS = re.compile("distance|pixel|pitch|spacing", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class ArrayInfo:
-    """What is known of an array before it is read."""
+    """What is known of an array before it is read; `kind` names its type where that is no number."""
 
     shape: tuple[int, ...]
     numeric: bool
+    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,8 @@ def _only_candidate(infos: Mapping[str, ArrayInfo]) -> str:
     if not candidates:
         raise UnreadableScan(
             "dataset-missing",
-            f"the file holds no array of (views, rows, detector) or (views, detector); it holds {_listed(infos)}",
+            "the file holds no array of (views, rows, detector) or (views, detector); it holds "
+            f"{_listed(infos, reasons=True)}",
         )
     if len(candidates) > 1:
         raise UnreadableScan(
@@ -111,11 +113,25 @@ def _only_candidate(infos: Mapping[str, ArrayInfo]) -> str:
 
 
 def _could_be_projections(info: ArrayInfo) -> bool:
-    return info.numeric and len(info.shape) in {2, 3} and info.shape[0] >= 3 and info.shape[-1] >= 2
+    return not _unfit(info)
 
 
-def _listed(infos: Mapping[str, ArrayInfo]) -> str:
-    names = [f"{quoted(name)} {info.shape}" for name, info in infos.items()]
+def _unfit(info: ArrayInfo) -> str:
+    """Why an array cannot be projections, as words that follow its shape."""
+    if not info.numeric:
+        return f" of {info.kind or 'something else'}, not of real numbers"
+    if len(info.shape) not in {2, 3}:
+        return f" with {len(info.shape)} axes instead of 2 or 3"
+    if info.shape[0] < 3:
+        return f" with {info.shape[0]} views, at least 3 are needed"
+    return f" with {info.shape[-1]} cells, at least 2 are needed" if info.shape[-1] < 2 else ""
+
+
+def _listed(infos: Mapping[str, ArrayInfo], *, reasons: bool = False) -> str:
+    names = [
+        f"{quoted(name)} {info.shape}{_unfit(info) if reasons and name not in OTHER_NAMES else ''}"
+        for name, info in islice(infos.items(), MOST_NAMES_QUOTED + 1)
+    ]
     more = ", ..." if len(names) > MOST_NAMES_QUOTED else ""
     return ", ".join(names[:MOST_NAMES_QUOTED]) + more if names else "no arrays"
 

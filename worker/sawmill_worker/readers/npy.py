@@ -100,7 +100,10 @@ def read_npz(archive: ZipFile, infos: list[ZipInfo], dataset: str | None, max_by
     load = partial(_load, archive, headers, max_bytes)
     arrays = NamedArrays(
         format="npz",
-        infos={name: ArrayInfo(header.shape, header.dtype.kind in "iuf") for name, header in headers.items()},
+        infos={
+            name: ArrayInfo(header.shape, header.dtype.kind in "iuf", header.dtype.name)
+            for name, header in headers.items()
+        },
         load=load,
         projections=lambda name: held(as_float32(load(name))),
     )

@@ -13,12 +13,22 @@ import tifffile
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type, check_packed, check_size
+from sawmill_worker.readers.arrays import (
+    HARMLESS_BYTES,
+    MOST_DEFLATE,
+    Bounds,
+    as_float32,
+    check_inflates,
+    check_number_type,
+    check_packed,
+    check_size,
+)
 from sawmill_worker.readers.contents import FileContents, Projections, held
 
 MOST_PAGES = 100_000
 UNCOMPRESSED = 1
-READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, 8, 32946, 32773})  # none, both deflates, PackBits
+DEFLATES = frozenset({8, 32946})
+READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *DEFLATES, 32773})  # none, both deflates, PackBits
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +47,9 @@ class TiffPages:
         """(pages, rows, detector) float32 of some pages and some of their rows."""
         block = np.empty((pages.stop - pages.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
         for index, image in enumerate(block, pages.start):
-            image[:] = as_float32(self.tiff.pages[index].asarray(maxworkers=1)[rows])
+            page = self.tiff.pages[index]
+            _check_inflated(page, f"a strip or tile of page {index}")
+            image[:] = as_float32(page.asarray(maxworkers=1)[rows])
         return block
 
 
@@ -77,8 +89,16 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
             (f"a page of {name}", first.shape, bounds.piece),
         ):
             check_size(what, shape, itemsize, stored_bytes=size_bytes, max_bytes=most)
+        claimed = 0
         for index, page in enumerate(tiff.pages):
             _check_page(page, f"page {index} of {name}", first.shape, size_bytes, bounds.piece)
+            claimed += sum(page.databytecounts)
+            if claimed > size_bytes:
+                raise UnreadableScan(
+                    "too-large",
+                    f"pages 0 to {index} of {name} claim to be stored in {claimed} bytes of its {size_bytes}: they "
+                    "share their data; store each page on its own",
+                )
         rows, cells = first.shape
         yield TiffPages((count, rows, cells), tiff)
 
@@ -132,3 +152,14 @@ def _check_strips(
 ) -> None:
     check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
     check_packed(what, max(page.databytecounts, default=0), math.prod(page.chunks) * itemsize)
+
+
+def _check_inflated(page: tifffile.TiffPage | tifffile.TiffFrame, what: str) -> None:
+    """Refuse a page of which a strip or tile inflates to more than it declares; the library keeps all of it."""
+    if int(page.compression) not in DEFLATES or page.dtype is None:
+        return
+    declared = math.prod(page.chunks) * page.dtype.itemsize
+    for offset, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
+        if stored * MOST_DEFLATE > HARMLESS_BYTES:
+            page.parent.filehandle.seek(offset)
+            check_inflates(what, page.parent.filehandle.read(stored), declared)
