@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test study study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
+.PHONY: install install-dev demo check test study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -45,7 +45,11 @@ test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
 
 # Statistics over many seeds, and the wheel in an empty environment. Hours.
-study: bench study-wheel
+study: bench study-readers study-wheel
+
+# Readers against edited files and HDF5 of any structure, 20 000 of each: half an hour.
+study-readers: install-dev
+	@SAWMILL_READER_EXAMPLES=20000 $(BIN)/python -m pytest --timeout 7200 tests/readers/test_properties.py
 
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py
