@@ -14,8 +14,8 @@ from sawmill_worker.storage.errors import StorageFull, disk_full_reported
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
 
 # Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
-# its work. An attempt after another begins sooner and doubles its pauses, so that it gets on however soon it ends.
-PAUSE_S, FIRST_PAUSE_AGAIN_S = 5.0, 0.5
+# its work. An attempt after another begins at once and doubles its pauses, so that it gets on however soon it ends.
+PAUSE_S, SECOND_PAUSE_AGAIN_S = 5.0, 0.5
 # Names in one announcement, which must fit into one line of a pipe.
 MOST_ANNOUNCED = 100
 
@@ -38,7 +38,7 @@ class AttemptKeeper:
         self._origin = {**origin, "software_version": version("sawmill-calibration")}
         self._still_to_write_bytes = still_to_write_bytes
         self._announced_at = time.monotonic()
-        self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else FIRST_PAUSE_AGAIN_S
+        self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
         self._unannounced: list[str] = []
         self._begun, self._taken_up, self._lock = False, False, threading.Lock()
         self._log = structlog.get_logger().bind(job=attempt.job.id, attempt=attempt.job.attempt)
@@ -74,7 +74,7 @@ class AttemptKeeper:
         names, self._unannounced = self._unannounced, []
         self._attempt.announce(names)
         self._begun, self._announced_at = True, time.monotonic()
-        self._pause_s = min(2.0 * self._pause_s, PAUSE_S)
+        self._pause_s = min(max(2.0 * self._pause_s, SECOND_PAUSE_AGAIN_S), PAUSE_S)
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
         """What an earlier attempt wrote; what cannot be used is passed over, with a line in the log."""
