@@ -22,6 +22,19 @@ def sawmill(*arguments: object, **environment: str) -> subprocess.CompletedProce
     return subprocess.run(command, env=variables, capture_output=True, text=True, timeout=120, check=False)
 
 
+def test_an_early_interruption_is_no_traceback():
+    program = (
+        "import sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'sawmill_worker.cli': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "from sawmill_service.entry import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "")
+
+
 def test_help_names_every_command():
     done = sawmill("--help")
     assert done.returncode == 0

@@ -57,7 +57,7 @@ def _too_many(count: int) -> UnreadableScan:
 
 
 def members(archive: ZipFile, size_bytes: int, max_bytes: int) -> list[ZipInfo]:
-    """Every file in the archive of so many bytes, all of them checked.
+    """Every file in the archive, which has this number of bytes; all of them are checked.
 
     What is unpacked of a member never exceeds the size checked here: the reader of the standard library stops there.
 

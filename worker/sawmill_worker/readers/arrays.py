@@ -16,7 +16,7 @@ MAX_BYTES = 8 * 2**30
 # No measurement packs so well; what a file declares below the second does no harm.
 LARGEST_RATIO = 200
 HARMLESS_BYTES = 64 * 2**20
-# Deflate unpacks to at most so many times what is stored (RFC 1951: 258 bytes of two bits).
+# Deflate unpacks to at most this many times what is stored (RFC 1951: 258 bytes of two bits).
 MOST_DEFLATE = 1032
 # Data that cannot be packed grow by less than this in every packing that is read.
 MOST_GROWTH = 1.01

@@ -83,7 +83,7 @@ def children(group: h5py.Group) -> Iterator[tuple[str, Node]]:
 
 
 def check_members(count: int) -> None:
-    """Refuse a file with so many members, before they are opened: `too-large`."""
+    """Refuse a file with this number of members, before they are opened: `too-large`."""
     if count > MOST_MEMBERS:
         raise UnreadableScan(
             "too-large",

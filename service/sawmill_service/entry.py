@@ -1,0 +1,15 @@
+"""What the command `sawmill` runs: its command line, and an early Ctrl-C without a traceback."""
+
+import sys
+
+INTERRUPTED = 130  # as shells say it of SIGINT
+
+
+def main() -> None:
+    """Import the command line, which takes a moment, and run it."""
+    try:
+        from sawmill_service.cli import main as command_line  # noqa: PLC0415 - so that an interruption is caught here
+
+        command_line()
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)
