@@ -191,3 +191,7 @@ class TestTiff:
     def test_a_strip_stored_in_what_it_declares_that_inflates_to_4_gib(self, file):
         pages_of(file, deflated(b"", 2**32), (2048, 2100), 1)
         refused(file, "too-large", "a strip or tile of page 0 declares 4300800 bytes of data and unpacks to more")
+
+    def test_pages_that_share_a_long_text(self, file):
+        pages_of(file, bytes(4 * MEBIBYTE), (2, 8), 20_000, description=4 * MEBIBYTE)
+        refused(file, "too-large", "the tags of pages 0 to 1 of the file claim", "share their values")

@@ -52,7 +52,7 @@ WHOLE = {
     "mat": saved(scipy.io.savemat, VARIABLES),
     "packed mat": saved(scipy.io.savemat, VARIABLES, do_compression=True),
     "tiff": saved(tifffile.imwrite, STACK, compression="zlib", metadata=None),
-    "big tiff": saved(tifffile.imwrite, STACK, bigtiff=True, metadata=None),
+    "big tiff": saved(tifffile.imwrite, STACK, bigtiff=True, byteorder=">", metadata=None),
     "zip": zipped(),
     "png": saved(Image.fromarray(STACK[0].astype(np.uint8)).save, format="PNG"),
 }

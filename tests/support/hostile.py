@@ -132,12 +132,14 @@ def archive_of(path: Path, name: str, zlib_stream: bytes, size: int) -> None:
     path.write_bytes(local + packed + directory + end)
 
 
-def pages_of(path: Path, strip: bytes, shape: tuple[int, int], pages: int) -> None:
+def pages_of(path: Path, strip: bytes, shape: tuple[int, int], pages: int, *, description: int = 0) -> None:
     """A TIFF of pages of bytes that are all stored as the one deflated strip."""
     rows, cells = shape
     tags = {256: cells, 257: rows, 258: 8, 259: 8, 262: 1, 273: 8, 277: 1, 278: rows, 279: len(strip)}
     entries = b"".join(struct.pack("<2H2L", tag, 4, 1, value) for tag, value in tags.items())
-    page = struct.pack("<H", len(tags)) + entries
+    if description:
+        entries += struct.pack("<2H2L", 270, 2, description, 8)
+    page = struct.pack("<H", len(entries) // 12) + entries
     first = 8 + len(strip)
     links = [first + (index + 1) * (len(page) + 4) for index in range(pages - 1)]
     chain = b"".join(page + struct.pack("<L", link) for link in [*links, 0])

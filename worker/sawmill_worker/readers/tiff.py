@@ -1,7 +1,6 @@
 """Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
 
 import math
-import struct
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -24,8 +23,8 @@ from sawmill_worker.readers.arrays import (
     check_size,
 )
 from sawmill_worker.readers.contents import FileContents, Projections, held
+from sawmill_worker.readers.tiff_chain import check_chain
 
-MOST_PAGES = 100_000
 UNCOMPRESSED = 1
 DEFLATES = frozenset({8, 32946})
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *DEFLATES, 32773})  # none, both deflates, PackBits
@@ -78,10 +77,10 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
     Only pages are looked at, never the series of OME or other dialects: those may name other files.
     """
     with tifffile.TiffFile(source) as tiff:
+        if not tiff.pages:
+            raise UnreadableScan("wrong-shape", f"{name} has 0 pages; a scan has one for each view")
+        check_chain(tiff, name, size_bytes)
         count = len(tiff.pages)
-        if not 0 < count <= MOST_PAGES:
-            raise UnreadableScan("wrong-shape", f"{name} has {count} pages; a scan has one for each view")
-        _check_last_page(tiff, name)
         first = tiff.pages[0]
         itemsize = _number_type(first, name).itemsize
         for what, shape, most in (
@@ -101,18 +100,6 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
                 )
         rows, cells = first.shape
         yield TiffPages((count, rows, cells), tiff)
-
-
-def _check_last_page(tiff: tifffile.TiffFile, name: str) -> None:
-    # The library stops without an error where the chain of pages leads beyond the end of a truncated file.
-    layout, stream = tiff.tiff, tiff.filehandle
-    start = tiff.pages[-1].offset
-    stream.seek(start)
-    (tags,) = struct.unpack(layout.tagnoformat, stream.read(layout.tagnosize))
-    stream.seek(start + layout.tagnosize + tags * layout.tagsize)
-    (following,) = struct.unpack(layout.offsetformat, stream.read(layout.offsetsize))
-    if following:
-        raise UnreadableScan("truncated-file", f"{name} ends before its last page; export it again")
 
 
 def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np.dtype[Any]:
