@@ -25,9 +25,8 @@ def check_chain(tiff: tifffile.TiffFile, name: str, size_bytes: int) -> None:
         `wrong-shape`, `truncated-file` or `too-large`.
     """
     layout, stream = tiff.tiff, tiff.filehandle
-    tag = np.dtype(
-        [("what", "u2"), ("type", "u2"), ("count", f"u{layout.offsetsize}"), ("at", f"V{layout.offsetsize}")]
-    )
+    width = layout.offsetsize
+    tag = np.dtype([("what", "u2"), ("type", "u2"), ("count", f"u{width}"), ("at", f"V{width}")])
     at, pages, claimed = tiff.pages[0].offset, 0, 0.0
     while at:
         pages += 1
