@@ -1,11 +1,11 @@
 """Long jobs whose process is killed again and again: whether they end as they do when nobody kills them.
 
-    python benchmarks/killed.py [--kills 50] [--seed 1] [--only search|volume] [--longest 3]
+    python benchmarks/killed.py [--kills 50] [--seed 1] [--only search|volume] [--shortest 1] [--longest 3]
 
 A published search and a reconstruction by total variation run as a worker runs them, each in a process of its own, with
-the product's limit of three losses. Attempts get SIGKILL at a random time of up to `--longest` seconds after they were
-claimed; what is left after the last kill runs to its end. Then the same job runs undisturbed, and theta, or every value
-of the volume, is compared bit for bit.
+the product's limit of three losses. Attempts get SIGKILL at a random time of `--shortest` to `--longest` seconds after
+they were claimed; what is left after the last kill runs to its end. Then the same job runs undisturbed, and theta, or
+every value of the volume, is compared bit for bit.
 """
 
 import argparse
@@ -72,13 +72,15 @@ def attempt_process() -> int | None:
     return min(began, key=began.__getitem__, default=None)
 
 
-def kill_again_and_again(store: Store, job_id: str, kills: int, longest_s: float, rng: random.Random) -> int:
+def kill_again_and_again(
+    store: Store, job_id: str, kills: int, between_s: tuple[float, float], rng: random.Random
+) -> int:
     """Kill attempts at a job until that is done or there were enough; the number of kills."""
     done, seen = 0, 0
     while done < kills and not (job := store.jobs.get(job_id)).state.ended:
         if job.state is JobState.RUNNING and job.attempt > seen:
             seen = job.attempt
-            time.sleep(rng.uniform(0.0, longest_s))
+            time.sleep(rng.uniform(*between_s))
             process_id = attempt_process()
             if process_id is not None and not store.jobs.get(job_id).state.ended:
                 os.kill(process_id, signal.SIGKILL)
@@ -108,7 +110,7 @@ def compare(
     rng = random.Random(options.seed)  # noqa: S311 - moments of kills
 
     def kill() -> None:
-        count.append(kill_again_and_again(store, job_id, options.kills, options.longest, rng))
+        count.append(kill_again_and_again(store, job_id, options.kills, (options.shortest, options.longest), rng))
 
     killer = threading.Thread(target=kill)
     killer.start()
@@ -133,6 +135,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--kills", type=int, default=50)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--shortest", type=float, default=1.0)
     parser.add_argument("--longest", type=float, default=3.0)
     parser.add_argument("--only", choices=("search", "volume"))
     options = parser.parse_args()
