@@ -1,9 +1,12 @@
 """A store with jobs to run, and processes that run them without science."""
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +14,7 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Job, Priority
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -81,6 +85,38 @@ def wait_for() -> Callable[[Callable[[], bool]], None]:
             time.sleep(0.02)
 
     return wait
+
+
+@pytest.fixture
+def stop() -> threading.Event:
+    return threading.Event()
+
+
+@pytest.fixture
+def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, command: list[str]) -> Iterator[Runner]:
+    made = Runner(store, settings, stop, command=command)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def start(store: Store, settings: ExecutionSettings, command: list[str]) -> Iterator[Callable[..., Runner]]:
+    """Make a runner with settings of its own."""
+    made = []
+
+    def begin(**changed: Any) -> Runner:
+        made.append(Runner(store, settings.model_copy(update=changed), threading.Event(), command=command))
+        return made[-1]
+
+    yield begin
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def in_background() -> Iterator[Callable[..., Future[Any]]]:
+    with ThreadPoolExecutor(4) as pool:
+        yield pool.submit
 
 
 def running(process_id: int) -> bool:

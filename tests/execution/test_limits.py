@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import threading
 
 import pytest
 
@@ -14,7 +13,6 @@ from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.execution.failures import died
 from sawmill_worker.execution.limits import DATA_BYTES, limits_of
-from sawmill_worker.execution.runner import Runner
 from sawmill_worker.vocabulary import Disc, Theta
 
 pytestmark = pytest.mark.slow
@@ -26,20 +24,6 @@ SCANNER = ScannerSpec(
     name="Line 2",
     constants=ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5),
 )
-
-
-@pytest.fixture
-def start(store, settings, command):
-    """Make a runner with settings of its own."""
-    made = []
-
-    def runner(**changed):
-        made.append(Runner(store, settings.model_copy(update=changed), threading.Event(), command=command))
-        return made[-1]
-
-    yield runner
-    for each in made:
-        each.close()
 
 
 @pytest.mark.parametrize("number", CRASHES)

@@ -1,7 +1,5 @@
 """Attempts that hang or take too long are ended, by the supervisor's own count of time."""
 
-import threading
-
 import pytest
 
 from sawmill_worker.contracts.events import EventKind
@@ -9,7 +7,6 @@ from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.execution.failures import duration
 from sawmill_worker.execution.patience import LATE_S, Patience
-from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.vocabulary import Progress
@@ -88,20 +85,6 @@ def test_a_time_is_said_in_a_fitting_unit(seconds, words):
 def test_limits_of_every_kind_follow_each_other(kind):
     declared = declaration_of(kind)
     assert 600 <= declared.stall_s <= declared.time_limit_s / 4
-
-
-@pytest.fixture
-def start(store, settings, command):
-    """Make a runner with settings of its own."""
-    made = []
-
-    def runner(**changed):
-        made.append(Runner(store, settings.model_copy(update=changed), threading.Event(), command=command))
-        return made[-1]
-
-    yield runner
-    for each in made:
-        each.close()
 
 
 def fates(store, job):

@@ -25,24 +25,6 @@ pytestmark = pytest.mark.slow
 both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
 
 
-@pytest.fixture
-def stop():
-    return threading.Event()
-
-
-@pytest.fixture
-def runner(store, settings, stop, command):
-    made = Runner(store, settings, stop, command=command)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def in_background():
-    with ThreadPoolExecutor(4) as pool:
-        yield pool.submit
-
-
 def leftovers(store):
     return list((store.files.folder / "attempts").iterdir())
 

@@ -5,8 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -28,24 +26,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(template_library() is None, reason="attempts are fresh processes on this machine"),
 ]
-
-
-@pytest.fixture
-def stop():
-    return threading.Event()
-
-
-@pytest.fixture
-def runner(store, settings, stop, command):
-    made = Runner(store, settings, stop, command=command)
-    yield made
-    made.close()
-
-
-@pytest.fixture
-def in_background():
-    with ThreadPoolExecutor(4) as pool:
-        yield pool.submit
 
 
 @pytest.fixture
