@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import httpx
 import pytest
+from small_scanner import SCANNER
 from write_lock import write_lock
 
 pytestmark = pytest.mark.slow
@@ -43,7 +44,8 @@ def test_writers_are_refused_within_five_seconds_and_readers_are_answered(tmp_pa
             reading = pool.submit(read)
             written = [answer for writer in [pool.submit(write) for _ in range(CLIENTS)] for answer in writer.result()]
             read_waits = reading.result()
-        service.create_scanner(name="Line 3")
+        # A refused client comes back; at the lock's very end a last writer may be before it.
+        _create_within(5.0, service)
     statuses = {response.status_code for response, _ in written}
     assert statuses == {503}, statuses
     refused = written[0][0]
@@ -52,3 +54,12 @@ def test_writers_are_refused_within_five_seconds_and_readers_are_answered(tmp_pa
     assert max(seconds for _, seconds in written) < LONGEST_S
     assert max(read_waits) < LONGEST_S
     assert sorted(read_waits)[len(read_waits) // 2] < 0.5  # those that come later find free threads
+
+
+def _create_within(seconds: float, service) -> None:
+    deadline = time.monotonic() + seconds
+    scanner = {"name": "Line 3", "constants": vars(SCANNER)}
+    while (answer := service.client.post("/v1/scanners", json=scanner)).status_code == 503:
+        assert time.monotonic() < deadline, answer.text
+        time.sleep(0.2)
+    assert answer.is_success, answer.text

@@ -15,14 +15,14 @@ from urllib.parse import urlsplit
 
 import pytest
 import uvicorn
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.storage.store import Store
 
 MISSING = "the browser tests need Debian's Chromium: apt-get install chromium"
-START_S, PATIENCE_MS = 20.0, 10_000
+START_S, PATIENCE_MS = 20.0, 30_000  # a browser's first page waits for a busy machine
 # No sandbox, for that needs a user of its own; and nothing that Chromium does on its own account.
 FLAGS = (
     "--no-sandbox",
@@ -42,6 +42,7 @@ def browser() -> Iterator[Browser]:
         pytest.fail(MISSING)
     if program is None:
         pytest.skip(MISSING)
+    expect.set_options(timeout=PATIENCE_MS)
     with (
         sync_playwright() as playwright,
         closing(playwright.chromium.launch(executable_path=program, args=FLAGS)) as it,

@@ -10,6 +10,8 @@ from sawmill_worker.storage.errors import StorageMisconfigured
 
 # A request that has to write answers within five seconds, and it may wait for this alone.
 _BUSY_TIMEOUT_MS = 3_000
+# While the database is taken to be away, one that only waits for another writer's commit is not refused.
+_IMPATIENT_MS = 100
 _KEPT_CONNECTIONS = 10
 # One for each of the API's threads, of which FastAPI has 40, and one for whoever reads the time meanwhile.
 _MOST_CONNECTIONS = 41
@@ -77,7 +79,7 @@ def _begin_sqlite(connection: Connection) -> None:
     if options.get("patient", True):
         connection.exec_driver_sql(begin)
         return
-    connection.exec_driver_sql("PRAGMA busy_timeout=0")
+    connection.exec_driver_sql(f"PRAGMA busy_timeout={_IMPATIENT_MS}")
     try:
         connection.exec_driver_sql(begin)
     finally:
