@@ -59,8 +59,9 @@ class Housekeeping:
         try:
             silent = list(self._leases.silent(self._store.jobs.pulses()))
             # A look that can only read would count the silence of an outage.
-            for pulse in self._leases.suspects():
-                self._store.jobs.is_silent_still(pulse)
+            suspect = next(self._leases.suspects(), None)
+            if suspect is not None:
+                self._store.jobs.is_silent_still(suspect)
             for pulse in silent:
                 self._take_back(pulse)
         except (StorageFull, StorageUnavailable):

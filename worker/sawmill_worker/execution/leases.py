@@ -4,9 +4,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from sawmill_worker.execution.observed_time import ObservedTime
 from sawmill_worker.storage.jobs import Pulse
 
-# An observer that was itself stopped, or whose machine slept, has seen nothing meanwhile: a look counts for no longer.
+# Of the time between two looks: what a late one may count for.
 _LONGEST_LOOK = 2.0
 
 
@@ -39,16 +40,12 @@ class LeaseObserver:
     ) -> None:
         self._lease_s = lease_s
         self._cancel_s = min(cancel_s, lease_s)
-        self._longest_step_s = _LONGEST_LOOK * look_s + 1.0
-        self._monotonic = monotonic
+        self._time = ObservedTime(_LONGEST_LOOK * look_s + 1.0, monotonic)
         self._seen: dict[str, _Silence] = {}
-        self._looked_at = monotonic()
 
     def silent(self, pulses: Iterable[Pulse]) -> Iterator[Pulse]:
         """The attempts whose lease has run out, as they stand at this look."""
-        now = self._monotonic()
-        step_s, self._looked_at = min(now - self._looked_at, self._longest_step_s), now
-        seen = self._seen
+        step_s, seen = self._time.look_s(), self._seen
         self._seen = {pulse.job_id: self._after(seen.get(pulse.job_id), pulse, step_s) for pulse in pulses}
         for silence in self._seen.values():
             if silence.seconds >= self._lease_s or silence.unheard_s >= self._cancel_s:

@@ -6,10 +6,11 @@ from collections.abc import Callable
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.execution.failures import stalled, too_long
+from sawmill_worker.execution.observed_time import ObservedTime
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.vocabulary import Progress
 
-# A supervisor that was itself stopped, or whose machine slept, counts no more than a late look or two of that time.
+# Beyond two looks: what a late one may count for.
 LATE_S = 5.0
 
 
@@ -33,9 +34,7 @@ class Patience:
         self._kind = kind
         self._limit_s = settings.time_limit_s or declared.time_limit_s
         self._stall_s = settings.stall_s or declared.stall_s
-        self._longest_step_s = 2.0 * settings.progress_s + LATE_S
-        self._monotonic = monotonic
-        self._looked_at = monotonic()
+        self._time = ObservedTime(2.0 * settings.progress_s + LATE_S, monotonic)
         self._taken_s = self._still_s = 0.0
         self._seen: Progress | None = None
 
@@ -51,8 +50,7 @@ class Patience:
 
     def end(self) -> Failure | None:
         """Why the attempt has to be ended now; None while it may go on."""
-        now = self._monotonic()
-        step_s, self._looked_at = min(now - self._looked_at, self._longest_step_s), now
+        step_s = self._time.look_s()
         self._taken_s += step_s
         self._still_s += step_s
         if self._taken_s >= self._limit_s:

@@ -451,13 +451,12 @@ def _claimable(at: datetime, *, short: bool | None = None) -> Select[JobRow]:
     return ready if short is None else ready.where(JobRow.short == short)
 
 
-def _held_by(claim: Claim) -> ColumnElement[bool]:
-    return and_(JobRow.id == claim.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == claim.attempt)
+def _held_by(attempt: Claim | Pulse) -> ColumnElement[bool]:
+    return and_(JobRow.id == attempt.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == attempt.attempt)
 
 
 def _silent(pulse: Pulse) -> ColumnElement[bool]:
-    held = and_(JobRow.id == pulse.job_id, JobRow.state == JobState.RUNNING, JobRow.attempt == pulse.attempt)
-    return and_(held, JobRow.beats == pulse.beats)
+    return and_(_held_by(pulse), JobRow.beats == pulse.beats)
 
 
 def _held(session: Session, claim: Claim) -> JobRow:
