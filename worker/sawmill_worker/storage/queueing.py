@@ -7,6 +7,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.paging import new_id, refuse_taken
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow
 
@@ -28,6 +29,7 @@ def queue_job(
     """
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)
+    asked_by = actor()
     session.add(
         JobRow(
             id=job_id,
@@ -42,6 +44,8 @@ def queue_job(
             losses=0,
             outages=0,
             cancel_requested=False,
+            request_id=asked_by.request_id,
+            key_id=asked_by.key_id,
         )
     )
     session.flush()

@@ -8,6 +8,7 @@ from sawmill_worker.contracts import drifts, plans, reconstructions
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.asked import Asked
+from sawmill_worker.storage.audit import Audit
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
 from sawmill_worker.storage.database import Database
@@ -16,6 +17,7 @@ from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.jobs import Jobs
+from sawmill_worker.storage.keys import KeyStore
 from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.scanners import Scanners
@@ -29,7 +31,7 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events, keys, audit
         The rows.
     files
         The arrays.
@@ -51,6 +53,8 @@ class Store:
         self.jobs = Jobs(self._database, self.files)
         self.schedules = Schedules(self._database)
         self.events = Events(self._database)
+        self.keys = KeyStore(self._database)
+        self.audit = Audit(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""

@@ -22,8 +22,10 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column, relationship
 
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 
@@ -86,12 +88,14 @@ class Base(DeclarativeBase):
     type_annotation_map: ClassVar[Mapping[Any, Any]] = {
         Json: JSON(none_as_null=True),
         datetime: UtcDateTime(),
+        AuditAction: _words(AuditAction, 40),
         EventKind: _words(EventKind, 40),
         JobKind: _words(JobKind),
         JobState: _words(JobState),
         Priority: Ranked(),
         PhantomState: _words(PhantomState),
         ScanState: _words(ScanState),
+        Scope: _words(Scope),
     }
 
 
@@ -137,6 +141,9 @@ class JobRow(Resource):
     cancel_requested: Mapped[bool] = mapped_column(default=False)
     progress: Mapped[Json | None]
     failure: Mapped[Json | None]
+    # Whose request queued it; null where none did.
+    request_id: Mapped[str | None] = mapped_column(String(64))
+    key_id: Mapped[str | None] = mapped_column(String(64))
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
 
@@ -339,3 +346,48 @@ class ScheduleRunRow(Base):
     due_at: Mapped[datetime]
     outcome: Mapped[str] = mapped_column(String(40))
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+
+
+class KeyRow(Resource):
+    """A key. Its secret is known by its hash alone, and so is the one before, which a rotation may let live on."""
+
+    __tablename__ = "keys"
+
+    name: Mapped[str] = mapped_column(String(200))
+    scope: Mapped[Scope]
+    display: Mapped[bool]
+    secret_hash: Mapped[str] = mapped_column(String(64), index=True, unique=True)
+    previous_hash: Mapped[str | None] = mapped_column(String(64), index=True)
+    previous_until: Mapped[datetime | None]
+    rotated_at: Mapped[datetime | None]
+    expires_at: Mapped[datetime | None]
+    revoked_at: Mapped[datetime | None]
+    last_used_at: Mapped[datetime | None]
+    created_by: Mapped[str] = mapped_column(String(200))
+
+
+class SessionRow(Base):
+    """A browser that brought a key, or the token; it ends with what opened it, whose hash it keeps."""
+
+    __tablename__ = "sessions"
+
+    secret_hash: Mapped[str] = mapped_column(String(64), primary_key=True)
+    opened_by_hash: Mapped[str] = mapped_column(String(64))
+    created_at: Mapped[datetime]
+    expires_at: Mapped[datetime | None]
+
+
+class AuditRow(Base):
+    """Who did what; the database refuses to change or remove a row."""
+
+    __tablename__ = "audit"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    at: Mapped[datetime]
+    who: Mapped[str] = mapped_column(String(200))
+    key_id: Mapped[str | None] = mapped_column(String(64))
+    address: Mapped[str | None] = mapped_column(String(64))
+    request_id: Mapped[str | None] = mapped_column(String(64))
+    action: Mapped[AuditAction]
+    subject_id: Mapped[str] = mapped_column(String(64))
+    detail: Mapped[Json | None]

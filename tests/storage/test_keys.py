@@ -1,0 +1,97 @@
+"""Keys and the audit, on both databases."""
+
+from datetime import timedelta
+
+import pytest
+from pydantic import ValidationError
+from sqlalchemy import text
+from sqlalchemy.exc import DBAPIError
+
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
+from sawmill_worker.storage.keys import PREFIX, USE_STEP, hash_of
+
+ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
+
+
+def opens(store, key):
+    return store.keys.good(hash_of(key.secret)) is not None
+
+
+def test_each_scope_may_do_what_those_before_it_may():
+    order = [Scope.READ, Scope.SUBMIT, Scope.ACTIVATE, Scope.ADMIN]
+    allowed = {(held, needed) for held in order for needed in order if held.covers(needed)}
+    assert allowed == {(held, needed) for i, held in enumerate(order) for needed in order[: i + 1]}
+
+
+def test_a_secret_is_shown_once_and_stored_as_a_hash(store):
+    key = store.keys.create(ASK)
+    assert key.secret.startswith(PREFIX)
+    assert len(key.secret) == len(PREFIX) + 43  # 256 bits, in base64
+    assert key.secret not in repr(key)
+    assert opens(store, key)
+    assert not hasattr(store.keys.all().keys[0], "secret")
+    with store._database.read() as session:
+        assert key.secret not in str(session.execute(text("SELECT * FROM keys")).all())
+    assert [entry for entry in store.audit.all() if key.secret in str(entry)] == []
+
+
+def test_a_key_that_expired_or_was_revoked_opens_nothing(store, clock):
+    soon = store.keys.create(ASK.model_copy(update={"expires_at": clock() + timedelta(hours=1)}))
+    revoked, kept = store.keys.create(ASK), store.keys.create(ASK)
+    store.keys.revoke(revoked.id)
+    assert [opens(store, key) for key in (soon, revoked, kept)] == [True, False, True]
+    clock.advance(hours=1)
+    assert [opens(store, key) for key in (soon, revoked, kept)] == [False, False, True]
+    store.keys.revoke(kept.id)
+    assert not store.keys.any_good()
+    assert store.keys.revoke(kept.id).revoked_at is not None  # again changes nothing
+    with pytest.raises(Conflict, match="revoked or expired"):
+        store.keys.rotate(soon.id)
+    with pytest.raises(NotFound):
+        store.keys.revoke("nobody")
+    with pytest.raises(Invalid, match="must lie ahead"):
+        store.keys.create(ASK.model_copy(update={"expires_at": clock()}))
+
+
+def test_a_rotated_key_opens_by_its_old_secret_for_the_grace_alone(store, clock):
+    old = store.keys.create(ASK)
+    new = store.keys.rotate(old.id, grace_s=60)
+    assert (new.id, opens(store, old), opens(store, new)) == (old.id, True, True)
+    clock.advance(seconds=60)
+    assert (opens(store, old), opens(store, new)) == (False, True)
+    newest = store.keys.rotate(old.id)
+    assert (opens(store, new), opens(store, newest)) == (False, True)
+
+
+def test_the_last_use_is_kept_to_a_minute(store, clock):
+    key = store.keys.create(ASK)
+    first = clock()
+    store.keys.used(key)
+    for _ in range(2):
+        clock.advance(seconds=USE_STEP.total_seconds() / 2)
+        store.keys.used(store.keys.all().keys[0])
+    assert store.keys.all().keys[0].last_used_at == first + USE_STEP
+
+
+def test_a_display_only_reads():
+    with pytest.raises(ValidationError, match="a display's key must have the scope read, not submit"):
+        KeyAsk(name="tablet", scope=Scope.SUBMIT, display=True)
+
+
+def test_the_audit_names_who_and_only_grows(store):
+    with acting_as(Actor("anna", key_id="k1", address="192.0.2.7", request_id="r1")):
+        key = store.keys.create(ASK)
+    store.keys.revoke(key.id)
+    made, revoked = store.audit.all()
+    assert (made.who, made.key_id, made.address, made.request_id) == ("anna", "k1", "192.0.2.7", "r1")
+    assert (made.action, made.subject_id) == (AuditAction.KEY_CREATED, key.id)
+    assert (revoked.who, revoked.key_id) == ("the service", None)
+    assert store.audit.newest(limit=1) == [revoked]
+    assert store.audit.newest(before=revoked.number) == [made]
+    for change in ("UPDATE audit SET who = 'nobody'", "DELETE FROM audit"):
+        with pytest.raises(DBAPIError, match="the audit only grows"), store._database.engine.begin() as connection:
+            connection.execute(text(change))
+    assert list(store.audit.all()) == [made, revoked]

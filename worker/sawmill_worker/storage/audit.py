@@ -1,0 +1,65 @@
+"""Who did what: written in the transaction of the change itself, and changed or removed by nothing (migration 0007)."""
+
+from collections.abc import Iterator
+from datetime import datetime
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.audit import AuditAction, AuditEntry
+from sawmill_worker.storage.acting import actor
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.tables import AuditRow
+
+_BATCH = 500
+
+
+def write_audit(
+    session: Session, now: datetime, action: AuditAction, subject_id: str, detail: dict[str, Any] | None = None
+) -> None:
+    """Add what whoever acts does."""
+    who = actor()
+    session.add(
+        AuditRow(
+            at=now,
+            who=who.name,
+            key_id=who.key_id,
+            address=who.address,
+            request_id=who.request_id,
+            action=action,
+            subject_id=subject_id,
+            detail=detail,
+        )
+    )
+
+
+class Audit:
+    """The entries; nothing here changes one."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def newest(self, *, before: int | None = None, limit: int = 50) -> list[AuditEntry]:
+        """The newest entries, those below a number where one is given."""
+        statement = select(AuditRow).order_by(AuditRow.number.desc()).limit(limit)
+        if before is not None:
+            statement = statement.where(AuditRow.number < before)
+        with self._database.read() as session:
+            return [_read(row) for row in session.scalars(statement)]
+
+    def all(self) -> Iterator[AuditEntry]:
+        """Every entry, the oldest first; a transaction for each few hundred."""
+        last = 0
+        while entries := self._following(last):
+            yield from entries
+            last = entries[-1].number
+
+    def _following(self, number: int) -> list[AuditEntry]:
+        statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
+        with self._database.read() as session:
+            return [_read(row) for row in session.scalars(statement)]
+
+
+def _read(row: AuditRow) -> AuditEntry:
+    return AuditEntry.model_validate({column.key: getattr(row, column.key) for column in AuditRow.__table__.columns})
