@@ -12,6 +12,7 @@ from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.observer import JobsByState, Observer
 from sawmill_service.openapi_document import Application
 from sawmill_service.problems import install
+from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
     asked,
     calibrations,
@@ -101,6 +102,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     )
     app.add_middleware(Observer, registry=app.state.metrics)
     app.add_middleware(ProtectiveHeaders)
+    app.add_middleware(RequestIds)
     return app
 
 

@@ -24,7 +24,12 @@ def _settings(request: Request) -> ServiceSettings:
 
 def _wake(request: Request) -> Wake:
     wake: Wake = request.app.state.wake
-    return wake
+
+    def note_and_wake(job_id: str) -> None:
+        request.state.job_id = job_id  # the log's line about the request names it
+        wake(job_id)
+
+    return note_and_wake
 
 
 def _stopping(request: Request) -> Stopping:

@@ -1,9 +1,8 @@
-"""Counts and times every request, and turns what no handler expected into a 500 that gives nothing away."""
+"""Counts, times and logs every request, and turns what no handler expected into a 500 that gives nothing away."""
 
 import time
 from collections.abc import Callable, Iterable, Mapping
-from http import HTTPMethod
-from uuid import uuid4
+from http import HTTPMethod, HTTPStatus
 
 import structlog
 from prometheus_client import CollectorRegistry, Counter, Histogram
@@ -18,6 +17,8 @@ from sawmill_worker.contracts.jobs import JobState
 CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
 # What clients invent beside them is counted as one method: each value of a label is kept for good.
 METHODS = frozenset(HTTPMethod)
+# Asked every few seconds by machines: a line each would hide the others.
+QUIET_ROUTES = frozenset({"/health/live", "/health/ready", "/metrics"})
 log = structlog.get_logger(__name__)
 
 
@@ -64,11 +65,13 @@ class Observer:
             await self.app(scope, receive, send)
             return
         status: int | None = None
+        sent_bytes = 0
 
         async def send_observed(message: Message) -> None:
-            nonlocal status
+            nonlocal status, sent_bytes
             if message["type"] == "http.response.start":
                 status = message["status"]
+            sent_bytes += len(message.get("body", b""))
             await send(message)
 
         started = time.perf_counter()
@@ -76,21 +79,38 @@ class Observer:
             await self.app(scope, receive, send_observed)
         except ClientDisconnect:
             status = CLIENT_GONE
-            log.info("client-gone", method=scope["method"], path=scope["path"])
         except Exception:
-            reference = uuid4().hex
-            log.exception("request-failed", method=scope["method"], path=scope["path"], reference=reference)
+            log.exception("request-failed", method=_method(scope), route=_route(scope))
             if status is not None:
                 raise  # half an answer is out: only a broken connection tells the client
             status = 500
-            await _internal_error(scope["path"], reference)(scope, receive, send)
+            await _internal_error(scope)(scope, receive, send)
         finally:
-            route = getattr(scope.get("route"), "path", "unmatched")
-            method = scope["method"] if scope["method"] in METHODS else "other"
-            self.requests.labels(method, route, str(status)).inc()
-            self.seconds.labels(method, route).observe(time.perf_counter() - started)
+            self._tell(scope, status, time.perf_counter() - started, sent_bytes)
+
+    def _tell(self, scope: Scope, status: int | None, seconds: float, sent_bytes: int) -> None:
+        route, method = _route(scope), _method(scope)
+        self.requests.labels(method, route, str(status)).inc()
+        self.seconds.labels(method, route).observe(seconds)
+        if route in QUIET_ROUTES and status == HTTPStatus.OK:
+            return
+        known = {
+            name: value for name in ("key_id", "job_id") if (value := scope.get("state", {}).get(name)) is not None
+        }
+        log.info(
+            "request", method=method, route=route, status=status, seconds=round(seconds, 4), bytes=sent_bytes, **known
+        )
 
 
-def _internal_error(path: str, reference: str) -> ASGIApp:
-    detail = f"something went wrong inside the service; its log has more under {reference}"
-    return problem_response(path, 500, "internal", detail)
+def _route(scope: Scope) -> str:
+    """The path's pattern: the path itself is what a client wrote, a secret perhaps."""
+    return getattr(scope.get("route"), "path", "unmatched")
+
+
+def _method(scope: Scope) -> str:
+    return scope["method"] if scope["method"] in METHODS else "other"
+
+
+def _internal_error(scope: Scope) -> ASGIApp:
+    detail = f"something went wrong inside the service; its log has more under {scope['state']['request_id']}"
+    return problem_response(scope["path"], 500, "internal", detail)

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.routing import compile_path
+from structlog.contextvars import get_contextvars
 
 from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
@@ -57,6 +58,9 @@ class Problem(BaseModel):
     instance: str = Field(description="The path that was asked for.")
     code: str = Field(description="Stable, for programs.", examples=["not-found"])
     errors: list[FieldProblem] | None = Field(None, description="Each value that was refused.")
+    request_id: str | None = Field(
+        None, description="The answer's `X-Request-Id`, under which the service's log says more."
+    )
 
 
 def problem_response(
@@ -77,6 +81,7 @@ def problem_response(
         instance=path,
         code=code,
         errors=None if errors is None else list(errors),
+        request_id=get_contextvars().get("request_id"),
     )
     return JSONResponse(problem.model_dump(exclude_none=True), status, headers=headers, media_type=MEDIA_TYPE)
 

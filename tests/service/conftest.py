@@ -1,18 +1,21 @@
 """A service on a real store in a temporary folder, and a data folder as a fresh installation has it."""
 
 import asyncio
+import io
+import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import h5py
 import httpx
 import numpy as np
 import pytest
 import results
+import structlog
 
 from sawmill_service.app import create_app
 from sawmill_service.openapi_document import Application
@@ -27,6 +30,7 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
 from sawmill_worker.files.scan_writer import write_scan as write_scan_file
@@ -102,6 +106,33 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
 @pytest.fixture
 def woken() -> list[str]:
     return []
+
+
+@pytest.fixture
+def log_text(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Literal["console", "json"]], io.StringIO]]:
+    """Starts this process's log in a format, and gives what is written from then on."""
+
+    def start(log_format: Literal["console", "json"]) -> io.StringIO:
+        monkeypatch.setattr("sys.stderr", text := io.StringIO())
+        configure_logs(log_format)
+        return text
+
+    yield start
+    structlog.reset_defaults()
+
+
+@pytest.fixture
+def log_lines(log_text: Callable[[str], io.StringIO]) -> Callable[[], list[dict[str, Any]]]:
+    """Gives what has been logged since it was asked last."""
+    text = log_text("json")
+
+    def lines() -> list[dict[str, Any]]:
+        written = text.getvalue().splitlines()
+        text.seek(0)
+        text.truncate()
+        return [json.loads(line) for line in written]
+
+    return lines
 
 
 @pytest.fixture

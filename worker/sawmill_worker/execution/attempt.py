@@ -20,7 +20,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.forking import REQUESTS, TBB, serve
 from sawmill_worker.execution.limits import keep_to, limits_of
-from sawmill_worker.execution.logs import configure_logs
+from sawmill_worker.execution.logs import about_attempt, configure_logs
 from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
@@ -58,9 +58,10 @@ def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
     if line:
         threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
         assignment = Assignment.model_validate_json(line)
-        answer, error = _answer(assignment, channel, memory_limit_bytes)
-        channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
-        _log(assignment, answer, error)
+        with about_attempt(assignment.job):
+            answer, error = _answer(assignment, channel, memory_limit_bytes)
+            channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
+            _log(answer, error)
 
 
 def _end_with(supervisor: BinaryIO) -> None:
@@ -84,8 +85,8 @@ def _answer(
         return Failed(failure=failure), None if failure.kind is FailureKind.INPUT else error
 
 
-def _log(assignment: Assignment, answer: Succeeded | Failed, error: Exception | None) -> None:
-    log = structlog.get_logger().bind(job=assignment.job.id, attempt=assignment.job.attempt)
+def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
+    log = structlog.get_logger()
     if error is not None:
         log.error("job-failed-unexpectedly", exc_info=error)
     elif isinstance(answer, Failed):

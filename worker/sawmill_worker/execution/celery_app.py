@@ -129,7 +129,7 @@ class Waker:
         try:
             self._waiting.put_nowait(job_id)
         except queue.Full:
-            structlog.get_logger().warning("wake-up-dropped", job=job_id, reason=f"{_MOST_WAITING} wait to be sent")
+            structlog.get_logger().warning("wake-up-dropped", job_id=job_id, reason=f"{_MOST_WAITING} wait to be sent")
 
     def close(self) -> None:
         """Send what waits, for two seconds at most; the sweep sends the rest."""
@@ -144,9 +144,9 @@ class Waker:
                 short = self._is_short(job_id)
                 self._app.send_task(RUN_JOB, args=[job_id, short], queue=_LANES[short])
             except (OperationalError, RedisError, StorageError) as error:
-                structlog.get_logger().warning("wake-up-not-sent", job=job_id, reason=str(error))
+                structlog.get_logger().warning("wake-up-not-sent", job_id=job_id, reason=str(error))
             except Exception:  # noqa: BLE001 - jobs are found by this thread alone: whatever happens, it goes on
-                structlog.get_logger().exception("wake-up-not-sent", job=job_id)
+                structlog.get_logger().exception("wake-up-not-sent", job_id=job_id)
 
 
 class _Engine:

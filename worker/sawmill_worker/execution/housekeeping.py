@@ -72,7 +72,7 @@ class Housekeeping:
         job = self._store.jobs.take_back(pulse, retries=self._settings.retries)
         if job is not None:
             structlog.get_logger().warning(
-                "lease-expired", job=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
+                "lease-expired", job_id=job.id, attempt=job.attempt, losses=job.losses, state=job.state.value
             )
 
     def _compare_clocks(self) -> None:

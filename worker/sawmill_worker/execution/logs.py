@@ -1,5 +1,6 @@
 """Structured logs on standard error."""
 
+import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -7,28 +8,46 @@ from typing import Literal, TextIO, cast
 
 import structlog
 
+from sawmill_worker.contracts.jobs import Job
+
 
 def configure_logs(log_format: Literal["console", "json"]) -> None:
     """Send this process's log to standard error, for people or as one JSON object a line.
 
-    Tracebacks come without local variables, which hold requests' headers and other people's data.
+    What libraries warn of is shaped in the same way, unless somebody else, as Celery, has seen to it. Tracebacks come
+    without local variables, which hold requests' headers and other people's data.
     """
-    processors: list[structlog.typing.Processor] = [
+    stream = cast("TextIO", _BestEffort(sys.stderr))  # nobody asks for more of a file than that has
+    common: list[structlog.typing.Processor] = [
         structlog.contextvars.merge_contextvars,
         structlog.processors.add_log_level,
         structlog.processors.TimeStamper(fmt="iso", utc=True),
     ]
+    rendering = _rendering(log_format)
+    structlog.configure(processors=[*common, *rendering], logger_factory=structlog.WriteLoggerFactory(stream))
+    foreign = logging.StreamHandler(stream)
+    without_record = structlog.stdlib.ProcessorFormatter.remove_processors_meta
+    foreign.setFormatter(
+        structlog.stdlib.ProcessorFormatter(processors=[without_record, *rendering], foreign_pre_chain=common)
+    )
+    logging.basicConfig(handlers=[foreign])
+
+
+def _rendering(log_format: Literal["console", "json"]) -> list[structlog.typing.Processor]:
     if log_format == "json":
         as_dict = structlog.processors.ExceptionRenderer(
             structlog.tracebacks.ExceptionDictTransformer(show_locals=False)
         )
-        processors += [as_dict, structlog.processors.JSONRenderer()]
-    else:
-        plain = structlog.dev.plain_traceback
-        processors.append(structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), exception_formatter=plain))
-    # The factory asks for no more of a file than `_BestEffort` has.
-    factory = structlog.WriteLoggerFactory(cast("TextIO", _BestEffort(sys.stderr)))
-    structlog.configure(processors=processors, logger_factory=factory)
+        return [as_dict, structlog.processors.JSONRenderer()]
+    plain = structlog.dev.plain_traceback
+    return [structlog.dev.ConsoleRenderer(colors=sys.stderr.isatty(), exception_formatter=plain)]
+
+
+@contextmanager
+def about_attempt(job: Job) -> Iterator[None]:
+    """Name the job and its attempt in every line that this thread logs inside the block."""
+    with structlog.contextvars.bound_contextvars(job_id=job.id, attempt=job.attempt, kind=job.kind.value):
+        yield
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution import sharing
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
+from sawmill_worker.execution.logs import about_attempt
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
 from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, FreshProcesses
@@ -164,17 +165,18 @@ class Runner:
             self._spares.insert(0, process)  # it is ready, the others may not be yet
 
     def _run(self, claim: Claim, process: AttemptProcess) -> JobState | None:
-        log = structlog.get_logger().bind(job=claim.job_id, kind=claim.job.kind.value, attempt=claim.attempt)
-        log.info("attempt-started")
-        state: JobState | None = None
-        try:
+        log = structlog.get_logger()
+        with about_attempt(claim.job):
+            log.info("attempt-started")
+            state: JobState | None = None
             try:
-                state = self._attempt(claim, process)
-            except (StorageFull, StorageUnavailable) as error:
-                state = self._put_off(claim, failure_of(error))
-        except LeaseLost:
-            log.warning("lease-lost")
-        log.info("attempt-ended", state=state)
+                try:
+                    state = self._attempt(claim, process)
+                except (StorageFull, StorageUnavailable) as error:
+                    state = self._put_off(claim, failure_of(error))
+            except LeaseLost:
+                log.warning("lease-lost")
+            log.info("attempt-ended", state=state)
         if self._on_ended is not None and state is not None and state.ended:
             self._on_ended(claim.job_id)
         return state
@@ -201,7 +203,7 @@ class Runner:
             try:
                 return self._store.jobs.fail(claim, outage, retries=self._settings.retries)
             except (StorageFull, StorageUnavailable) as error:
-                structlog.get_logger().warning("end-put-off", job=claim.job_id, reason=str(error))
+                structlog.get_logger().warning("end-put-off", reason=str(error))
                 if self._stop.wait(self._settings.housekeeping_s):
                     return None
 
@@ -244,7 +246,7 @@ class _Supervision:
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
         except ValidationError:
-            structlog.get_logger().exception("attempt-answered-nonsense", job=self._claim.job_id)
+            structlog.get_logger().exception("attempt-answered-nonsense")
             answer = Failed(failure=_NONSENSE)
         if isinstance(answer, Failed):
             return self._store.jobs.fail(self._claim, answer.failure, retries=self._settings.retries)
@@ -259,7 +261,7 @@ class _Supervision:
                 # Without its folder it was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():
                     raise
-                structlog.get_logger().warning("end-put-off", job=self._claim.job_id, reason=str(error))
+                structlog.get_logger().warning("end-put-off", reason=str(error))
                 self._stop.wait(self._settings.housekeeping_s)
             else:
                 return
@@ -284,7 +286,7 @@ class _Supervision:
                 return Failed(failure=failure if own_limit else self._outage() or failure)
             beyond = self._patience.end()
             if beyond is not None:
-                structlog.get_logger().warning("attempt-ended-by-limit", job=self._claim.job_id, reason=beyond.detail)
+                structlog.get_logger().warning("attempt-ended-by-limit", reason=beyond.detail)
                 self._process.end(self._settings.kill_grace_s)
                 return Failed(failure=beyond if beyond.code in LIMITS_MET else self._outage() or beyond)
             if self._cancellation_came_in():
@@ -300,7 +302,7 @@ class _Supervision:
             self._store.jobs.keep(self._claim, output, message.names)
         except (StorageFull, StorageUnavailable) as error:
             # The attempt goes on; its next checkpoint is due soon.
-            structlog.get_logger().warning("progress-not-kept", job=self._claim.job_id, reason=str(error))
+            structlog.get_logger().warning("progress-not-kept", reason=str(error))
 
     def _outage(self) -> Failure | None:
         """The outage behind a crash or a defect: where nothing can be written, HDF5, for one, crashes."""
@@ -321,7 +323,7 @@ class _Supervision:
             return self._store.jobs.heartbeat(self._claim, progress)
         except (StorageFull, StorageUnavailable) as error:
             # The lease outlives several heartbeats; the next one is due soon.
-            structlog.get_logger().warning("heartbeat-missed", job=self._claim.job_id, reason=str(error))
+            structlog.get_logger().warning("heartbeat-missed", reason=str(error))
             return False
 
     def _others_wait(self) -> bool:
@@ -332,7 +334,7 @@ class _Supervision:
         try:
             return self._store.jobs.is_in_the_way(self._claim)
         except StorageUnavailable as error:
-            structlog.get_logger().warning("look-put-off", job=self._claim.job_id, reason=str(error))
+            structlog.get_logger().warning("look-put-off", reason=str(error))
             return False
 
     def _time_to_give_back(self) -> bool:

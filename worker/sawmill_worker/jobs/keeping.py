@@ -41,7 +41,9 @@ class AttemptKeeper:
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0
         self._unannounced: list[str] = []
         self._begun, self._taken_up, self._lock = False, False, threading.Lock()
-        self._log = structlog.get_logger().bind(job=attempt.job.id, attempt=attempt.job.attempt)
+        # By itself: whoever keeps something may do so in a thread that does not know the attempt.
+        job = attempt.job
+        self._log = structlog.get_logger().bind(job_id=job.id, attempt=job.attempt, kind=job.kind.value)
 
     @property
     def has_begun(self) -> bool:

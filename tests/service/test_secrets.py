@@ -1,0 +1,76 @@
+"""No secret and no local variable is in the log, whatever becomes of a request."""
+
+import json
+
+import pytest
+
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+
+TOKEN = "sesame-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing
+# Each would be a secret where it stands; none may be in the log.
+SECRET = "sesame"  # noqa: S105
+HEADERS = {
+    "Authorization": f"Bearer {TOKEN}",
+    "Cookie": "session=sesame-cookie",
+    "X-Api-Key": "sesame-header",
+    "X-Request-Id": "sesame with a blank",
+    "User-Agent": "sesame-agent",
+    "Referer": "http://127.0.0.1:8000/login?key=sesame-referer",
+}
+REQUESTS = [
+    ("GET", "/v1/scanners?token=sesame-query", None),
+    ("GET", "/v1/scanners?limit=sesame-query", None),
+    ("GET", "/v1/scanners/example?key=sesame-query", None),
+    ("GET", "/sesame-path", None),
+    ("GET", "/v1/scanners/sesame-path", None),
+    ("POST", "/v1/scanners", b'{"name": "sesame-body"'),
+    ("POST", "/v1/scanners", b'{"name": "sesame-body", "token": "sesame-body"}'),
+    ("POST", "/v1/scanners", b"sesame" * 10_000),
+    ("PUT", "/v1/scanners/example", b'{"name": 7, "constants": "sesame-body"}'),
+    ("POST", "/v1/jobs/example/cancel", b"sesame-body"),
+    ("BREW-SESAME", "/v1/scanners", None),
+]
+
+
+class Failing:
+    """A resource that fails while a local variable holds a secret."""
+
+    def __getattr__(self, _):
+        def fail(*_args, **_kwargs):
+            local = TOKEN
+            raise KeyError(len(local))
+
+        return fail
+
+
+@pytest.fixture
+def guarded(client, store):
+    client.app = create_app(ServiceSettings(token=TOKEN, max_json_bytes=20_000), store, print)
+    return client
+
+
+@pytest.mark.parametrize("log_format", ["json", "console"])
+@pytest.mark.parametrize("broken", [False, True])
+def test_no_secret_and_no_local_variable_is_logged(guarded, store, log_text, log_format, broken):
+    log = log_text(log_format)
+    if broken:
+        store.scanners = store.jobs = Failing()
+    statuses = set()
+    for method, path, body in REQUESTS:
+        for changed in (
+            {},
+            {"Authorization": "Bearer sesame-wrong"},
+            {"Host": "sesame.example"},
+            {"Content-Length": "sesame"},
+            {"Origin": "http://sesame.example"},
+        ):
+            headers = {"Content-Type": "application/json", **HEADERS, **changed}
+            statuses.add(guarded.request(method, path, content=body, headers=headers).status_code)
+    assert statuses >= {400, 401, 403, 404, 405, 413, 421, 422} | ({500} if broken else set())
+    written = log.getvalue()
+    assert written.count("request") >= 5 * len(REQUESTS)
+    assert ("Traceback" in written or "exc_type" in written) == broken
+    assert SECRET not in written.lower()
+    if log_format == "json":
+        assert all(json.loads(line)["request_id"] for line in written.splitlines())
