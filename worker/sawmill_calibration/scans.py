@@ -174,6 +174,8 @@ def read_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     dataset: str | None = None,
+    flats: str | Path | None = None,
+    darks: str | Path | None = None,
     rows: str | None = None,
     views: int | None = None,
     air: AirCorrection | str = AirCorrection.AUTO,
@@ -196,6 +198,8 @@ def read_scan(
         Distances between cells and between rows, where the file does not carry them.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
+    flats, darks : str or Path, optional
+        Of counts: files of the flat and the dark fields, where the scan's file carries none.
     rows : str, optional
         `A:B` or `A:B:STEP`; all by default.
     views : int, optional
@@ -215,6 +219,8 @@ def read_scan(
             "dataset": dataset,
             "detector_pitch_mm": detector_pitch_mm,
             "row_pitch_mm": row_pitch_mm,
+            "flats": flats,
+            "darks": darks,
             "air": air,
             "faulty_cells": faulty_cells,
             "rings": rings,

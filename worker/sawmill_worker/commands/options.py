@@ -215,6 +215,7 @@ def picture(description: str) -> OptionInfo:
 
 ROWS = {"metavar": "A:B"}
 STEPPED_ROWS = {"metavar": "A:B[:STEP]"}
+FIELDS = {"metavar": "FILE", "exists": True, "dir_okay": False}
 ScanFile = Annotated[
     Path,
     typer.Argument(
@@ -228,7 +229,12 @@ AnglesDeg = Annotated[str | None, option(ScanFileOptions, "angles_deg", metavar=
 AnglesFile = Annotated[Path | None, option(ScanOptions, "angles_file", exists=True, dir_okay=False)]
 ScanFlags = Annotated[
     ScanOptions,
-    Flags(angles_deg={"metavar": "START:STEP"}, angles_file={"exists": True, "dir_okay": False}),
+    Flags(
+        angles_deg={"metavar": "START:STEP"},
+        angles_file={"exists": True, "dir_okay": False},
+        flats=FIELDS,
+        darks=FIELDS,
+    ),
 ]
 SourceToCor = Annotated[float, option(ScannerConstants, "source_to_cor_mm")]
 PhantomText = Annotated[

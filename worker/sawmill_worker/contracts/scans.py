@@ -1,6 +1,7 @@
 """Scans: projection stacks, uploaded as files and read by a job."""
 
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
@@ -34,12 +35,14 @@ class ScanFileOptions(PrepareOptions):
 
 
 class UnregisteredScanOptions(ScanFileOptions):
-    """How a file is read without a service, which knows the pitches from the scanner."""
+    """How a file is read without a service, which knows the pitches from the scanner and takes one file a scan."""
 
     detector_pitch_mm: PositiveMm | None = Field(
         None, description="Distance between detector cells; needed where the file does not carry it."
     )
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
+    flats: Path | None = Field(None, description="Of counts: the flat fields, where the scan's file carries none.")
+    darks: Path | None = Field(None, description="Of counts: the dark fields, where the scan's file carries none.")
 
 
 class ScanSpec(ScanFileOptions):

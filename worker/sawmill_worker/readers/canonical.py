@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,8 @@ class CanonicalScan:
         Whether views may lack rows at the top or the bottom: NaN in every cell.
     unused : str or None
         Values that could serve as pitch or distance, where the file does not state what they are.
+    others : tuple of Path
+        Further files that were read.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class CanonicalScan:
     remarks: tuple[str, ...]
     rows_missing: bool = False
     unused: str | None = None
+    others: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         check_scan(self)
@@ -197,7 +201,8 @@ def _check_kind(scan: CanonicalScan) -> None:
         raise UnreadableScan(
             "flats-missing",
             "counts need at least one flat field: images with image_key 1 in NXtomo, exchange/data_white in Data "
-            "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; or declare line integrals",
+            "Exchange, an array named flats in NPZ, MAT or HDF5, files named flat* in a ZIP; on the command line also "
+            "in a file of their own (--flats); or declare line integrals",
         )
     if not scan.counts and (scan.flats is not None or scan.darks is not None):
         raise UnreadableScan(

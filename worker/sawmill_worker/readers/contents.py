@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,8 @@ class FileContents:
         Values that could serve as pitch or distance, where the file does not state what they are.
     remarks : tuple of str
         What was done to the data, one sentence each.
+    others : tuple of Path
+        Further files that were read: those of the fields, of a folder, behind links.
     """
 
     format: str
@@ -67,3 +70,4 @@ class FileContents:
     row_pitch_mm: float | None = None
     unused: str | None = None
     remarks: tuple[str, ...] = ()
+    others: tuple[Path, ...] = ()

@@ -23,9 +23,10 @@ from sawmill_worker.readers.hdf5_storage import check_dataset
 from sawmill_worker.readers.hdf5_texts import attribute, attribute_text
 from sawmill_worker.readers.mat import MATLAB_NUMBERS
 from sawmill_worker.readers.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_worker.readers.wanted import Wanted
 
 
-def read_hdf5(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read an HDF5 file of any layout, which stays open for its projections.
 
     Raises
@@ -34,12 +35,12 @@ def read_hdf5(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack)
         When the file has no scan, several without a choice, or one that must not be read.
     """
     file = files.enter_context(open_hdf5(path))
-    entry = _choose_entry(file, dataset)
+    entry = _choose_entry(file, wanted.dataset)
     if entry is not None:
         return read_nxtomo(entry, bounds)
-    if is_exchange(file) and (dataset is None or dataset.strip("/") == EXCHANGE_DATA):
+    if is_exchange(file) and (wanted.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
         return read_exchange(file, bounds)
-    return _read_plain(file, dataset, bounds)
+    return _read_plain(file, wanted, bounds)
 
 
 def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
@@ -57,8 +58,8 @@ def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
     return entries[0] if entries else None
 
 
-def _read_plain(file: h5py.File, dataset: str | None, bounds: Bounds) -> FileContents:
-    found = dict(datasets(file))
+def _read_plain(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
+    found, dataset = dict(datasets(file)), wanted.dataset
     named = None if dataset is None else find(file, f"/{dataset}")
     if dataset is not None and isinstance(named, h5py.Dataset):
         found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
@@ -71,7 +72,7 @@ def _read_plain(file: h5py.File, dataset: str | None, bounds: Bounds) -> FileCon
         text=partial(_text, found, bounds.whole),
     )
     remarks = ("The arrays were transposed: MATLAB stores the last axis first.",) if matlab else ()
-    return read_named_arrays(arrays, dataset, remarks)
+    return read_named_arrays(arrays, wanted, remarks)
 
 
 def _info(node: h5py.Dataset) -> ArrayInfo:

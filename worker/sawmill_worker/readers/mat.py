@@ -13,13 +13,14 @@ from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type,
 from sawmill_worker.readers.contents import FileContents, held
 from sawmill_worker.readers.mat5_variables import Variable, list_variables, read_numbers, read_text
 from sawmill_worker.readers.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_worker.readers.wanted import Wanted
 
 MATLAB_NUMBERS = frozenset(
     {"double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"}
 )
 
 
-def read_mat5(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_mat5(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read the variables and fields of structs that are needed, and no others.
 
     Raises
@@ -38,7 +39,7 @@ def read_mat5(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> 
         projections=lambda name: held(as_float32(load(name))),
         text=partial(_text, path, variables, bounds),
     )
-    return read_named_arrays(arrays, dataset)
+    return read_named_arrays(arrays, wanted)
 
 
 def _load(path: Path, variables: dict[str, Variable], bounds: Bounds, name: str) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import as_float32, check_scan_dimensions
 from sawmill_worker.readers.contents import FileContents, Projections
+from sawmill_worker.readers.wanted import Wanted
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
@@ -57,7 +58,7 @@ class NamedArrays:
     text: Callable[[str], str | None] = lambda _: None
 
 
-def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[str, ...] = ()) -> FileContents:
+def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, ...] = ()) -> FileContents:
     """Take the projections (the one named, or the only candidate) and what stands beside them by name.
 
     Raises
@@ -65,9 +66,11 @@ def read_named_arrays(arrays: NamedArrays, dataset: str | None, remarks: tuple[s
     UnreadableScan
         `dataset-missing` or `dataset-ambiguous`, or whatever `load` refuses.
     """
-    name = _named(arrays.infos, dataset) if dataset is not None else _only_candidate(arrays.infos)
+    name = _named(arrays.infos, wanted.dataset) if wanted.dataset is not None else _only_candidate(arrays.infos, wanted)
     shape = arrays.infos[name].shape
     check_scan_dimensions(repr(quoted(name)), shape)
+    if wanted.fields is not None:
+        return FileContents(format=arrays.format, projections=arrays.projections(name))
     angles_deg = _angles(arrays)
     lists = [] if angles_deg is not None else _could_serve(arrays, name, ANGLES, shape[0])
     values = _could_serve(arrays, name, LENGTHS, 1)
@@ -93,8 +96,12 @@ def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
     return name
 
 
-def _only_candidate(infos: Mapping[str, ArrayInfo]) -> str:
-    possible = [name for name, info in infos.items() if name not in OTHER_NAMES and _could_be_projections(info)]
+def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
+    if wanted.fields is not None and wanted.fields in infos:
+        return wanted.fields
+    possible = [
+        name for name, info in infos.items() if name not in OTHER_NAMES and not _unfit(info, wanted.least_images)
+    ]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or possible
     if not candidates:
@@ -112,24 +119,20 @@ def _only_candidate(infos: Mapping[str, ArrayInfo]) -> str:
     return candidates[0]
 
 
-def _could_be_projections(info: ArrayInfo) -> bool:
-    return not _unfit(info)
-
-
-def _unfit(info: ArrayInfo) -> str:
+def _unfit(info: ArrayInfo, least_views: int) -> str:
     """Why an array cannot be projections, as words that follow its shape."""
     if not info.numeric:
         return f" of {info.kind or 'something else'}, not of real numbers"
     if len(info.shape) not in {2, 3}:
         return f" with {len(info.shape)} axes instead of 2 or 3"
-    if info.shape[0] < 3:
-        return f" with {info.shape[0]} views, at least 3 are needed"
+    if info.shape[0] < least_views:
+        return f" with {info.shape[0]} views, at least {least_views} are needed"
     return f" with {info.shape[-1]} cells, at least 2 are needed" if info.shape[-1] < 2 else ""
 
 
 def _listed(infos: Mapping[str, ArrayInfo], *, reasons: bool = False) -> str:
     names = [
-        f"{quoted(name)} {info.shape}{_unfit(info) if reasons and name not in OTHER_NAMES else ''}"
+        f"{quoted(name)} {info.shape}{_unfit(info, 3) if reasons and name not in OTHER_NAMES else ''}"
         for name, info in islice(infos.items(), MOST_NAMES_QUOTED + 1)
     ]
     more = ", ..." if len(names) > MOST_NAMES_QUOTED else ""

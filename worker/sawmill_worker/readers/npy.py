@@ -18,6 +18,7 @@ from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds, as_float32, check_number_type, check_scan_dimensions, check_size
 from sawmill_worker.readers.contents import FileContents, Projections, held
 from sawmill_worker.readers.named_arrays import ArrayInfo, NamedArrays, read_named_arrays
+from sawmill_worker.readers.wanted import Wanted
 
 # The formats of a header's own length, by the versions that hold plain arrays.
 LENGTHS = {(1, 0): "<H", (2, 0): "<I"}
@@ -42,7 +43,7 @@ class NpyHeader:
         return math.prod(self.shape) * self.dtype.itemsize
 
 
-def read_npy(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> FileContents:
+def read_npy(path: Path, wanted: Wanted, bounds: Bounds, _: ExitStack) -> FileContents:
     """Read a NPY file.
 
     Raises
@@ -50,9 +51,9 @@ def read_npy(path: Path, dataset: str | None, bounds: Bounds, _: ExitStack) -> F
     UnreadableScan
         When it holds objects, fewer data than it declares, or no projections.
     """
-    if dataset is not None:
+    if wanted.dataset is not None:
         raise UnreadableScan(
-            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(dataset)!r}"
+            "contradiction", f"a NPY file has one array without a name; leave out dataset {quoted(wanted.dataset)!r}"
         )
     with path.open("rb") as stream:
         header = read_header(stream)
@@ -85,7 +86,7 @@ def _projections(path: Path, header: NpyHeader, offset: int) -> Projections:
     return Projections(header.shape, read, (views, 1) if header.fortran_order else (1, 1))
 
 
-def read_npz(archive: ZipFile, infos: list[ZipInfo], dataset: str | None, max_bytes: int) -> FileContents:
+def read_npz(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, max_bytes: int) -> FileContents:
     """Read an archive of NPY files, checked by `members`; only the arrays that are needed are unpacked.
 
     Raises
@@ -107,7 +108,7 @@ def read_npz(archive: ZipFile, infos: list[ZipInfo], dataset: str | None, max_by
         load=load,
         projections=lambda name: held(as_float32(load(name))),
     )
-    return read_named_arrays(arrays, dataset)
+    return read_named_arrays(arrays, wanted)
 
 
 def read_header(stream: BinaryIO | Any) -> NpyHeader:  # noqa: ANN401 - a member of an archive is no BinaryIO

@@ -1,8 +1,8 @@
 """The one way in: any file, with what its uploader gave beside it, to a canonical scan."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,40 +13,15 @@ from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds, as_fields
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.contents import FileContents, Projections
-from sawmill_worker.readers.hdf5 import read_hdf5
-from sawmill_worker.readers.mat import read_mat5
-from sawmill_worker.readers.npy import read_npy
-from sawmill_worker.readers.tiff import read_tiff
-from sawmill_worker.readers.zipped import read_zip
+from sawmill_worker.readers.given_fields import with_fields
+from sawmill_worker.readers.recognising import recognise
+from sawmill_worker.readers.wanted import Wanted
 
-HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand before it, as in MATLAB files
 ANGLE_TOLERANCE_DEG = 1e-6
 SINGLE_PRECISION = 2.0**-23
 PITCH_TOLERANCE = 1e-6
 # Of the free memory, for what is read as a whole; the rest is for a block at a time, and the libraries.
 MEMORY_SHARE = 0.9
-
-
-@dataclass(frozen=True)
-class _Format:
-    name: str
-    read: Callable[[Path, str | None, Bounds, ExitStack], FileContents]
-
-
-_HDF5 = _Format("HDF5", read_hdf5)
-_MAT = _Format("MAT", read_mat5)
-_ZIP = _Format("ZIP", read_zip)
-MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
-_BY_FIRST_BYTES = (
-    (b"\x93NUMPY", _Format("NPY", read_npy)),
-    (b"PK\x03\x04", _ZIP),
-    (b"PK\x05\x06", _ZIP),
-    (b"II*\0", _Format("TIFF", read_tiff)),
-    (b"MM\0*", _Format("TIFF", read_tiff)),
-    (b"II+\0", _Format("TIFF", read_tiff)),
-    (b"MM\0+", _Format("TIFF", read_tiff)),
-)
 
 
 @contextmanager
@@ -59,6 +34,8 @@ def reading_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
+    flats: Path | None = None,
+    darks: Path | None = None,
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[CanonicalScan]:
@@ -80,6 +57,8 @@ def reading_scan(
         Known distances between cells and between rows; a file with other values is refused.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
+    flats, darks : Path, optional
+        Files of the flat and of the dark fields, where the scan's file carries none.
     max_bytes : int
         Largest size of one array, as float32 or as stored, whichever is more.
     free_bytes : int, optional
@@ -90,31 +69,90 @@ def reading_scan(
     UnreadableScan
         When the file cannot be read, is not a scan, or contradicts what was given beside it.
     """
-    recognised = _recognise(path)
+    if not counts and (flats or darks):
+        raise UnreadableScan(
+            "contradiction",
+            "flat and dark fields (--flats, --darks) belong to counts and the data were declared line integrals; "
+            "declare counts, or leave the fields out",
+        )
+    opened = reading_contents(
+        path, dataset=dataset, flats=flats, darks=darks, max_bytes=max_bytes, free_bytes=free_bytes
+    )
+    with opened as contents:
+        yield canonical_scan(
+            contents,
+            counts=counts,
+            angles_deg=angles_deg,
+            detector_pitch_mm=detector_pitch_mm,
+            row_pitch_mm=row_pitch_mm,
+            rows_missing=rows_missing,
+        )
+
+
+@contextmanager
+def reading_contents(
+    path: Path,
+    *,
+    dataset: str | None = None,
+    flats: Path | None = None,
+    darks: Path | None = None,
+    max_bytes: int = MAX_BYTES,
+    free_bytes: int | None = None,
+) -> Iterator[FileContents]:
+    """Open a file for what it holds of a scan, and the files of the fields beside it; the rest is as in `reading_scan`.
+
+    Raises
+    ------
+    UnreadableScan
+        When a file cannot be read, or is not a scan.
+    """
+    recognised = recognise(path)
     # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
     piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
+    bounds = Bounds(max_bytes, piece)
     with ExitStack() as files:
         with library_errors_translated(recognised.name):
-            contents = recognised.read(path, dataset, Bounds(max_bytes, piece), files)
+            contents = recognised.read(path, Wanted(dataset), bounds, files)
             _check_piece(contents.projections, piece)
-        projections = _translated(contents.projections, recognised.name)
-        dimensions = len(projections.shape)
-        angles, remarks = _agree_on_angles(contents, angles_deg, projections.shape[0])
-        if counts and contents.darks is None:
-            remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
-        yield CanonicalScan(
-            projections=projections,
-            angles_rad=np.deg2rad(angles),
-            counts=counts,
-            flats=None if contents.flats is None else as_fields(contents.flats, dimensions),
-            darks=None if contents.darks is None else as_fields(contents.darks, dimensions),
-            detector_pitch_mm=_agree_on_pitch("detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm),
-            row_pitch_mm=_agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
-            format=contents.format,
-            remarks=(*contents.remarks, *remarks),
-            rows_missing=rows_missing,
-            unused=contents.unused,
-        )
+        contents = with_fields(contents, flats, darks, bounds)
+        yield replace(contents, projections=_translated(contents.projections, recognised.name))
+
+
+def canonical_scan(
+    contents: FileContents,
+    *,
+    counts: bool,
+    angles_deg: AnglesGiven | None = None,
+    detector_pitch_mm: float | None = None,
+    row_pitch_mm: float | None = None,
+    rows_missing: bool = False,
+) -> CanonicalScan:
+    """What a file holds, compared with what was given beside it; parameters as in `reading_scan`.
+
+    Raises
+    ------
+    UnreadableScan
+        When they contradict each other, or the parts do not agree.
+    """
+    projections = contents.projections
+    dimensions = len(projections.shape)
+    angles, remarks = agree_on_angles(contents, angles_deg, projections.shape[0])
+    if counts and contents.darks is None:
+        remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
+    return CanonicalScan(
+        projections=projections,
+        angles_rad=np.deg2rad(angles),
+        counts=counts,
+        flats=None if contents.flats is None else as_fields(contents.flats, dimensions),
+        darks=None if contents.darks is None else as_fields(contents.darks, dimensions),
+        detector_pitch_mm=agree_on_pitch("detector_pitch_mm", contents.detector_pitch_mm, detector_pitch_mm),
+        row_pitch_mm=agree_on_pitch("row_pitch_mm", contents.row_pitch_mm, row_pitch_mm),
+        format=contents.format,
+        remarks=(*contents.remarks, *remarks),
+        rows_missing=rows_missing,
+        unused=contents.unused,
+        others=contents.others,
+    )
 
 
 def _check_piece(projections: Projections, most_bytes: int) -> None:
@@ -137,28 +175,16 @@ def _translated(projections: Projections, what: str) -> Projections:
     return replace(projections, read=read)
 
 
-def _recognise(path: Path) -> _Format:
-    with path.open("rb") as stream:
-        head = stream.read(HDF5_OFFSETS[-1] + len(HDF5_SIGNATURE))
-    if not head:
-        raise UnreadableScan("empty-file", "the file is empty; upload it again")
-    if any(head[offset:].startswith(HDF5_SIGNATURE) for offset in HDF5_OFFSETS):
-        return _HDF5
-    if head[124:128] in MAT_VERSIONS:
-        return _MAT
-    for first_bytes, known in _BY_FIRST_BYTES:
-        if head.startswith(first_bytes):
-            return known
-    raise UnreadableScan(
-        "unknown-format",
-        "the file is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT; "
-        "export it as one of them",
-    )
-
-
-def _agree_on_angles(
+def agree_on_angles(
     contents: FileContents, given: AnglesGiven | None, views: int
 ) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The views' angles (views,) in degrees, of the file or as given, and remarks.
+
+    Raises
+    ------
+    UnreadableScan
+        There are none, or both and they differ.
+    """
     if given is None:
         if contents.angles_deg is None:
             reason = contents.angles_unusable or "the file carries no angles"
@@ -193,7 +219,8 @@ def _check_same_angles(in_file: NDArray[np.float64], given: NDArray[np.float64])
         )
 
 
-def _agree_on_pitch(name: str, in_file: float | None, given: float | None) -> float | None:
+def agree_on_pitch(name: str, in_file: float | None, given: float | None) -> float | None:
+    """A distance in mm of the file or as given, or None; refused where both are there and differ."""
     if in_file is None or given is None:
         return in_file if given is None else given
     if abs(in_file - given) > PITCH_TOLERANCE * abs(given):

@@ -24,6 +24,7 @@ from sawmill_worker.readers.arrays import (
 )
 from sawmill_worker.readers.contents import FileContents, Projections, held
 from sawmill_worker.readers.tiff_chain import check_chain
+from sawmill_worker.readers.wanted import Wanted
 
 UNCOMPRESSED = 1
 DEFLATES = frozenset({8, 32946})
@@ -52,7 +53,7 @@ class TiffPages:
         return block
 
 
-def read_tiff(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack) -> FileContents:
+def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read a TIFF file, which stays open for its pages; a single page is the sinogram of one row.
 
     Raises
@@ -60,8 +61,10 @@ def read_tiff(path: Path, dataset: str | None, bounds: Bounds, files: ExitStack)
     UnreadableScan
         When a page cannot be an image of numbers.
     """
-    if dataset is not None:
-        raise UnreadableScan("contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(dataset)!r}")
+    if wanted.dataset is not None:
+        raise UnreadableScan(
+            "contradiction", f"a TIFF file has no named arrays; leave out dataset {quoted(wanted.dataset)!r}"
+        )
     pages = files.enter_context(open_pages(path, "the file", path.stat().st_size, bounds))
     count, rows, _ = pages.shape
     if count == 1:

@@ -1,7 +1,7 @@
 """A scan without a service, for commands and notebooks: its rows as they are needed, all in memory only if asked."""
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -104,13 +104,15 @@ def open_rows(
 
 def _needs_no_preparing(source: ScanSource) -> bool:
     """Whether no flag has to be compared with the file or done to it."""
-    bare = source.options.dataset is None and source.angles is None and source.options.row_pitch_mm is None
-    if not (bare and source.options.data is DataKind.LINE_INTEGRALS and source.prepare == PrepareOptions()):
+    options = source.options
+    beside = (options.dataset, source.angles, options.row_pitch_mm, options.flats, options.darks)
+    bare = all(given is None for given in beside)
+    if not (bare and options.data is DataKind.LINE_INTEGRALS and source.prepare == PrepareOptions()):
         return False
     if not is_own_scan(source.path):
         return False
     with open_scan(source.path) as scan:
-        return source.options.detector_pitch_mm in {None, scan.detector_pitch_mm}
+        return options.detector_pitch_mm in {None, scan.detector_pitch_mm}
 
 
 @contextmanager
@@ -135,6 +137,8 @@ def _prepared_rows(
             detector_pitch_mm=source.options.detector_pitch_mm,
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
+            flats=source.options.flats,
+            darks=source.options.darks,
             free_bytes=memory_available(),
         )
         with reading as read:
@@ -154,7 +158,14 @@ def _prepared_rows(
         left = _part_of(on_progress, PREPARING_SHARE, 1.0)
         with open_scan(path) as scan:
             yield _rows_of(
-                scan, source, source_to_cor_mm, read.angles_rad, left, counts=read.counts, remarks=prepared.remarks
+                scan,
+                source,
+                source_to_cor_mm,
+                read.angles_rad,
+                left,
+                counts=read.counts,
+                others=read.others,
+                remarks=prepared.remarks,
             )
 
 
@@ -166,6 +177,7 @@ def _rows_of(
     on_progress: ProgressCallback,
     *,
     counts: bool,
+    others: tuple[Path, ...] = (),
     remarks: tuple[str, ...] = (),
 ) -> ScanRows:
     all_views, all_rows, cells = scan.shape
@@ -196,7 +208,7 @@ def _rows_of(
         row_step=rows.step,
         scanner=_scanner(source_to_cor_mm, cells, scan.detector_pitch_mm, scan.row_pitch_mm),
         counts=counts,
-        sha256=_sha256(source.path),
+        sha256=_sha256([source.path, *others]),
         remarks=remarks,
         on_progress=on_progress,
     )
@@ -213,7 +225,13 @@ def _scanner(r_s: float, cells: int, pitch: float, row_pitch: float | None) -> S
         raise refused("wrong-shape", f"the file's {first['loc'][0]} is {first['input']}: {complaint(error)}") from error
 
 
-def _sha256(path: Path) -> str:
+def _sha256(paths: Sequence[Path]) -> str:
+    """Of the file; of several, the checksum of their checksums in hexadecimal, one after the other."""
+    digests = [_sha256_of_file(path) for path in paths if path.is_file()]
+    return digests[0] if len(digests) == 1 else hashlib.sha256("".join(digests).encode()).hexdigest()
+
+
+def _sha256_of_file(path: Path) -> str:
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 

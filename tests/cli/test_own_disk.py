@@ -1,0 +1,60 @@
+"""What the command line reads from one's own disk and the service does not: fields in files of their own."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.slow
+
+THETA = "2.55,714.7,319.9,43.7,0.281"
+PITCH = ("--detector-pitch-mm", 4.508593749)
+GEOMETRY = ("--source-to-cor-mm", 859.46, "--theta", THETA, "--size", 32, "--rows", "2:3")
+
+
+@pytest.fixture(scope="session")
+def parts(scans, stack):
+    """Views, flats and darks of the stack, each in a file of its own, and its flags for the angles."""
+    with h5py.File(stack) as file:
+        detector = file["entry/instrument/detector"]
+        images, keys = detector["data"][()], detector["image_key"][()]
+        angles = file["entry/sample/rotation_angle"][()][keys == 0]
+    for name, key in (("views", 0), ("flats", 1), ("darks", 2)):
+        np.save(scans / f"{name}.npy", images[keys == key])
+    (scans / "angles.txt").write_text("\n".join(f"{angle:.12g}" for angle in angles))
+    return scans
+
+
+def reconstruct(run, path, output, *flags):
+    run("reconstruct", path, *GEOMETRY, "--data", "counts", "-o", output, *flags)
+    with h5py.File(output) as file:
+        return file["entry/data/data"][()], file["entry/process/input_sha256"][()]
+
+
+def test_flats_and_darks_beside_the_views_give_the_same_volume(run, parts, stack, tmp_path):
+    given = ("--flats", parts / "flats.npy", "--darks", parts / "darks.npy", "--angles-file", parts / "angles.txt")
+    volume, checksum = reconstruct(run, parts / "views.npy", tmp_path / "a.h5", *given, *PITCH)
+    expected, other_checksum = reconstruct(run, stack, tmp_path / "b.h5")
+    # The same numbers by the same way; the angles went through a text of 12 digits.
+    np.testing.assert_allclose(volume, expected, atol=1e-6 * np.abs(expected).max())
+    assert checksum != other_checksum
+
+
+def test_counts_without_flats_name_the_flag(failure, parts, tmp_path):
+    given = (*GEOMETRY, "--data", "counts", "-o", tmp_path / "out.h5", "--angles-file", parts / "angles.txt")
+    answer = failure("reconstruct", parts / "views.npy", *given, *PITCH)
+    assert answer["code"] == "flats-missing"
+    assert "(--flats)" in answer["detail"]
+
+
+def test_flats_that_do_not_exist_are_wrong_use(wrong_use, stack):
+    flags = ("--data", "counts", *GEOMETRY, "-o", "out.h5")
+    assert "'--flats'" in wrong_use("reconstruct", stack, *flags, "--flats", "nowhere.tif")
+
+
+def test_fields_in_both_places_are_refused(failure, parts, stack, tmp_path):
+    given = ("--data", "counts", *GEOMETRY, "-o", tmp_path / "out.h5", "--flats", parts / "flats.npy")
+    answer = failure("reconstruct", stack, *given)
+    assert answer["code"] == "contradiction"
+    assert json.dumps(answer).count("--flats") == 1

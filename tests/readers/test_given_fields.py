@@ -1,0 +1,144 @@
+"""Flat and dark fields in files of their own, of every kind that holds one stack or one image."""
+
+from zipfile import ZipFile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+from scan_files import CELLS, ROWS
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.readers.reading import reading_scan
+
+STEPS = AngleSteps(0.0, 60.0)
+
+
+@pytest.fixture
+def scan_file(tmp_path, stack):
+    """Counts and nothing else."""
+    np.save(tmp_path / "scan.npy", stack.astype(np.uint16))
+    return tmp_path / "scan.npy"
+
+
+@pytest.fixture
+def fields(rng):
+    """(n, rows, detector), two images that differ."""
+    return rng.integers(50_000, 60_000, (2, ROWS, CELLS)).astype(np.uint16)
+
+
+def nxtomo_of(path, images, key):
+    with h5py.File(path, "w") as file:
+        entry = file.create_group("entry")
+        entry["definition"] = "NXtomo"
+        entry["instrument/detector/data"] = images
+        entry["instrument/detector/image_key"] = [key] * len(images)
+
+
+def zip_of(path, images, name):
+    for index, image in enumerate(images):
+        tifffile.imwrite(path.with_name(f"{name}{index}.tif"), image)
+    with ZipFile(path, "w") as archive:
+        for index in range(len(images)):
+            archive.write(path.with_name(f"{name}{index}.tif"), f"{name}{index}.tif")
+
+
+def npz_of(path, **arrays):
+    with path.open("wb") as stream:
+        np.savez(stream, **arrays)
+
+
+def hdf5_of(path, images):
+    with h5py.File(path, "w") as file:
+        file["anything"] = images
+
+
+WRITERS = {
+    "npy": np.save,
+    "npz": lambda path, images: npz_of(path, anything=images),
+    "npz of flats": lambda path, images: npz_of(path, flats=images, darks=images[:, ::-1]),
+    "mat": lambda path, images: scipy.io.savemat(path, {"flats": images}),
+    "tiff": lambda path, images: tifffile.imwrite(path, images, metadata=None),
+    "zip": lambda path, images: zip_of(path, images, "air-"),
+    "zip of flats": lambda path, images: zip_of(path, images, "flat-"),
+    "hdf5": hdf5_of,
+    "nxtomo of flats": lambda path, images: nxtomo_of(path, images, 1),
+    "nxtomo of views": lambda path, images: nxtomo_of(path, images, 0),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_flats_of_every_format(writer, scan_file, fields, tmp_path):
+    path = tmp_path / "fields.npy"  # the name is no matter
+    WRITERS[writer](path, fields)
+    with reading_scan(scan_file, counts=True, angles_deg=STEPS, flats=path) as scan:
+        np.testing.assert_array_equal(scan.flats, fields)
+        assert scan.others == (path,)
+
+
+def test_one_image_is_one_field(scan_file, fields, tmp_path):
+    tifffile.imwrite(tmp_path / "flat.tif", fields[0])
+    np.save(tmp_path / "dark.npy", fields[1])
+    given = {"flats": tmp_path / "flat.tif", "darks": tmp_path / "dark.npy"}
+    with reading_scan(scan_file, counts=True, angles_deg=STEPS, **given) as scan:
+        np.testing.assert_array_equal(scan.flats, fields[:1])
+        np.testing.assert_array_equal(scan.darks, fields[1:])
+        assert not any("dark" in remark for remark in scan.remarks)
+
+
+def test_fields_of_a_sinogram(fields, stack, tmp_path):
+    np.save(tmp_path / "scan.npy", stack[:, 0])
+    np.save(tmp_path / "flats.npy", fields[:, 0])
+    with reading_scan(tmp_path / "scan.npy", counts=True, angles_deg=STEPS, flats=tmp_path / "flats.npy") as scan:
+        np.testing.assert_array_equal(scan.flats, fields[:, :1])
+
+
+def refusal(path, **given):
+    with pytest.raises(UnreadableScan) as refused, reading_scan(path, **given):
+        pass
+    return refused.value.code, str(refused.value)
+
+
+def test_fields_in_the_file_and_beside_it_are_refused(nxtomo, fields, tmp_path):
+    np.save(tmp_path / "f.npy", fields)
+    code, sentence = refusal(nxtomo(), counts=True, flats=tmp_path / "f.npy")
+    assert code == "contradiction"
+    assert "flats of its own" in sentence
+    assert "--flats" in sentence
+
+
+def test_fields_of_another_size_are_refused_with_both_shapes(scan_file, fields, tmp_path):
+    np.save(tmp_path / "f.npy", fields[:, 1:])
+    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy")
+    assert code == "wrong-shape"
+    assert f"(2, {ROWS - 1}, {CELLS})" in sentence
+    assert f"({ROWS}, {CELLS})" in sentence
+
+
+def test_fields_beside_line_integrals_are_refused(scan_file, fields, tmp_path):
+    np.save(tmp_path / "f.npy", fields)
+    assert refusal(scan_file, counts=False, angles_deg=STEPS, darks=tmp_path / "f.npy")[0] == "contradiction"
+
+
+def test_a_file_of_other_fields_is_not_taken_for_these(scan_file, fields, tmp_path):
+    nxtomo_of(tmp_path / "flats.nxs", fields, 1)
+    given = {"flats": tmp_path / "flats.nxs", "darks": tmp_path / "flats.nxs"}
+    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, **given)
+    assert code == "dataset-missing"
+    assert sentence.startswith("--darks 'flats.nxs': it holds no darks")
+
+
+def test_what_is_wrong_with_the_fields_file_names_it(scan_file, tmp_path):
+    (tmp_path / "f.npy").write_bytes(b"\x93NUMPY\1\0\5\0what?")
+    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy")
+    assert code == "broken-file"
+    assert sentence.startswith("--flats 'f.npy': this NPY file is incomplete")
+
+
+def test_more_fields_than_fit_into_the_memory_are_refused(scan_file, fields, tmp_path):
+    np.save(tmp_path / "f.npy", np.repeat(fields, 20, axis=0))
+    code, sentence = refusal(scan_file, counts=True, angles_deg=STEPS, flats=tmp_path / "f.npy", free_bytes=2_000)
+    assert code == "too-large"
+    assert sentence.startswith("--flats 'f.npy': ")

@@ -1,0 +1,70 @@
+"""Which format a file has: by its content, never by its name."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.arrays import Bounds
+from sawmill_worker.readers.contents import FileContents
+from sawmill_worker.readers.hdf5 import read_hdf5
+from sawmill_worker.readers.mat import read_mat5
+from sawmill_worker.readers.npy import read_npy
+from sawmill_worker.readers.tiff import read_tiff
+from sawmill_worker.readers.wanted import Wanted
+from sawmill_worker.readers.zipped import read_zip
+
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand before it, as in MATLAB files
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format by its name, and what reads it: of a file that stays open in the stack, what is wanted."""
+
+    name: str
+    read: Callable[[Path, Wanted, Bounds, ExitStack], FileContents]
+
+
+HDF5 = Format("HDF5", read_hdf5)
+MAT = Format("MAT", read_mat5)
+ZIP = Format("ZIP", read_zip)
+NPY = Format("NPY", read_npy)
+TIFF = Format("TIFF", read_tiff)
+MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
+_BY_FIRST_BYTES = (
+    (b"\x93NUMPY", NPY),
+    (b"PK\x03\x04", ZIP),
+    (b"PK\x05\x06", ZIP),
+    (b"II*\0", TIFF),
+    (b"MM\0*", TIFF),
+    (b"II+\0", TIFF),
+    (b"MM\0+", TIFF),
+)
+
+
+def recognise(path: Path) -> Format:
+    """The format of a file.
+
+    Raises
+    ------
+    UnreadableScan
+        `empty-file` or `unknown-format`.
+    """
+    with path.open("rb") as stream:
+        head = stream.read(HDF5_OFFSETS[-1] + len(HDF5_SIGNATURE))
+    if not head:
+        raise UnreadableScan("empty-file", "the file is empty; upload it again")
+    if any(head[offset:].startswith(HDF5_SIGNATURE) for offset in HDF5_OFFSETS):
+        return HDF5
+    if head[124:128] in MAT_VERSIONS:
+        return MAT
+    for first_bytes, known in _BY_FIRST_BYTES:
+        if head.startswith(first_bytes):
+            return known
+    raise UnreadableScan(
+        "unknown-format",
+        "the file is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT; "
+        "export it as one of them",
+    )
