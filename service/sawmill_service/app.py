@@ -26,6 +26,7 @@ from sawmill_service.routes import (
     schedules,
 )
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.store import Store
 
@@ -76,6 +77,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
         version=version("sawmill-calibration"),
         description=DESCRIPTION,
         openapi_tags=TAGS,
+        openapi_url=None,
         docs_url=None,
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,
@@ -89,6 +91,12 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     app.mount("/static", StaticFiles(directory=console.STATIC))
     app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     # The last one added is the outermost.
+    app.add_middleware(
+        SlowBodies,
+        silence_s=settings.client_silence_s,
+        grace_s=settings.body_grace_s,
+        least_bytes_per_s=settings.min_client_bytes_per_s,
+    )
     app.add_middleware(
         Gate,
         allowed_hosts=settings.names,

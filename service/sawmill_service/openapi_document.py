@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -38,6 +39,11 @@ class Application(FastAPI):
         if self.openapi_schema is None:
             self.openapi_schema = _finish(super().openapi())
         return self.openapi_schema
+
+    @cached_property
+    def openapi_json(self) -> bytes:
+        """The document as it is served: writing it out takes longer than most requests, and is done once."""
+        return json.dumps(self.openapi(), separators=(",", ":"), ensure_ascii=False).encode()
 
 
 def render(app: FastAPI) -> str:

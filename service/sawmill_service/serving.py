@@ -4,14 +4,18 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack, closing
+from functools import partial
 from types import FrameType
+from typing import cast
 
 import structlog
 import uvicorn
 
 from sawmill_service.app import create_app
+from sawmill_service.connections import ClientConnection, Connections
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import listen
+from sawmill_service.open_files import open_files_for
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
 from sawmill_worker.execution.clock_keeper import ClockKeeper
@@ -50,11 +54,12 @@ def serve_until_stopped(
     StorageError, OSError
         The data folder cannot be used.
     ListenError
-        The address or the port cannot be used.
+        The address or the port cannot be used, or not with so many connections.
     """
     configure_logs(execution.log_format)
     for number in _SIGNALS:
         signal.signal(number, _end_start)
+    open_files_for(settings.max_connections)
     with ExitStack() as stack:
         listening = stack.enter_context(
             closing(listen(settings.host, settings.port, guarded=settings.token is not None))
@@ -75,12 +80,20 @@ def serve_until_stopped(
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         app = create_app(settings, store, wake)
-        config = uvicorn.Config(app, log_config=None, access_log=False, server_header=False)
+        connections = Connections(settings, app.state.metrics)
+        config = uvicorn.Config(
+            app,
+            http=cast("type[ClientConnection]", partial(ClientConnection, connections=connections)),
+            ws="none",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+        )
         port = listening.getsockname()[1]
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
-        Server(config, app.state.stopping).run(sockets=[listening])
+        Server(config, app.state.stopping, connections).run(sockets=[listening])
         _ignore_signals()
 
 

@@ -61,6 +61,31 @@ class ServiceSettings(BaseSettings):
         1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
     )
 
+    max_connections: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        512,
+        description="Connections open at once. For another one the client that has kept the service waiting longest "
+        "gives way.",
+    )
+    max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
+        64,
+        description="Of these, from one address (one /64 of IPv6); loopback, where a proxy's come from, has no bound "
+        "of its own.",
+    )
+    head_timeout_s: Annotated[float, Field(gt=0)] = Field(
+        10.0, description="For a request's head to come whole; browsers send theirs at once."
+    )
+    client_silence_s: Annotated[float, Field(gt=0)] = Field(
+        60.0, description="How long a body may stand still, and over which the rate of reading an answer is taken."
+    )
+    min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
+        1000.0,
+        description="Least mean rate of a body, once it was awaited for `body_grace_s`, and of reading an answer: a "
+        "tenth of a slow line's.",
+    )
+    body_grace_s: Annotated[float, Field(ge=0)] = Field(
+        30.0, description="A body is awaited for that long before its rate counts."
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _read_token(cls, given: dict[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from types import FrameType
 import uvicorn
 from starlette.types import Message, Receive
 
+from sawmill_service.connections import Connections
 from sawmill_service.problems import Refused
 
 # From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
@@ -16,6 +17,13 @@ SHUTDOWN_S = 3.0
 # For what waits for the database then, which is given up after five seconds (`storage/database.py`).
 _ANSWERS_S = 9
 _LOOK_S = 0.25
+# Of uvicorn's ticks of a tenth of a second, between two looks at slow clients.
+_TICKS = 5
+# Connections that the system keeps until they are accepted, a few at a time so that requests are answered between them.
+_QUEUE = 2048
+_ACCEPTED_AT_ONCE = 64
+# Of an answer, in the system's memory for each connection: it would keep 4 MB for a client that does not read.
+_UNSENT_BYTES = 2**18
 
 
 class Stopping:
@@ -74,15 +82,31 @@ class Server(uvicorn.Server):
     Parameters
     ----------
     config
-        Its time limit of a graceful shutdown is set here.
+        Its time limit of a graceful shutdown and its backlog are set here.
     stopping
         The application's.
+    connections
+        Those of `config`'s protocol.
     """
 
-    def __init__(self, config: uvicorn.Config, stopping: Stopping) -> None:
-        config.timeout_graceful_shutdown = _ANSWERS_S
+    def __init__(self, config: uvicorn.Config, stopping: Stopping, connections: Connections) -> None:
+        config.timeout_graceful_shutdown, config.backlog = _ANSWERS_S, _ACCEPTED_AT_ONCE
         super().__init__(config)
-        self._stopping = stopping
+        self._stopping, self._connections = stopping, connections
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Listen with a long queue; asyncio would accept all of it between two looks at open connections."""
+        await super().startup(sockets)
+        for listening in sockets or ():
+            # Connections inherit it.
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
+            listening.listen(_QUEUE)
+
+    async def on_tick(self, counter: int) -> bool:
+        """Look at slow clients now and then."""
+        if counter % _TICKS == 0:
+            self._connections.look()
+        return await super().on_tick(counter)
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - uvicorn's names
         """Begin to end at the first signal; cut off what is still open at the second Ctrl-C."""

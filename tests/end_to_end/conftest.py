@@ -185,7 +185,7 @@ def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequ
         yield Service(client, data, server.pid)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def serve() -> Callable[..., AbstractContextManager[Service]]:
     """Start a service of the test's own: as `serving`."""
     return serving

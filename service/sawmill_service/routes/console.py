@@ -26,6 +26,13 @@ def console() -> Response:
     return FileResponse(STATIC / "console.html")
 
 
+@router.get("/openapi.json")
+def openapi(request: Request) -> Response:
+    """The OpenAPI document."""
+    document: bytes = request.app.openapi_json
+    return Response(document, media_type="application/json")
+
+
 @router.get("/examples/phantom-scan.npz")
 def example_scan(request: Request, store: TheStore) -> Response:
     """A small scan to upload."""
