@@ -1,4 +1,4 @@
-"""The commands that need no server: calibrate, drift, reconstruct, simulate, export, phantom, worker.
+"""The commands that need no server: inspect, calibrate, drift, reconstruct, simulate, export, phantom, worker.
 
 Here stand their flags and what they print. Flags come from the contracts (`commands/from_contract.py`). What a
 command does stands in `sawmill_worker.commands`. The command itself imports it: none waits for another's libraries.
@@ -15,6 +15,7 @@ import typer
 from sawmill_worker.commands import options as shared
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.from_contract import Flags, from_contracts, option, wrong_use
+from sawmill_worker.commands.inspection_table import print_inspection
 from sawmill_worker.commands.options import CalibrationSource, Pictures, ThetaSource, scan_source
 from sawmill_worker.commands.tables import (
     print_calibration,
@@ -64,6 +65,33 @@ def sawmill(
     ] = False,
 ) -> None:
     """Geometry calibration and reconstruction for sawmill X-ray log scanners."""
+
+
+@app.command(cls=Command)
+def inspect(
+    file: shared.ScanFile,
+    data: Annotated[DataKind | None, option(shared.ScanOptions, "data")] = None,
+    dataset: Annotated[str | None, option(shared.ScanOptions, "dataset")] = None,
+    angles_deg: shared.AnglesDeg = None,
+    angles_file: shared.AnglesFile = None,
+    detector_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "detector_pitch_mm")] = None,
+    row_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "row_pitch_mm")] = None,
+    flats: shared.FlatsFile = None,
+    darks: shared.DarksFile = None,
+    as_json: shared.JsonFlag = False,
+) -> None:
+    """Say what is in a file, what of it would be read as a scan, and what is missing."""
+    angles = shared.given_angles(angles_deg, angles_file)
+    with answering(as_json=as_json):
+        from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
+
+        result = inspect_file(
+            GivenBeside(file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks),
+        )
+    if as_json:
+        print_json({"state": "succeeded", **result.model_dump(mode="json")})
+    else:
+        print_inspection(result)
 
 
 @app.command(cls=Command)

@@ -236,6 +236,8 @@ ScanFlags = Annotated[
         darks=FIELDS,
     ),
 ]
+FlatsFile = Annotated[Path | None, option(ScanOptions, "flats", **FIELDS)]
+DarksFile = Annotated[Path | None, option(ScanOptions, "darks", **FIELDS)]
 SourceToCor = Annotated[float, option(ScannerConstants, "source_to_cor_mm")]
 PhantomText = Annotated[
     str,

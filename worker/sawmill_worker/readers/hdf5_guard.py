@@ -47,7 +47,7 @@ def find(start: Node, path: str) -> Node | None:
                     "unsupported-storage",
                     f"the links behind {quoted(path)!r} run in a circle; link straight to the data",
                 )
-            target = here.id.links.get_val(key).decode("utf-8", "surrogateescape")
+            target = text_of(here.id.links.get_val(key))
             pending = _parts(target) + pending
             here = here.file["/"] if target.startswith("/") else here
         elif kind == h5py.h5l.TYPE_HARD:
@@ -68,18 +68,34 @@ def children(group: h5py.Group) -> Iterator[tuple[str, Node]]:
     UnreadableScan
         `too-large` for more members, or a longer name, than are read.
     """
+    for key, _ in members(group):
+        node = find(group, text_of(key))
+        if node is not None:
+            yield text_of(key), node
+
+
+def members(group: h5py.Group) -> Iterator[tuple[bytes, int]]:
+    """The name of every member as it is stored, and the kind of its link (`h5py.h5l`), before it is opened.
+
+    Raises
+    ------
+    UnreadableScan
+        `too-large` for more members, or a longer name, than are read.
+    """
     check_members(len(group))
     for stored in group:
-        name = stored.decode("utf-8", "surrogateescape") if isinstance(stored, bytes) else stored
-        length = len(_key(name))
-        if length > LONGEST_NAME_BYTES:
+        key = stored if isinstance(stored, bytes) else _key(stored)
+        if len(key) > LONGEST_NAME_BYTES:
             raise UnreadableScan(
                 "too-large",
-                f"a name in the group {name_of(group)} has {length} bytes; at most {LONGEST_NAME_BYTES} are read",
+                f"a name in the group {name_of(group)} has {len(key)} bytes; at most {LONGEST_NAME_BYTES} are read",
             )
-        node = find(group, name)
-        if node is not None:
-            yield name, node
+        yield key, group.id.links.get_info(key).type
+
+
+def text_of(key: bytes) -> str:
+    """A name as it is stored; of one that is not UTF-8 the other bytes are surrogates."""
+    return key.decode("utf-8", "surrogateescape")
 
 
 def check_members(count: int) -> None:

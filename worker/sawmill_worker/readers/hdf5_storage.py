@@ -17,7 +17,7 @@ from sawmill_worker.readers.arrays import (
 
 # Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
 PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "lzf"}
-KNOWN_FILTERS = frozenset({*PACKINGS, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32})
+FILTERS = {**PACKINGS, h5py.h5z.FILTER_SHUFFLE: "shuffle", h5py.h5z.FILTER_FLETCHER32: "checksum"}
 # Shuffle, one packing, a checksum.
 MOST_FILTERS = 3
 
@@ -77,6 +77,11 @@ def _filters(dataset: h5py.Dataset) -> list[tuple[int, bytes]]:
     return [(code, name) for code, _, _, name in found]
 
 
+def filter_names(dataset: h5py.Dataset) -> list[str]:
+    """What a dataset is stored through, in its order; of a filter that is not read, its name and its number."""
+    return [FILTERS.get(code) or f"{quoted(repr(name))} ({code})" for code, name in _filters(dataset)]
+
+
 def _deflates(dataset: h5py.Dataset) -> int | None:
     """Which of the dataset's filters deflates."""
     codes = [code for code, _ in _filters(dataset)]
@@ -91,7 +96,7 @@ def check_storage(where: str, dataset: h5py.Dataset) -> None:
         )
     filters = _filters(dataset)
     for code, name in filters:
-        if code not in KNOWN_FILTERS:
+        if code not in FILTERS:
             raise UnreadableScan(
                 "unsupported-storage",
                 f"{where} is stored with the filter {quoted(repr(name))} ({code}); repack it with gzip or without",

@@ -107,15 +107,20 @@ def reading_contents(
         When a file cannot be read, or is not a scan.
     """
     recognised = recognise(path)
-    # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
-    piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
-    bounds = Bounds(max_bytes, piece)
+    bounds = reading_bounds(free_bytes, max_bytes)
     with ExitStack() as files:
         with library_errors_translated(recognised.name):
             contents = recognised.read(path, Wanted(dataset), bounds, files)
-            _check_piece(contents.projections, piece)
+            _check_piece(contents.projections, bounds.piece)
         contents = with_fields(contents, flats, darks, bounds)
         yield replace(contents, projections=_translated(contents.projections, recognised.name))
+
+
+def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:
+    """How much may be read with this much of free memory, or any amount."""
+    # Twice: for a moment an array is there as stored and as float32, and there are flat and dark fields.
+    piece = max_bytes if free_bytes is None else min(max_bytes, int(MEMORY_SHARE * free_bytes) // 2)
+    return Bounds(max_bytes, piece)
 
 
 def canonical_scan(

@@ -1,6 +1,6 @@
 """Which format a file has: by its content, never by its name."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,8 +9,11 @@ from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.hdf5 import read_hdf5
+from sawmill_worker.readers.hdf5_listing import hdf5_parts
+from sawmill_worker.readers.listing import mat5_parts, npy_parts, tiff_parts, zip_parts
 from sawmill_worker.readers.mat import read_mat5
 from sawmill_worker.readers.npy import read_npy
+from sawmill_worker.readers.parts import Part
 from sawmill_worker.readers.tiff import read_tiff
 from sawmill_worker.readers.wanted import Wanted
 from sawmill_worker.readers.zipped import read_zip
@@ -21,17 +24,18 @@ HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand bef
 
 @dataclass(frozen=True)
 class Format:
-    """A format by its name, and what reads it: of a file that stays open in the stack, what is wanted."""
+    """A format by its name, what reads of a file that stays open in the stack what is wanted, and what lists it."""
 
     name: str
     read: Callable[[Path, Wanted, Bounds, ExitStack], FileContents]
+    parts: Callable[[Path, Bounds], Iterator[Part]]
 
 
-HDF5 = Format("HDF5", read_hdf5)
-MAT = Format("MAT", read_mat5)
-ZIP = Format("ZIP", read_zip)
-NPY = Format("NPY", read_npy)
-TIFF = Format("TIFF", read_tiff)
+HDF5 = Format("HDF5", read_hdf5, hdf5_parts)
+MAT = Format("MAT", read_mat5, mat5_parts)
+ZIP = Format("ZIP", read_zip, zip_parts)
+NPY = Format("NPY", read_npy, npy_parts)
+TIFF = Format("TIFF", read_tiff, tiff_parts)
 MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
 _BY_FIRST_BYTES = (
     (b"\x93NUMPY", NPY),

@@ -74,15 +74,28 @@ def read_tiff(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
 
 
 @contextmanager
-def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
-    """Open one TIFF and check all of its pages.
+def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator[tifffile.TiffFile]:
+    """Open one TIFF of at least one page, the chain of its pages checked and nothing else of them.
 
-    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    Raises
+    ------
+    UnreadableScan
+        `wrong-shape`, `truncated-file` or `too-large`.
     """
     with tifffile.TiffFile(source) as tiff:
         if not tiff.pages:
             raise UnreadableScan("wrong-shape", f"{name} has 0 pages; a scan has one for each view")
         check_chain(tiff, name, size_bytes)
+        yield tiff
+
+
+@contextmanager
+def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Bounds) -> Iterator[TiffPages]:
+    """Open one TIFF and check all of its pages.
+
+    Only pages are looked at, never the series of OME or other dialects: those may name other files.
+    """
+    with opened_tiff(source, name, size_bytes) as tiff:
         count = len(tiff.pages)
         first = tiff.pages[0]
         itemsize = _number_type(first, name).itemsize

@@ -1,0 +1,207 @@
+"""`sawmill inspect`: what is in a file, what of it would be read, and what is missing."""
+
+import json
+from pathlib import Path
+from zipfile import ZipFile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+from hostile import checkers, deflated_twice
+from PIL import Image
+
+pytestmark = pytest.mark.slow
+
+VIEWS, ROWS, CELLS = 12, 2, 8
+COUNTS = np.random.default_rng(311).integers(1_000, 30_000, (VIEWS, ROWS, CELLS)).astype(np.uint16)
+ANGLES = ("--angles-deg", "0:30")
+
+
+@pytest.fixture
+def inspect(run):
+    """The one JSON object about a file."""
+
+    def inspected(path: Path, *flags: object):
+        result = run("inspect", path, "--json", *flags)
+        assert result.stdout.count("\n") == 1
+        return json.loads(result.stdout)
+
+    return inspected
+
+
+def flags_of(answer, *, needed=True):
+    return [part["flag"].split()[0] for part in answer["missing"] if part["needed"] is needed]
+
+
+def parts_of(answer):
+    return {part["name"]: part for part in answer["parts"]}
+
+
+def test_a_scan_with_all_there_is_lacks_its_kind_only(inspect, stack):
+    answer = inspect(stack)
+    assert (answer["format"], answer["own_kind"], answer["verdict"]) == ("hdf5-nxtomo", None, "incomplete")
+    assert answer["missing"][0]["flag"] == "--data counts"
+    assert flags_of(answer, needed=False) == ["--source-to-cor-mm"]
+    data = parts_of(answer)["/entry/data/data"]
+    assert data["type"] == "uint16"
+    assert data["compression"] == "shuffle, deflate"
+    assert 0 < data["stored_bytes"] < 2 * np.prod(data["shape"])
+    assert parts_of(answer)["/entry/data/rotation_angle"]["unit"] == "deg"
+    assert parts_of(answer)["/entry/instrument/detector/data"]["leads_to"] == "/entry/data/data"
+
+
+def test_what_would_be_read_is_what_is_read(inspect, stack):
+    answer = inspect(stack, "--data", "counts")
+    assert (answer["verdict"], answer["refusal"]) == ("ready", None)
+    reading = answer["reading"]
+    assert reading["shape"] == {"views": 60, "rows": 4, "detector": 256}
+    assert (reading["flats"], reading["darks"]) == (10, 10)
+    assert reading["angles"] == {"first_deg": pytest.approx(3.0), "last_deg": pytest.approx(357.0), "from_file": True}
+    assert reading["detector_pitch_mm"] == pytest.approx(4.508593749)
+
+
+def test_our_own_scan_volume_and_calibration(inspect, run, phantom_scan, result_hdf5, tmp_path):
+    scan = inspect(phantom_scan)
+    assert (scan["own_kind"], scan["missing"][0]["flag"]) == ("scan", "--data line-integrals")
+    calibration = inspect(result_hdf5)
+    assert calibration["own_kind"] == "calibration"
+    assert "--calibration" in calibration["refusal"]["detail"]
+    volume = tmp_path / "volume.h5"
+    known = ("--data", "line-integrals", "--calibration", result_hdf5, "--size", 16, "--rows", "0:1")
+    run("reconstruct", phantom_scan, *known, "-o", volume)
+    answer = inspect(volume)
+    assert (answer["own_kind"], answer["verdict"]) == ("volume", "refused")
+    assert "volume" in answer["refusal"]["detail"]
+    assert parts_of(answer)["/entry/data/data"]["shape"] == [1, 16, 16]
+    assert parts_of(answer)["/VTKHDF/PointData/attenuation"]["leads_to"].startswith("virtual, of ")
+
+
+def test_a_matlab_struct_shows_its_fields_and_the_values_that_could_serve(inspect, tmp_path):
+    path = tmp_path / "published.mat"
+    parameters = {"distanceSourceOrigin": 410.66, "angles": np.arange(VIEWS)}
+    scipy.io.savemat(path, {"Ct": {"sinogram": COUNTS[:, 0] / 1e4, "parameters": parameters}}, do_compression=True)
+    answer = inspect(path, "--data", "line-integrals")
+    assert parts_of(answer)["Ct/sinogram"]["shape"] == [VIEWS, CELLS]
+    assert answer["reading"]["unused"] == "Ct/parameters/distanceSourceOrigin (410.66)"
+    assert flags_of(answer) == ["--angles-deg", "--detector-pitch-mm"]
+    [distance] = (part for part in answer["missing"] if part["flag"] == "--source-to-cor-mm")
+    assert "distanceSourceOrigin (410.66)" in distance["why"]
+
+
+def npz_of(path):
+    np.savez_compressed(path, projections=COUNTS, flats=COUNTS[:2], angles_deg=30.0 * np.arange(VIEWS))
+
+
+def zip_of(path):
+    with ZipFile(path, "w") as archive:
+        for index, image in enumerate(COUNTS):
+            tifffile.imwrite(path.with_suffix(".tif"), image)
+            archive.write(path.with_suffix(".tif"), f"flat-{index}.tif" if index < 2 else f"view-{index}.tif")
+
+
+def exchange_of(path):
+    with h5py.File(path, "w") as file:
+        file["exchange/data"], file["exchange/data_white"] = COUNTS, COUNTS[:2]
+        file["exchange/theta"] = 30.0 * np.arange(VIEWS)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "form", "part", "flags"),
+    [
+        ("s.npy", lambda path: np.save(path, COUNTS), "npy", "the array", ["--angles-deg", "--flats"]),
+        ("s.npz", npz_of, "npz", "projections", []),
+        ("s.tif", lambda path: tifffile.imwrite(path, COUNTS, metadata=None), "tiff", "page 0 to page 11",
+         ["--angles-deg", "--flats"]),
+        ("s.zip", zip_of, "zip-of-tiffs", "view-2.tif to view-11.tif", ["--angles-deg"]),
+        ("s.h5", exchange_of, "hdf5-data-exchange", "/exchange/data", []),
+    ],
+)  # fmt: skip
+def test_every_format_is_listed_with_what_is_missing(inspect, tmp_path, name, write, form, part, flags):
+    write(tmp_path / name)
+    answer = inspect(tmp_path / name, "--data", "counts")
+    assert answer["format"] == form
+    assert part in parts_of(answer)
+    assert flags_of(answer) == [*flags, "--detector-pitch-mm"]
+    assert answer["size_bytes"] == (tmp_path / name).stat().st_size
+
+
+def test_pages_that_are_alike_are_one_line(inspect, run, tmp_path):
+    tifffile.imwrite(tmp_path / "s.tif", COUNTS, metadata=None)
+    [pages] = inspect(tmp_path / "s.tif")["parts"]
+    assert (pages["count"], pages["shape"], pages["stored_bytes"]) == (VIEWS, [ROWS, CELLS], COUNTS.nbytes)
+    shown = run("inspect", tmp_path / "s.tif").stdout
+    assert f"{VIEWS} pages, each {ROWS} x {CELLS} uint16" in shown
+    assert "missing: detector pitch (--detector-pitch-mm)" in shown
+
+
+def test_given_flags_make_a_scan_complete(inspect, tmp_path):
+    np.save(tmp_path / "views.npy", COUNTS)
+    np.save(tmp_path / "air.npy", np.full((ROWS, CELLS), 30_000, np.uint16))
+    given = ("--data", "counts", *ANGLES, "--detector-pitch-mm", 1.5, "--flats", tmp_path / "air.npy")
+    answer = inspect(tmp_path / "views.npy", *given)
+    assert answer["verdict"] == "ready"
+    assert answer["reading"]["flats"] == 1
+    assert answer["reading"]["other_files"] == [str(tmp_path / "air.npy")]
+    assert flags_of(answer, needed=False) == ["--row-pitch-mm", "--darks", "--source-to-cor-mm"]
+
+
+@pytest.mark.parametrize(
+    ("flags", "code"),
+    [
+        (("--data", "line-integrals"), "contradiction"),
+        (("--angles-deg", "5:30"), "contradiction"),
+        (("--dataset", "nothing"), "dataset-missing"),
+    ],
+)
+def test_what_would_be_refused_is_said_with_its_reason(inspect, tmp_path, flags, code):
+    npz_of(tmp_path / "s.npz")
+    answer = inspect(tmp_path / "s.npz", *flags)
+    assert (answer["verdict"], answer["refusal"]["code"]) == ("refused", code)
+    assert parts_of(answer)["flats"]["shape"] == [2, ROWS, CELLS]
+
+
+def test_several_candidates_are_missing_a_choice(inspect, tmp_path):
+    np.savez(tmp_path / "s.npz", a=COUNTS, b=COUNTS)
+    answer = inspect(tmp_path / "s.npz")
+    assert answer["verdict"] == "incomplete"
+    assert flags_of(answer) == ["--dataset"]
+
+
+def test_a_picture_and_a_text(inspect, run, tmp_path):
+    Image.new("L", (20, 10)).save(tmp_path / "phantom.png")
+    picture = inspect(tmp_path / "phantom.png")
+    assert picture["parts"][0]["shape"] == [10, 20]
+    assert "--phantom" in picture["refusal"]["detail"]
+    (tmp_path / "notes.txt").write_text("angles as last time")
+    answer = inspect(tmp_path / "notes.txt")
+    assert (answer["format"], answer["parts"], answer["refusal"]["code"]) == (None, [], "unknown-format")
+    assert "refused" in run("inspect", tmp_path / "notes.txt").stdout
+
+
+def test_links_are_shown_and_not_followed(inspect, tmp_path):
+    with h5py.File(tmp_path / "master.h5", "w") as file:
+        file["data"] = h5py.ExternalLink("elsewhere.h5", "/x")
+        file["here"] = h5py.SoftLink("/nowhere")
+    answer = inspect(tmp_path / "master.h5")
+    assert parts_of(answer)["/data"]["leads_to"] == "file elsewhere.h5:/x"
+    assert parts_of(answer)["/here"]["leads_to"] == "/nowhere"
+    assert answer["verdict"] != "ready"
+
+
+def test_hostile_files_are_listed_from_their_headers(inspect, tmp_path):
+    deflated_twice(tmp_path / "twice.h5", 2**28)
+    answer = inspect(tmp_path / "twice.h5")
+    assert parts_of(answer)["/data"]["compression"] == "deflate, deflate"
+    assert answer["refusal"]["code"] == "unsupported-storage"
+    checkers(tmp_path / "checkers.png")
+    assert inspect(tmp_path / "checkers.png")["parts"][0]["shape"] == [6400, 6400]
+    with h5py.File(tmp_path / "many.h5", "w") as file:
+        for index in range(10_001):
+            file.create_group(str(index))
+    many = inspect(tmp_path / "many.h5")
+    assert many["refusal"]["code"] == "too-large"
+    assert "more than 10000" in many["listing_ended"]
+    (tmp_path / "broken.h5").write_bytes((tmp_path / "many.h5").read_bytes()[:5_000])
+    assert inspect(tmp_path / "broken.h5")["refusal"]["code"] in {"truncated-file", "broken-file"}

@@ -1,0 +1,79 @@
+"""What a file consists of, one part after the other, before anything of it is read."""
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+
+class PartKind(StrEnum):
+    """What a part is called in its format."""
+
+    GROUP = "group"
+    DATASET = "dataset"
+    LINK = "link"
+    VARIABLE = "variable"
+    ARRAY = "array"
+    PAGE = "page"
+    FILE = "file"
+    PICTURE = "picture"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part as its header describes it.
+
+    Attributes
+    ----------
+    name : str
+        Where it is in the file; of several that are alike, the first and the last.
+    shape : tuple of int or None
+        In the axis order of the file.
+    type : str or None
+        Of its numbers, or what it is instead.
+    unit : str or None
+        As the file has it.
+    stored_bytes : int or None
+        What it takes in the file; of several that are alike, all of them.
+    compression : str or None
+        The filters through which it is stored.
+    leads_to : str or None
+        What a link, or data that lie elsewhere, lead to.
+    count : int
+        The number of parts, which are alike but for their numbers.
+    """
+
+    name: str
+    kind: PartKind
+    shape: tuple[int, ...] | None = None
+    type: str | None = None
+    unit: str | None = None
+    stored_bytes: int | None = None
+    compression: str | None = None
+    leads_to: str | None = None
+    count: int = 1
+
+
+def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
+    """Parts in a row whose names differ in their numbers alone, and nothing else in them but their bytes, as one."""
+    run: list[Part] = []
+    for part in parts:
+        if run and _form(run[0]) != _form(part):
+            yield _as_one(run)
+            run = []
+        run.append(part)
+    if run:
+        yield _as_one(run)
+
+
+def _form(part: Part) -> Part:
+    return replace(part, name=re.sub(r"\d+", "#", part.name), stored_bytes=None)
+
+
+def _as_one(run: list[Part]) -> Part:
+    first, last = run[0], run[-1]
+    if len(run) == 1:
+        return first
+    stored = sum(part.stored_bytes or 0 for part in run)
+    name = f"{first.name} to {last.name.rpartition('/')[2]}"
+    return replace(first, name=name, count=len(run), stored_bytes=stored or None)

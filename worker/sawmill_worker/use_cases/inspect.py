@@ -1,0 +1,226 @@
+"""What is in a file, what of it would be read as a scan, and what is missing: nothing is converted or calibrated."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sawmill_worker.contracts.inspections import (
+    FilePart,
+    InspectedReading,
+    InspectionResult,
+    MissingPart,
+    Verdict,
+    ViewAngles,
+)
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.scans import ScanShape
+from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
+from sawmill_worker.readers.angles import AnglesGiven
+from sawmill_worker.readers.canonical import CanonicalScan
+from sawmill_worker.readers.contents import FileContents
+from sawmill_worker.readers.own_kind import OwnKind, own_kind
+from sawmill_worker.readers.parts import alike_together
+from sawmill_worker.readers.picture import is_picture, picture_parts
+from sawmill_worker.readers.reading import canonical_scan, reading_bounds, reading_contents
+from sawmill_worker.readers.recognising import Format, recognise
+from sawmill_worker.use_cases.capacity import memory_available
+from sawmill_worker.vocabulary import DataKind
+
+# More are not listed: a person reads the first page, and a program names what it looks for.
+MOST_PARTS = 2_000
+NO_SCAN = {
+    OwnKind.VOLUME: "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
+    OwnKind.CALIBRATION: "it is a calibration and no scan; give it as --calibration",
+}
+PNG = "PNG"
+PICTURE = "it is a picture and no scan; a phantom's drawing is given as --phantom, with --phantom-width-mm"
+
+
+@dataclass(frozen=True)
+class GivenBeside:
+    """A file, and what its owner gives beside it; names and units as in `reading_scan`."""
+
+    path: Path
+    data: DataKind | None = None
+    dataset: str | None = None
+    angles: AnglesGiven | None = None
+    detector_pitch_mm: float | None = None
+    row_pitch_mm: float | None = None
+    flats: Path | None = None
+    darks: Path | None = None
+
+
+@dataclass
+class _Found:
+    """What was found of a file's reading so far."""
+
+    format: str | None = None
+    reading: InspectedReading | None = None
+    missing: tuple[MissingPart, ...] = ()
+    refusal: Failure | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        if self.refusal is not None:
+            return Verdict.REFUSED
+        return Verdict.INCOMPLETE if any(part.needed for part in self.missing) else Verdict.READY
+
+
+def inspect_file(given: GivenBeside) -> InspectionResult:
+    """Look at a file's headers, and at what its reading would begin with.
+
+    Flat and dark fields, angles and short texts are read, and no projections. What is wrong with the file is part of
+    the answer.
+
+    Raises
+    ------
+    OSError
+        The file cannot be opened.
+    """
+    file, size_bytes = str(given.path), given.path.stat().st_size
+    try:
+        known = None if is_picture(given.path) else recognise(given.path)
+    except UnreadableScan as error:
+        refusal = _failure(error.code, str(error))
+        return InspectionResult(file=file, size_bytes=size_bytes, verdict=Verdict.REFUSED, parts=[], refusal=refusal)
+    kind = own_kind(given.path)
+    parts, ended = _listed(given.path, known)
+    found = _read(given, kind) if known else _Found(refusal=_failure("not-a-scan", PICTURE))
+    return InspectionResult(
+        file=file,
+        size_bytes=size_bytes,
+        format=found.format or (known.name if known else PNG),
+        own_kind=kind,
+        verdict=found.verdict,
+        parts=parts[:MOST_PARTS],
+        parts_left_out=max(0, len(parts) - MOST_PARTS),
+        listing_ended=ended,
+        reading=found.reading,
+        missing=list(found.missing),
+        refusal=found.refusal,
+    )
+
+
+def _listed(path: Path, known: Format | None) -> tuple[list[FilePart], str | None]:
+    """The parts of a file of a format or of a picture, and why they are not all."""
+    parts: list[FilePart] = []
+    try:
+        with library_errors_translated(known.name if known else PNG):
+            listed = known.parts(path, reading_bounds(memory_available())) if known else picture_parts(path)
+            parts.extend(FilePart.model_validate(asdict(part)) for part in alike_together(listed))
+    except UnreadableScan as error:
+        return parts, str(error)
+    return parts, None
+
+
+def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
+    if kind in NO_SCAN:
+        return _Found(refusal=_failure("not-a-scan", NO_SCAN[kind]))
+    try:
+        opened = reading_contents(
+            given.path,
+            dataset=given.dataset,
+            flats=given.flats,
+            darks=given.darks,
+            free_bytes=memory_available(),
+        )
+        with opened as contents:
+            return _of_contents(contents, given, kind)
+    except UnreadableScan as error:
+        return _refused_or_missing(error)
+
+
+def _refused_or_missing(error: UnreadableScan) -> _Found:
+    supplied_by = {
+        "dataset-ambiguous": ("which array holds the projections", "--dataset"),
+        "angles-missing": ("the views' angles", "--angles-deg or --angles-file"),
+    }
+    if error.code not in supplied_by:
+        return _Found(refusal=_failure(error.code, str(error)))
+    what, flag = supplied_by[error.code]
+    return _Found(missing=(MissingPart(what=what, flag=flag, why=str(error)),))
+
+
+def _of_contents(contents: FileContents, given: GivenBeside, kind: OwnKind | None) -> _Found:
+    try:
+        scan = _canonical(contents, given)
+        found = _Found()
+    except UnreadableScan as error:
+        scan, found = None, _refused_or_missing(error)
+    found.format = contents.format
+    found.reading = _reading(contents, given, scan)
+    missing = (*found.missing, *_missing(contents, found.reading, kind))
+    found.missing = tuple(sorted(missing, key=lambda part: not part.needed))
+    return found
+
+
+def _canonical(contents: FileContents, given: GivenBeside) -> CanonicalScan:
+    """The scan as it would be read once its kind is given, and its flat fields where they are missing."""
+    of_integrals = given.data is DataKind.LINE_INTEGRALS
+    lacks_flats = contents.flats is None and not of_integrals
+    return canonical_scan(
+        replace(contents, darks=None) if lacks_flats else contents,
+        counts=not (of_integrals or lacks_flats),
+        angles_deg=given.angles,
+        detector_pitch_mm=given.detector_pitch_mm,
+        row_pitch_mm=given.row_pitch_mm,
+    )
+
+
+def _reading(contents: FileContents, given: GivenBeside, scan: CanonicalScan | None) -> InspectedReading:
+    views, *rows, detector = contents.projections.shape
+    fields = [
+        None if fields is None else len(fields) if fields.ndim == len(contents.projections.shape) else 1
+        for fields in (contents.flats, contents.darks)
+    ]
+    return InspectedReading(
+        data=given.data,
+        shape=ScanShape(views=views, rows=rows[0] if rows else 1, detector=detector),
+        flats=fields[0],
+        darks=fields[1],
+        angles=None if scan is None else _angles(scan, from_file=contents.angles_deg is not None),
+        detector_pitch_mm=contents.detector_pitch_mm or given.detector_pitch_mm,
+        row_pitch_mm=contents.row_pitch_mm or given.row_pitch_mm,
+        unused=contents.unused,
+        other_files=[str(path) for path in contents.others],
+        remarks=list(contents.remarks if scan is None else scan.remarks),
+    )
+
+
+def _angles(scan: CanonicalScan, *, from_file: bool) -> ViewAngles:
+    first, last = np.rad2deg(scan.angles_rad[[0, -1]]).tolist()
+    return ViewAngles(first_deg=first, last_deg=last, from_file=from_file)
+
+
+def _missing(contents: FileContents, reading: InspectedReading, kind: OwnKind | None) -> Iterator[MissingPart]:
+    if reading.data is None:
+        yield _missing_kind(contents, kind)
+    if contents.flats is None and reading.data is DataKind.COUNTS:
+        yield MissingPart(what="flat fields", flag="--flats", why="counts need at least one")
+    hint = "" if contents.unused is None else f"; no name states what these are: {contents.unused}"
+    if reading.detector_pitch_mm is None:
+        why = f"the file carries no distance between detector cells{hint}"
+        yield MissingPart(what="detector pitch", flag="--detector-pitch-mm", why=why)
+    if reading.row_pitch_mm is None and reading.shape.rows > 1:
+        why = "without the distance between rows slices are counted, not placed in mm"
+        yield MissingPart(what="row pitch", flag="--row-pitch-mm", why=why, needed=False)
+    if contents.darks is None and reading.data is DataKind.COUNTS:
+        why = "without dark fields the detector's offset is taken as zero"
+        yield MissingPart(what="dark fields", flag="--darks", why=why, needed=False)
+    why = f"calibrate needs the distance from the source to the centre of rotation, and reads it from no scan{hint}"
+    yield MissingPart(what="source to centre of rotation", flag="--source-to-cor-mm", why=why, needed=False)
+
+
+def _missing_kind(contents: FileContents, kind: OwnKind | None) -> MissingPart:
+    flag, why = "--data counts|line-integrals", "no file states reliably what its numbers are; counts need --flats here"
+    if contents.flats is not None:
+        flag, why = "--data counts", "the file carries flat fields, as counts do; line integrals are refused with them"
+    elif kind is OwnKind.SCAN:
+        flag, why = "--data line-integrals", "this product wrote the file, of line integrals"
+    return MissingPart(what="what the numbers are", flag=flag, why=why)
+
+
+def _failure(code: str, detail: str) -> Failure:
+    return Failure(kind=FailureKind.INPUT, code=code, detail=detail)
