@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 from sawmill_worker.files.calibration_file import NamedArray, write_calibration
+from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.files.hdf5 import whole_hdf5
 from sawmill_worker.files.nexus import unit_of, write_mapping
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
 from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.readers.own_scan import is_own_scan
 from sawmill_worker.readers.reading import reading_scan
 
 
@@ -47,6 +49,25 @@ def test_written_scan_reads_as_an_upload(tmp_path, scan):
     np.testing.assert_allclose(read.angles_rad, scan["angles_rad"], rtol=1e-15)
     assert (read.detector_pitch_mm, read.row_pitch_mm) == (1.502864583, 2.0)
     assert read.remarks == ()
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "sentence"),
+    [
+        ("sample/rotation_angle", 1e308, "the angle of view 0 is 1e[+]308 degrees"),
+        ("instrument/detector/x_pixel_size", -1.5, "x_pixel_size is -1.5 mm"),
+        ("instrument/detector/y_pixel_size", 1e308, r"y_pixel_size is 1e[+]308 mm"),
+    ],
+)
+def test_a_written_scan_with_absurd_values_is_not_read_as_it_is(tmp_path, scan, path, value, sentence):
+    write_scan(tmp_path / "scan.h5", **scan)
+    assert is_own_scan(tmp_path / "scan.h5")
+    with h5py.File(tmp_path / "scan.h5", "r+") as file:
+        dataset = file[f"entry/{path}"]
+        dataset[(0,) * dataset.ndim] = value
+    assert not is_own_scan(tmp_path / "scan.h5")
+    with pytest.raises(UnreadableScan, match=sentence):
+        read_scan(tmp_path / "scan.h5", counts=False)
 
 
 def test_stored_scan_reads_whole(tmp_path, scan):

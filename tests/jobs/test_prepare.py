@@ -162,6 +162,20 @@ def upload(store, spec):
     return accept
 
 
+@pytest.fixture
+def upload_file(store, spec):
+    """Accept a file of arrays beside its angles, 10 degrees apart from 0 on, whatever is declared of it."""
+    scanner = store.scanners.create(spec(), scanner_id="line-3")
+
+    def accept(arrays, **declared):
+        buffer = io.BytesIO()
+        np.savez(buffer, angles_deg=10.0 * np.arange(VIEWS), **arrays)
+        received = store.files.receive([buffer.getvalue()], max_bytes=10**8)
+        return store.scans.accept(ScanSpec(scanner_id=scanner.id, **declared), received)
+
+    return accept
+
+
 def test_an_upload_is_prepared_as_asked_and_the_scan_keeps_what_was_done(upload, attempt, prepare, exposed):
     raw = prepare(exposed, air="off", faulty_cells="keep").stack
     raw[3, 0] = np.nan
@@ -242,6 +256,38 @@ def test_a_block_that_cannot_be_used_leaves_nothing_behind(prepare, exposed, tmp
     with pytest.raises(UnreadableScan, match="view 30, row 40, cell 5 is inf"):
         prepare(exposed, 2**16, together=together)
     assert list(tmp_path.glob("*h5*")) == []
+
+
+@pytest.mark.parametrize(
+    ("declared", "code", "sentence"),
+    [
+        ({"phantom_rows": "40:45"}, "rows-outside", "phantom_rows is 40:45, but the file has rows 0:44 only"),
+        ({"angles_deg": "0,1,2"}, "angles-mismatch", "3 angles were given for 36 views"),
+        (
+            {"angles_deg": "0:2"},
+            "contradiction",
+            "view 1 is at 10 degrees and the angles given say 2",
+        ),
+        ({"data": "line-integrals"}, "contradiction", "declared line integrals but the file carries flat"),
+        ({"data": "counts", "dataset": "nothing"}, "dataset-missing", "no array named 'nothing'; it holds"),
+    ],
+)
+def test_what_was_declared_with_an_upload_and_contradicts_its_file(
+    upload_file, attempt, exposed, declared, code, sentence
+):
+    flats, darks = exposed[1:]
+    upload_file({"projections": exposed[0], "flats": flats, "darks": darks}, **({"data": "counts"} | declared))
+    with pytest.raises(JobFailure, match=sentence) as refusal:
+        run(attempt(JobKind.INGEST))
+    assert refusal.value.code == code
+
+
+def test_line_integrals_declared_as_counts_have_no_signal(upload_file, attempt, prepare, exposed):
+    raw = prepare(exposed, air="off", faulty_cells="keep").stack
+    upload_file({"projections": raw, "flats": exposed[1], "darks": exposed[2]}, data="counts")
+    with pytest.raises(JobFailure, match="samples of the scan are not above the dark field") as refusal:
+        run(attempt(JobKind.INGEST))
+    assert refusal.value.code == "counts"
 
 
 def test_a_log_without_features_along_it_is_refused_by_the_job(upload, attempt, prepare, exposed):

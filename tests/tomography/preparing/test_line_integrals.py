@@ -77,6 +77,20 @@ def test_starved_samples_are_cut_off_and_reported():
     assert np.isfinite(result.stack).all()
 
 
+@pytest.mark.parametrize("share", [0.85, 0.95])
+def test_counts_without_signal_are_refused(share):
+    """Such as line integrals that were declared counts: 0 to 5, below the dark field."""
+    counts = counts_of(np.ones((VIEWS, ROWS, CELLS)))
+    counts.reshape(-1)[: round(share * counts.size)] = 5.0
+    if share < 0.9:
+        assert np.isfinite(line_integrals(counts, *fields()).stack).all()
+        return
+    with pytest.raises(
+        CountsError, match=r"samples of the scan are not above the dark .* 90% may: check that the data"
+    ):
+        line_integrals(counts, *fields())
+
+
 def test_the_counts_are_left_as_they_came():
     counts = counts_of(np.ones((VIEWS, ROWS, CELLS)))
     before = counts.copy()
@@ -97,7 +111,10 @@ def test_counts_are_overwritten_some_rows_at_a_time():
 
 def test_exchanged_flats_and_darks_are_refused():
     flats, darks = fields()
-    with pytest.raises(CountsError, match=r"30 of 30 detector cells .* check that flats and darks were not exchanged"):
+    with pytest.raises(
+        CountsError,
+        match=r"30 of 30 detector cells .* row 0, cell 0 with a mean flat of .* check that flats and darks were not exchanged",
+    ):
         line_integrals(counts_of(np.ones((VIEWS, ROWS, CELLS))), darks, flats)
 
 

@@ -3,6 +3,7 @@
 import math
 from typing import Any
 
+from sawmill_worker.contracts.base import parse_rows
 from sawmill_worker.contracts.scans import ScanReading, ScanShape
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, Needs
@@ -34,6 +35,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     )
     with reading as read:
         _check_detector(read, constants.num_detector_pixels)
+        _check_phantom_rows(read, scan.phantom_rows)
         prepared = prepare_scan(
             read,
             scan,
@@ -64,3 +66,9 @@ def _check_detector(read: CanonicalScan, cells: int) -> None:
             f"the file has {read.shape[2]} detector cells (of views, rows, cells = {read.shape}), but the scanner has "
             f"num_detector_pixels {cells}",
         )
+
+
+def _check_phantom_rows(read: CanonicalScan, phantom_rows: str | None) -> None:
+    rows = read.shape[1]
+    if phantom_rows is not None and parse_rows(phantom_rows).stop > rows:
+        raise refused("rows-outside", f"phantom_rows is {phantom_rows}, but the file has rows 0:{rows} only")

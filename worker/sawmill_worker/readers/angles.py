@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.readers.plausible import LARGEST_ANGLE_DEG
 
 LARGEST_ANGLES_FILE_BYTES = 16 * 2**20
 
@@ -99,5 +100,10 @@ def _number(text: str) -> float:
             "angles-malformed",
             f"an angle must be a number of degrees, not {quoted(text)!r}; "
             "give START:STEP, as in 0.5:1, or one for each view",
+        )
+    if abs(value) > LARGEST_ANGLE_DEG:
+        raise UnreadableScan(
+            "angles-malformed",
+            f"an angle is {value:g} degrees; it must be between {-LARGEST_ANGLE_DEG:.0f} and {LARGEST_ANGLE_DEG:.0f}",
         )
     return value

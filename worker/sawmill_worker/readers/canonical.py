@@ -1,7 +1,9 @@
 """The one form every readable file is brought into."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,14 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.contents import Projections
+from sawmill_worker.readers.plausible import (
+    LINE_INTEGRALS,
+    SampleRange,
+    SamplesOutside,
+    check_angles,
+    check_finite,
+    range_of_counts,
+)
 
 # Angles closer than this are the same direction: a millionth of a degree, in radians.
 SAME_DIRECTION_RAD = np.deg2rad(1e-6)
@@ -63,6 +73,11 @@ class CanonicalScan:
     def __post_init__(self) -> None:
         check_scan(self)
 
+    @cached_property
+    def sample_range(self) -> SampleRange:
+        """Between which values the samples lie: beside flat fields counts, else line integrals."""
+        return LINE_INTEGRALS if self.flats is None else range_of_counts(self.flats, self.darks)
+
     @property
     def shape(self) -> tuple[int, int, int]:
         """(views, rows, detector)."""
@@ -100,19 +115,23 @@ class CanonicalScan:
         views, rows, _ = self.shape
         step_views, step_rows = self.block_shape(window_bytes)
         missing = np.zeros((views, rows), bool)
+        outside = SamplesOutside(self.sample_range, math.prod(self.shape))
         for first_view in range(0, views, step_views):
             for first_row in range(0, rows, step_rows):
                 at = slice(first_view, min(first_view + step_views, views))
                 across = slice(first_row, min(first_row + step_rows, rows))
-                yield self._block(at, across, missing)
+                yield self._block(at, across, missing, outside)
+        if self.counts:
+            outside.check_signal()
         for view in np.flatnonzero(missing.any(axis=1)):
             _check_ends(int(view), missing[view])
 
-    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_]) -> "Block":
+    def _block(self, views: slice, rows: slice, missing: NDArray[np.bool_], outside: SamplesOutside) -> "Block":
         samples = self.projections.read(views, rows)
         if self.counts and self.rows_missing:
             samples[~samples.any(axis=2)] = np.nan
         missing[views, rows] = self._missing_rows(samples, views.start, rows.start)
+        outside.add(samples, views.start, rows.start)
         return Block(views, rows, samples)
 
     def _missing_rows(self, samples: NDArray[np.float32], first_view: int, first_row: int) -> NDArray[np.bool_]:
@@ -126,7 +145,7 @@ class CanonicalScan:
             if missing[view].any() and not self.rows_missing:
                 raise self._lacking(first_view + view, first_row, missing[view])
             present = np.where(missing[view][:, np.newaxis], np.float32(0.0), image)
-            _check_image("view", first_view + view, present, first_row)
+            check_finite("view", first_view + view, present, first_row)
         return missing
 
     def _lacking(self, view: int, first_row: int, missing: NDArray[np.bool_]) -> UnreadableScan:
@@ -159,7 +178,10 @@ def check_scan(scan: CanonicalScan) -> None:
     _check_kind(scan)
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
         if fields is not None:
-            _check_finite(name, fields)
+            for index, image in enumerate(fields):
+                check_finite(name, index, image)
+    if scan.counts:
+        _ = scan.sample_range  # which the fields themselves must leave
 
 
 def _check_shapes(scan: CanonicalScan) -> None:
@@ -182,9 +204,7 @@ def _check_shapes(scan: CanonicalScan) -> None:
 
 
 def _check_angles(angles_rad: NDArray[np.float64]) -> None:
-    if not np.isfinite(angles_rad).all():
-        view = int(np.argmin(np.isfinite(angles_rad)))
-        raise UnreadableScan("not-finite", f"the angle of view {view} is {angles_rad[view]}; it must be a number")
+    check_angles(np.rad2deg(angles_rad))
     steps = np.diff(angles_rad)
     standing = np.abs(np.remainder(steps + np.pi, 2 * np.pi) - np.pi) < SAME_DIRECTION_RAD
     if standing.any():
@@ -230,19 +250,3 @@ def _lacking_throughout(view: int) -> UnreadableScan:
         "not-finite",
         f"view {view} has no signal: NaN, or for counts 0, in every cell; leave it out, with its angle",
     )
-
-
-def _check_finite(name: str, stack: NDArray[np.float32]) -> None:
-    for index, image in enumerate(stack):
-        _check_image(name, index, image)
-
-
-def _check_image(name: str, index: int, image: NDArray[np.float32], first_row: int = 0) -> None:
-    finite = np.isfinite(image)
-    if not finite.all():
-        row, cell = (int(i) for i in np.unravel_index(np.argmin(finite), image.shape))
-        raise UnreadableScan(
-            "not-finite",
-            f"{name} {index}, row {first_row + row}, cell {cell} is {image[row, cell]}; every value must be a finite "
-            "number that fits into 32-bit floating point",
-        )

@@ -8,7 +8,7 @@ from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.hdf5_guard import Node, numbers
 from sawmill_worker.readers.hdf5_texts import attribute_text
-from sawmill_worker.readers.units import length_of, to_degrees
+from sawmill_worker.readers.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
 
 
 def read_angles(
@@ -35,12 +35,24 @@ def read_angles(
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:
-    """A pixel size in mm or None, and the remark why it was ignored."""
+    """A pixel size in mm or None, and the remark why it was ignored.
+
+    Raises
+    ------
+    UnreadableScan
+        `out-of-range` for a size that no detector has; of 0 or NaN it is one that the file does not know.
+    """
     dataset = numbers(start, path, bounds)
     if dataset is None:
         return None, ()
     unit = attribute_text(dataset, "units")
     length_mm, problem = length_of(_read_vector(dataset, path), None if unit is None else quoted(unit))
+    if length_mm is not None and not LEAST_PITCH_MM <= length_mm <= LARGEST_PITCH_MM:
+        raise UnreadableScan(
+            "out-of-range",
+            f"{path} is {length_mm:g} mm; a distance between cells must be between {LEAST_PITCH_MM:g} and "
+            f"{LARGEST_PITCH_MM:g} mm: correct it, or leave it out",
+        )
     return length_mm, () if problem is None else (f"{path} was ignored: {problem}.",)
 
 

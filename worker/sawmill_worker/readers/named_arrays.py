@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import as_float32, check_scan_dimensions
 from sawmill_worker.readers.contents import FileContents, Projections
+from sawmill_worker.readers.units import to_degrees
 from sawmill_worker.readers.wanted import Wanted
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
@@ -154,8 +155,7 @@ def _angles(arrays: NamedArrays) -> NDArray[np.float64] | None:
         raise UnreadableScan(
             "wrong-shape", f"{given[0]} has the shape {values.shape}; it must be a list with one angle for each view"
         )
-    flat = values.reshape(-1)
-    return np.rad2deg(flat) if given[0] == "angles_rad" else flat
+    return to_degrees(values.reshape(-1), given[0].removeprefix("angles_"))
 
 
 def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:

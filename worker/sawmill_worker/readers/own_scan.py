@@ -25,6 +25,8 @@ from sawmill_worker.files.scan_layout import (
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds
 from sawmill_worker.readers.hdf5_guard import find, numbers
 from sawmill_worker.readers.hdf5_texts import attribute, attribute_text, read_text
+from sawmill_worker.readers.plausible import LARGEST_ANGLE_DEG
+from sawmill_worker.readers.units import LARGEST_PITCH_MM, LEAST_PITCH_MM
 
 
 def is_own_scan(path: Path) -> bool:
@@ -52,12 +54,16 @@ def _is_whole(file: h5py.File) -> bool:
     x_pitch, y_pitch, air_level = (numbers(file, path, bounds) for path in (CELL_PITCH, ROW_PITCH, AIR_LEVEL))
     if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
         return False
-    if not data.size or angles.shape != data.shape[:1] or not np.isfinite(angles[()]).all():
+    if not data.size or angles.shape != data.shape[:1] or not (np.abs(angles[()]) <= LARGEST_ANGLE_DEG).all():
         return False
     if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
         return False
-    pitches_are_numbers = x_pitch.shape == () and (y_pitch is None or y_pitch.shape == ())
-    return pitches_are_numbers and (air_level is None or air_level.shape == data.shape[1:])
+    pitches_are_distances = all(pitch is None or _is_distance(pitch) for pitch in (x_pitch, y_pitch))
+    return pitches_are_distances and (air_level is None or air_level.shape == data.shape[1:])
+
+
+def _is_distance(pitch: h5py.Dataset) -> bool:
+    return pitch.shape == () and bool(LEAST_PITCH_MM <= pitch[()] <= LARGEST_PITCH_MM)
 
 
 def _rows_present_are_whole(file: h5py.File, shape: tuple[int, ...], bounds: Bounds) -> bool:

@@ -142,8 +142,9 @@ def canonical_scan(
     projections = contents.projections
     dimensions = len(projections.shape)
     angles, remarks = agree_on_angles(contents, angles_deg, projections.shape[0])
-    if counts and contents.darks is None:
-        remarks = (*remarks, "There are no dark fields: the detector's offset was taken as zero.")
+    if counts and (contents.darks is None or not contents.darks.any()):
+        lacking = "There are no dark fields" if contents.darks is None else "All dark fields are 0"
+        remarks = (*remarks, f"{lacking}: the detector's offset was taken as zero.")
     return CanonicalScan(
         projections=projections,
         angles_rad=np.deg2rad(angles),
@@ -231,6 +232,7 @@ def agree_on_pitch(name: str, in_file: float | None, given: float | None) -> flo
     if abs(in_file - given) > PITCH_TOLERANCE * abs(given):
         raise UnreadableScan(
             "contradiction",
-            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given; correct one of them",
+            f"the file says that {name} is {in_file:.9g} and {given:.9g} was given (by flag, or the "
+            "scanner's); correct one of them",
         )
     return in_file

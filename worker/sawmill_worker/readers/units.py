@@ -1,7 +1,5 @@
 """Units as files write them."""
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,6 +22,8 @@ _MM = {
 }
 _DEGREES = {"deg", "degree", "degrees", "°"}
 _RADIANS = {"rad", "radian", "radians"}
+# Distances between cells, in mm: from a nanometre to a metre.
+LEAST_PITCH_MM, LARGEST_PITCH_MM = 1e-6, 1000.0
 
 
 def to_mm(value: float, unit: str) -> float | None:
@@ -37,11 +37,12 @@ def to_degrees(values: NDArray[np.float64], unit: str) -> NDArray[np.float64] | 
     name = unit.strip().lower()
     if name in _DEGREES:
         return values
-    return np.rad2deg(values) if name in _RADIANS else None
+    with np.errstate(over="ignore"):  # what becomes infinite is refused with its place
+        return np.rad2deg(values) if name in _RADIANS else None
 
 
 def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | None, str | None]:
-    """One positive length in mm, or None and the reason why it cannot be used."""
+    """One length in mm, or None and the reason why it cannot be used."""
     if values.size != 1:
         return None, f"it has {values.size} values instead of one"
     if unit is None:
@@ -49,6 +50,6 @@ def length_of(values: NDArray[np.float64], unit: str | None) -> tuple[float | No
     length_mm = to_mm(float(values.reshape(-1)[0]), unit)
     if length_mm is None:
         return None, f"its unit {unit!r} is not a known unit of length"
-    if not (math.isfinite(length_mm) and length_mm > 0):
-        return None, f"it is {length_mm} mm, which is no distance"
+    if length_mm == 0.0 or np.isnan(length_mm):
+        return None, f"it is {length_mm:g} mm, which states no distance"  # as exporters write one that they do not know
     return length_mm, None

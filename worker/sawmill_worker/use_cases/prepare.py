@@ -114,6 +114,7 @@ def prepare_scan(
             )
         elif prepare is not None:
             prepare()
+        preparation.check_signal()
         remarks = (*read.remarks, *preparation.remarks())
         if aligned is not None:
             remarks = (*remarks, aligned.remark(options.align_rows))
@@ -149,7 +150,7 @@ class _RowPreparation:
         self._exposure = None if read.flats is None else Exposure.of(read.flats, read.darks)
         self._corrections = _corrections(options, counts=read.counts)
         self._corrector = RowCorrector(self._corrections, rows, self._cells)
-        self._starved = self._saturated = 0
+        self._starved = self._saturated = self._samples = 0
 
     @property
     def needed(self) -> bool:
@@ -161,8 +162,14 @@ class _RowPreparation:
         if self._exposure is not None:
             self._saturated += self._exposure.saturated_samples(stack)
             self._starved += self._exposure.to_line_integrals(stack, first_row)
+            self._samples += stack.size
         if not self._corrections.none:
             self._corrector.correct(stack, first_row)
+
+    def check_signal(self) -> None:
+        """Refuse counts without signal, when all of them were prepared."""
+        if self._exposure is not None:
+            self._exposure.check_signal(self._starved, self._samples)
 
     def remarks(self) -> tuple[str, ...]:
         """What was done."""

@@ -13,6 +13,9 @@ Stack = NDArray[np.float32]
 
 # A transmission below this is no measurement but a starved detector: the line integral is cut off here, at 13.8.
 LEAST_TRANSMISSION = 1e-6
+# Where no more samples than the rest have a signal, the counts are none: a detector sees air, or through the log. Deep
+# shadows of few quanta over half of the detector leave a third without (tests/tomography/preparing).
+MOST_STARVED = 0.9
 # More dead cells than this share of the detector cannot be bridged from their neighbours.
 MOST_DEAD = 0.2
 # Flats saturate where this share of their samples has their largest value: one of a converter's, or one that this many
@@ -70,9 +73,12 @@ class Exposure:
         air = flats.mean(axis=0, dtype=np.float64) - dark
         dead = air <= 0.0
         if dead.mean() > MOST_DEAD:
+            row, cell = (int(i) for i in np.unravel_index(np.argmax(dead), dead.shape))
             raise CountsError(
                 f"{int(dead.sum())} of {dead.size} detector cells have a flat field that is not above their dark "
-                "field: check that flats and darks were not exchanged"
+                f"field, as in row {row}, cell {cell} with a mean flat of {air[row, cell] + dark[row, cell]:g} and a "
+                f"mean dark of {dark[row, cell]:g} counts; at most {MOST_DEAD:.0%} may: check that flats and darks "
+                "were not exchanged"
             )
         largest, saturated = _saturation(flats)
         saturated &= ~dead
@@ -139,6 +145,21 @@ class Exposure:
             bridge(counts[:, row], dead[row])
         return starved
 
+    def check_signal(self, starved: int, samples: int) -> None:
+        """Refuse counts of which hardly a sample is above the dark field.
+
+        Raises
+        ------
+        CountsError
+            If more of them are starved than a log can starve.
+        """
+        if starved > MOST_STARVED * samples:
+            raise CountsError(
+                f"{starved} of {samples} samples of the scan are not above the dark field (on average "
+                f"{self.dark.mean():g} counts, the flat fields {self.level.mean():g} above it); at most "
+                f"{MOST_STARVED:.0%} may: check that the data are counts, and which fields belong to them"
+            )
+
     def remarks(self, starved: int, saturated: int = 0) -> tuple[str, ...]:
         """What was done, with the numbers of samples that have no signal and that have the largest count."""
         remarks = ["counts to line integrals by -ln((counts - dark) / (flat - dark))"]
@@ -200,8 +221,15 @@ class LineIntegrals:
 
 
 def line_integrals(counts: Stack, flats: Stack, darks: Stack | None) -> LineIntegrals:
-    """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector)."""
+    """Line integrals of counts (views, rows, detector) with flats and darks (fields, rows, detector).
+
+    Raises
+    ------
+    CountsError
+        As `Exposure.of`, `to_line_integrals` and `check_signal`.
+    """
     exposure, stack = Exposure.of(flats, darks), counts.astype(np.float32)
     saturated = exposure.saturated_samples(stack)
     starved = exposure.to_line_integrals(stack)
+    exposure.check_signal(starved, stack.size)
     return LineIntegrals(stack, exposure.air_level, exposure.remarks(starved, saturated))
