@@ -158,7 +158,7 @@ class SamplesOutside:
         return UnreadableScan(
             "out-of-range",
             f"{self._first} and at least {self._outside} of {self._samples} samples do not lie {between}; at most "
-            f"{allowed.most_outside:.0%} may, as cells at fault do: check the numbers' type and what was taken off them",
+            f"{allowed.most_outside:.0%} may, as cells at fault do: check their type, and what was taken off them",
         )
 
     def check_signal(self) -> None:
