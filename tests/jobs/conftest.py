@@ -1,6 +1,7 @@
 """A store in which jobs find their subjects."""
 
 import io
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,9 @@ from sawmill_worker.vocabulary import DataKind, Progress
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Iterator[Store]:
-    opened = Store.open(StorageSettings(data_folder=tmp_path / "data", database_url=None))
+def store(tmp_path: Path, empty_data: Path) -> Iterator[Store]:
+    shutil.copytree(empty_data, tmp_path / "data")
+    opened = Store(StorageSettings(data_folder=tmp_path / "data", database_url=None))
     yield opened
     opened.close()
 

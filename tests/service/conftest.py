@@ -75,14 +75,6 @@ class Client:
 
 
 @pytest.fixture(scope="session")
-def empty_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A data folder as it is when the service has started for the first time."""
-    folder = tmp_path_factory.mktemp("empty") / "data"
-    Store.open(StorageSettings(data_folder=folder, database_url=None)).close()
-    return folder
-
-
-@pytest.fixture(scope="session")
 def seeded_data(empty_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder that holds the examples."""
     folder = tmp_path_factory.mktemp("seeded") / "data"

@@ -1,5 +1,6 @@
 """A store in a temporary folder, and what is needed to fill it."""
 
+import shutil
 from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -71,7 +72,9 @@ def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
 
 
 @pytest.fixture
-def store(settings: StorageSettings) -> Iterator[Store]:
+def store(settings: StorageSettings, empty_data: Path) -> Iterator[Store]:
+    if settings.database_url is None:
+        shutil.copytree(empty_data, settings.data_folder)
     opened = Store.open(settings)
     yield opened
     opened.close()
