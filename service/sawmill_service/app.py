@@ -7,6 +7,7 @@ import fastapi_offline
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
 
+from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
 from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.observer import JobsByState, Observer
@@ -97,6 +98,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
         grace_s=settings.body_grace_s,
         least_bytes_per_s=settings.min_client_bytes_per_s,
     )
+    app.add_middleware(Admission, settings=settings)
     app.add_middleware(
         Gate,
         allowed_hosts=settings.names,

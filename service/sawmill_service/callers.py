@@ -4,11 +4,16 @@ from ipaddress import IPv6Address, ip_address, ip_network
 
 from starlette.types import Scope
 
+from sawmill_worker.storage.acting import actor
+
 
 def who(scope: Scope) -> str:
-    """For whom a request counts: its client's network."""
+    """For whom a request counts: the key that it brought, or its client's network."""
+    key_id = actor().key_id
+    if key_id is not None:
+        return f"key {key_id}"
     client: tuple[str, int] | None = scope.get("client")
-    return network_of(client[0]) if client else "unknown"
+    return network_of(client[0]) if client else "an unknown client"
 
 
 def network_of(address: str) -> str:

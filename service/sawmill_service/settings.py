@@ -8,6 +8,8 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from sawmill_service.rates import check_rate
+
 GIB = 2**30
 MIB = 2**20
 SHORTEST_TOKEN = 32  # characters: 128 bits even in hexadecimal digits
@@ -84,6 +86,24 @@ class ServiceSettings(BaseSettings):
     )
     body_grace_s: Annotated[float, Field(ge=0)] = Field(
         30.0, description="A body is awaited for that long before its rate counts."
+    )
+    rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
+        "6000/minute",
+        description="Requests of one key, or of one address without a key, as in `1200/minute; 100/second`.",
+    )
+    change_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
+        "600/minute", description="Of these, requests that make, change or delete something."
+    )
+    failed_login_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
+        "20/minute", description="Wrong keys of one address; beyond it none is looked at."
+    )
+    max_requests_at_once: Annotated[int, Field(ge=1)] = Field(
+        32,
+        description="Of one key or address, until their answers begin: the API has 40 threads. Those with a body and "
+        "streams of events are counted apart.",
+    )
+    max_streams: Annotated[int, Field(ge=1)] = Field(
+        64, description="Streams of events in all; each looks at its job several times a second."
     )
 
     @model_validator(mode="before")

@@ -16,13 +16,16 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-HEADS, BODIES, READERS = 1500, 30, 30
+HEADS, BODIES, READERS = 1500, 40, 30
+AT_ONCE, STREAMS = 32, 3
 SHORT_S = 1.5
 SETTINGS = {
     "SAWMILL_HEAD_TIMEOUT_S": str(SHORT_S),
     "SAWMILL_CLIENT_SILENCE_S": str(SHORT_S),
     "SAWMILL_BODY_GRACE_S": "0.5",
     "SAWMILL_MIN_CLIENT_BYTES_PER_S": "10000",
+    "SAWMILL_MAX_REQUESTS_AT_ONCE": str(AT_ONCE),
+    "SAWMILL_MAX_STREAMS": str(STREAMS),
 }
 
 
@@ -119,7 +122,8 @@ def test_slow_bodies_keep_nobody_out_and_leave_nothing(service):
         wait_for(lambda: list(incoming.iterdir()))
         assert statistics.median(times_of_others(service, 0.5)) < 1.0
         words = [last_words(connection) for connection in connections]
-    assert all("408" in heard and '"code":"slow-body"' in heard for heard in words), words[0]
+    assert sum('"code":"slow-body"' in heard for heard in words) == AT_ONCE, words[0]
+    assert sum('"code":"too-many-requests"' in heard for heard in words) == BODIES - AT_ONCE
     assert list(incoming.iterdir()) == []
 
 
@@ -132,6 +136,22 @@ def test_unread_answers_keep_nobody_out_and_are_cut_off(service):
         wait_for(lambda: sockets(service) >= before + READERS)
         assert statistics.median(times_of_others(service, 0.5)) < 1.0
         wait_for(lambda: sockets(service) <= before)
+
+
+def test_streams_are_bounded_in_all_and_leave_their_places(service):
+    job_id = service.upload(b"a scan that nobody reads", scanner_id=service.scanner_id, data="counts")["job_id"]
+    stream = f"GET /v1/jobs/{job_id}/events"
+    with opened(service, STREAMS, stream, ending="\r\n\r\n") as connections:
+        assert all(b"200 OK" in connection.recv(1000) for connection in connections)
+        refused = service.client.get(f"/v1/jobs/{job_id}/events")
+        assert (refused.status_code, refused.json()["code"]) == (429, "too-many-requests")
+        assert service.get(f"/v1/jobs/{job_id}").json()["state"] == "queued"
+
+    def answered() -> bool:
+        with service.client.stream("GET", f"/v1/jobs/{job_id}/events") as response:
+            return response.status_code == 200
+
+    wait_for(answered)
 
 
 def test_a_slow_reader_gets_its_answer(service):

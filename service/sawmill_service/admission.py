@@ -1,0 +1,112 @@
+"""What one caller may ask for: requests in a span of time, requests at once, and streams."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+from starlette.datastructures import Headers
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from sawmill_service.access import OPEN_PATHS
+from sawmill_service.callers import who
+from sawmill_service.problems import Refused, problem_response
+from sawmill_service.rates import Rates, too_many
+from sawmill_service.settings import ServiceSettings
+
+_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+_MOST_HEADERS = 100
+# Places become free as answers begin, most of them within a second.
+_RETRY_S = 2
+
+
+class Places:
+    """Places that are taken and left, a bounded number for each name."""
+
+    def __init__(self) -> None:
+        self._taken: Counter[str] = Counter()
+
+    @contextmanager
+    def one(self, name: str, most: int, detail: str) -> Iterator[None]:
+        """Have a place, or refuse with a sentence."""
+        if self._taken[name] >= most:
+            raise too_many(detail, _RETRY_S)
+        self._taken[name] += 1
+        try:
+            yield
+        finally:
+            self._taken[name] -= 1
+            if not self._taken[name]:
+                del self._taken[name]
+
+
+class Admission:
+    """Refuse what is beyond a caller's rates, and beyond the number of requests that it may have open at once.
+
+    Without that, one caller could hold all threads. A request counts until its answer begins: what comes then waits
+    for the client alone. A stream of events counts until its end. Those with a body are counted apart, so that slow
+    uploads do not keep short requests out; so are looks at the service's health.
+
+    Parameters
+    ----------
+    settings
+        The bounds.
+    """
+
+    def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:
+        self.app = app
+        self._all, self._changes = Rates(settings.rate_limit), Rates(settings.change_rate_limit)
+        self._at_once, self._streams = settings.max_requests_at_once, settings.max_streams
+        self._places = Places()
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request in, or answer it with a problem."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        with ExitStack() as place:
+            headers = Headers(scope=scope)
+            try:
+                self._check_rates(scope)
+                self._take_places(scope, headers, place)
+            except Refused as refused:
+                await _answer(scope, headers, refused)(scope, receive, send)
+                return
+
+            async def send_started(message: Message) -> None:
+                if message["type"] == "http.response.start" and not _is_stream(scope):
+                    place.close()
+                await send(message)
+
+            await self.app(scope, receive, send_started)
+
+    def _check_rates(self, scope: Scope) -> None:
+        if len(scope["headers"]) > _MOST_HEADERS:
+            raise Refused(431, "too-many-headers", f"a request may have {_MOST_HEADERS} headers")
+        caller = who(scope)
+        self._all.take("looks at health" if scope["path"] in OPEN_PATHS else "requests", caller)
+        if scope["method"] not in _SAFE_METHODS:
+            self._changes.take("changes", caller)
+
+    def _take_places(self, scope: Scope, headers: Headers, place: ExitStack) -> None:
+        caller = who(scope)
+        kind = "uploads" if _has_body(headers) else "streams" if _is_stream(scope) else "requests"
+        if kind == "streams":
+            detail = f"{self._streams} streams of events are open: ask for the job itself now and then"
+            place.enter_context(self._places.one("all streams", self._streams, detail))
+        detail = f"{self._at_once} {kind} of {caller} are being answered: wait for one of them"
+        place.enter_context(self._places.one(f"{kind} {caller}", self._at_once, detail))
+
+
+def _has_body(headers: Headers) -> bool:
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
+
+
+def _is_stream(scope: Scope) -> bool:
+    return str(scope["path"]).endswith("/events")
+
+
+def _answer(scope: Scope, headers: Headers, refused: Refused) -> ASGIApp:
+    # Whoever still sends a body would have to be listened to until its end.
+    closing = {"Connection": "close"} if _has_body(headers) else {}
+    given = {**(refused.headers or {}), **closing}
+    return problem_response(scope["path"], refused.status_code, refused.code, refused.detail, headers=given)

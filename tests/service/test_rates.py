@@ -1,0 +1,154 @@
+"""How many requests somebody may send, and how many at once: without a network, and without waiting."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import httpx
+import pytest
+from pydantic import ValidationError
+
+from sawmill_service.app import create_app
+from sawmill_service.callers import who
+from sawmill_service.problems import Refused
+from sawmill_service.rates import BoundedMemory, FailedLogins, Rates
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.acting import Actor, acting_as
+
+SPEC = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+
+@pytest.fixture
+def limited(client, store) -> Callable[..., Any]:
+    def limit(**bounds: Any) -> Any:
+        client.app = create_app(ServiceSettings(**bounds), store, print)
+        return client
+
+    return limit
+
+
+@pytest.fixture
+def clock(monkeypatch) -> Iterator[Callable[[float], None]]:
+    """The library's windows are aligned to multiples of their length: tests begin 1 s after one, and move on."""
+    now = 1_800_000_001.0
+    monkeypatch.setattr("time.time", lambda: now)
+
+    def pass_s(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    return pass_s
+
+
+def test_requests_beyond_the_rate_are_refused_until_there_is_room_again(limited, clock):
+    client = limited(rate_limit="3/minute")
+    assert [client.get("/v1/scanners").status_code for _ in range(4)] == [200, 200, 200, 429]
+    refused = client.get("/v1/scanners")
+    assert refused.json()["code"] == "too-many-requests"
+    assert refused.json()["detail"] == "127.0.0.1 may send 3 requests in 60 s, and has: try again in 59 s"
+    assert refused.headers["Retry-After"] == "59"
+    clock(59.0 + 30.0)  # half a window later half of what was sent before has run out
+    assert client.get("/v1/scanners").status_code == 200
+
+
+@pytest.mark.usefixtures("clock")
+def test_several_limits_hold_together():
+    rates = Rates("3/minute; 2/second")
+    rates.take("requests", "a")
+    rates.take("requests", "a")
+    with pytest.raises(Refused, match="2 requests in 1 s"):
+        rates.take("requests", "a")
+    rates.take("requests", "b")
+
+
+def test_changes_have_a_rate_of_their_own(limited):
+    client = limited(change_rate_limit="1/hour")
+    assert client.post("/v1/scanners", json=SPEC).status_code == 201
+    refused = client.post("/v1/scanners", json=SPEC)
+    assert (refused.status_code, refused.headers["Connection"]) == (429, "close")
+    assert client.get("/v1/scanners").status_code == 200
+
+
+def test_looks_at_health_are_counted_apart(limited):
+    client = limited(rate_limit="1/hour")
+    assert [client.get("/v1/scanners").status_code for _ in range(2)] == [200, 429]
+    assert client.get("/health/live").status_code == 200
+
+
+@pytest.mark.parametrize("text", ["many", "0/minute", "5", "5/fortnight", ""])
+def test_a_wrong_rate_is_refused_at_the_start(text):
+    with pytest.raises(ValidationError, match="must be as in 1200/minute"):
+        ServiceSettings(rate_limit=text)
+
+
+def test_a_key_is_counted_wherever_it_comes_from():
+    scope = {"type": "http", "client": ("192.0.2.7", 4000)}
+    assert who(scope) == "192.0.2.7"
+    with acting_as(Actor("line 2", key_id="k1")):
+        assert who(scope) == "key k1"
+
+
+def test_wrong_keys_lock_an_address_out_and_no_other(clock):
+    logins = FailedLogins("2/minute")
+    for _ in range(2):
+        logins.check("2001:db8::2")
+        logins.failed("2001:db8::2")
+    with pytest.raises(Refused, match="wrong keys"):
+        logins.check("2001:db8::beef")
+    logins.check("2001:db8:0:1::2")
+    clock(120.0)
+    logins.check("2001:db8::2")
+
+
+def test_a_million_addresses_leave_bounded_counts(clock):
+    memory = BoundedMemory(most_counts=100)
+    for number in range(1000):
+        memory.incr(f"requests/{number}", 120)
+        clock(0.01)
+    assert len(memory.storage) <= 100
+    assert memory.get("requests/999") == 1
+    clock(130.0)
+    memory.incr("another", 120)
+    assert len(memory.storage) <= 100
+    assert len(memory.expirations) == len(memory.storage)
+    assert not memory.locks
+
+
+def all_at_once(app: Any, *requests: tuple[str, str], body: bytes | None = None) -> list[httpx.Response]:
+    """Answers of requests that are all open before the first is answered."""
+    received = asyncio.Event()
+
+    async def slow_body():
+        await received.wait()
+        yield body
+
+    async def send() -> list[httpx.Response]:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
+            open_ = [
+                asyncio.ensure_future(client.request(method, path, content=slow_body())) for method, path in requests
+            ]
+            await asyncio.sleep(0.05)
+            received.set()
+            return await asyncio.gather(*open_)
+
+    return asyncio.run(send())
+
+
+def test_one_caller_has_a_bounded_number_of_requests_at_once(limited):
+    client = limited(max_requests_at_once=2)
+    answers = all_at_once(client.app, *[("POST", "/v1/scanners")] * 3, body=b"{}")
+    assert sorted(answer.status_code for answer in answers) == [422, 422, 429]
+    refused = next(answer for answer in answers if answer.status_code == 429)
+    assert refused.json()["detail"] == "2 uploads of 127.0.0.1 are being answered: wait for one of them"
+    assert refused.headers["Retry-After"] == "2"
+    # The places are free again.
+    assert all_at_once(client.app, ("POST", "/v1/scanners"), body=b"{}")[0].status_code == 422
+
+
+def test_too_many_headers_are_refused(client):
+    answer = client.get("/v1/scanners", headers={f"a-{number}": "b" for number in range(101)})
+    assert (answer.status_code, answer.json()["code"]) == (431, "too-many-headers")
