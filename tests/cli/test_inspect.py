@@ -185,7 +185,7 @@ def test_links_are_shown_and_not_followed(inspect, tmp_path):
         file["data"] = h5py.ExternalLink("elsewhere.h5", "/x")
         file["here"] = h5py.SoftLink("/nowhere")
     answer = inspect(tmp_path / "master.h5")
-    assert parts_of(answer)["/data"]["leads_to"] == "file elsewhere.h5:/x"
+    assert parts_of(answer)["/data"]["leads_to"] == "file elsewhere.h5:/x (not there)"
     assert parts_of(answer)["/here"]["leads_to"] == "/nowhere"
     assert answer["verdict"] != "ready"
 

@@ -1,4 +1,4 @@
-"""What the command line reads from one's own disk and the service does not: fields in files of their own."""
+"""What the command line reads from one's own disk and the service does not: fields in other files, linked HDF5."""
 
 import json
 
@@ -58,3 +58,39 @@ def test_fields_in_both_places_are_refused(failure, parts, stack, tmp_path):
     answer = failure("reconstruct", stack, *given)
     assert answer["code"] == "contradiction"
     assert json.dumps(answer).count("--flats") == 1
+
+
+@pytest.fixture(scope="session")
+def master(scans, stack):
+    """An NXtomo file whose images and angles lie in another one."""
+    with h5py.File(scans / "master.h5", "w") as file:
+        for name in ("definition", "instrument", "sample"):
+            file[f"entry/{name}"] = h5py.ExternalLink(stack.name, f"/entry/{name}")
+    return scans / "master.h5"
+
+
+def test_linked_data_give_the_same_volume(run, master, stack, tmp_path):
+    volume, _ = reconstruct(run, master, tmp_path / "a.h5", "--follow-links")
+    expected, _ = reconstruct(run, stack, tmp_path / "b.h5")
+    np.testing.assert_array_equal(volume, expected)
+
+
+def test_without_the_flag_the_refusal_names_it(failure, run, master, tmp_path):
+    answer = failure("reconstruct", master, *GEOMETRY, "--data", "counts", "-o", tmp_path / "out.h5")
+    assert answer["code"] == "external-storage"
+    assert answer["detail"].endswith("--follow-links")
+    inspected = json.loads(run("inspect", master, "--data", "counts", "--json").stdout)
+    assert inspected["verdict"] == "incomplete"
+    assert [part["flag"] for part in inspected["missing"]] == ["--follow-links"]
+
+
+def test_inspect_follows_links_and_names_what_is_not_there(run, master, stack, tmp_path):
+    answer = json.loads(run("inspect", master, "--data", "counts", "--follow-links", "--json").stdout)
+    assert answer["verdict"] == "ready"
+    assert answer["reading"]["other_files"] == [str(stack)]
+    alone = tmp_path / "alone.h5"
+    alone.write_bytes(master.read_bytes())
+    answer = json.loads(run("inspect", alone, "--follow-links", "--json").stdout)
+    assert answer["refusal"]["code"] == "linked-file-missing"
+    assert stack.name in answer["refusal"]["detail"]
+    assert {part["leads_to"] for part in answer["parts"]} >= {f"file {stack.name}:/entry/sample (not there)"}

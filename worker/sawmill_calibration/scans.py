@@ -174,6 +174,7 @@ def read_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     dataset: str | None = None,
+    follow_links: bool = False,
     flats: str | Path | None = None,
     darks: str | Path | None = None,
     rows: str | None = None,
@@ -198,6 +199,8 @@ def read_scan(
         Distances between cells and between rows, where the file does not carry them.
     dataset : str, optional
         Path or variable of the projections, where the file holds several.
+    follow_links : bool
+        Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data.
     flats, darks : str or Path, optional
         Of counts: files of the flat and the dark fields, where the scan's file carries none.
     rows : str, optional
@@ -219,6 +222,7 @@ def read_scan(
             "dataset": dataset,
             "detector_pitch_mm": detector_pitch_mm,
             "row_pitch_mm": row_pitch_mm,
+            "follow_links": follow_links,
             "flats": flats,
             "darks": darks,
             "air": air,

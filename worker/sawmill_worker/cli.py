@@ -76,6 +76,7 @@ def inspect(
     angles_file: shared.AnglesFile = None,
     detector_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "detector_pitch_mm")] = None,
     row_pitch_mm: Annotated[float | None, option(shared.ScanOptions, "row_pitch_mm")] = None,
+    follow_links: Annotated[bool, option(shared.ScanOptions, "follow_links", flag="--follow-links")] = False,
     flats: shared.FlatsFile = None,
     darks: shared.DarksFile = None,
     as_json: shared.JsonFlag = False,
@@ -86,7 +87,7 @@ def inspect(
         from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file
 
         result = inspect_file(
-            GivenBeside(file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks),
+            GivenBeside(file, data, dataset, angles, detector_pitch_mm, row_pitch_mm, flats, darks, follow_links),
         )
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})

@@ -68,13 +68,12 @@ def _indented(name: str, before: set[str]) -> str:
 
 
 def _what(part: FilePart) -> str:
-    if part.kind == PartKind.LINK:
-        return f"-> {part.leads_to}"
     number = part.kind if part.count == 1 else f"{part.count} {part.kind}s, each"
     shape = "" if part.shape is None else " x ".join(map(str, part.shape)) or "one value"
     unit = "" if part.unit is None else f"in {part.unit}"
-    leads_to = "" if part.leads_to is None else f"({part.leads_to})"
-    kind = number if part.count > 1 or not shape else ""
+    link = part.kind == PartKind.LINK
+    leads_to = "" if part.leads_to is None else f"-> {part.leads_to}" if link else f"({part.leads_to})"
+    kind = number if part.count > 1 or not (shape or link) else ""
     return " ".join(filter(None, (kind, shape, part.type, unit, leads_to)))
 
 

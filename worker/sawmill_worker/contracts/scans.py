@@ -41,6 +41,9 @@ class UnregisteredScanOptions(ScanFileOptions):
         None, description="Distance between detector cells; needed where the file does not carry it."
     )
     row_pitch_mm: PositiveMm | None = Field(None, description="Distance between detector rows.")
+    follow_links: bool = Field(
+        default=False, description="Of HDF5: read also what its links, virtual datasets and raw data lead to."
+    )
     flats: Path | None = Field(None, description="Of counts: the flat fields, where the scan's file carries none.")
     darks: Path | None = Field(None, description="Of counts: the dark fields, where the scan's file carries none.")
 

@@ -31,9 +31,9 @@ class UnreadableScan(FileError):  # noqa: N818 - it names the thing that cannot 
     ----------
     code : str
         Stable, for programs: `empty-file`, `unknown-format`, `broken-file`, `truncated-file`, `too-large`,
-        `external-storage`, `unsupported-storage`, `dataset-missing`, `dataset-ambiguous`, `wrong-type`, `wrong-shape`,
-        `angles-missing`, `angles-mismatch`, `angles-malformed`, `angles-repeated`, `not-finite`, `out-of-range`,
-        `no-signal`, `rows-missing`, `flats-missing`, `contradiction`, `unsafe-archive`.
+        `external-storage`, `linked-file-missing`, `unsupported-storage`, `dataset-missing`, `dataset-ambiguous`,
+        `wrong-type`, `wrong-shape`, `angles-missing`, `angles-mismatch`, `angles-malformed`, `angles-repeated`,
+        `not-finite`, `out-of-range`, `no-signal`, `rows-missing`, `flats-missing`, `contradiction`, `unsafe-archive`.
     """
 
 

@@ -3,13 +3,16 @@
 import math
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
+
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
 
 MAX_BYTES = 8 * 2**30
 
@@ -27,7 +30,7 @@ STEP_BYTES = 2**14
 
 @dataclass(frozen=True)
 class Bounds:
-    """How many bytes may be read, as float32 or as stored, whichever is more.
+    """What may be read: how many bytes, as float32 or as stored, whichever is more, and of which files.
 
     Attributes
     ----------
@@ -35,15 +38,18 @@ class Bounds:
         Of an array that is read a block at a time.
     piece : int
         In memory at once: of an array that is read as a whole, or of what a file stores in one piece.
+    linked : LinkedFiles or None
+        What follows the links of an HDF5 file into others; None: they are refused.
     """
 
     array: int
     piece: int
+    linked: "LinkedFiles | None" = None
 
     @property
     def whole(self) -> "Bounds":
         """Those of arrays that are read as a whole."""
-        return Bounds(self.piece, self.piece)
+        return replace(self, array=self.piece)
 
 
 def check_number_type(what: str, dtype: np.dtype[Any]) -> None:

@@ -3,7 +3,7 @@
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -25,6 +25,9 @@ from sawmill_worker.readers.mat import MATLAB_NUMBERS
 from sawmill_worker.readers.named_arrays import LONGEST_TEXT, ArrayInfo, NamedArrays, read_named_arrays
 from sawmill_worker.readers.wanted import Wanted
 
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
+
 
 def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> FileContents:
     """Read an HDF5 file of any layout, which stays open for its projections.
@@ -35,21 +38,30 @@ def read_hdf5(path: Path, wanted: Wanted, bounds: Bounds, files: ExitStack) -> F
         When the file has no scan, several without a choice, or one that must not be read.
     """
     file = files.enter_context(open_hdf5(path))
-    entry = _choose_entry(file, wanted.dataset)
+    try:
+        return _read(file, wanted, bounds)
+    except UnreadableScan as error:
+        if bounds.linked is None or not bounds.linked.missing or error.code != "dataset-missing":
+            raise
+        raise bounds.linked.missing[0] from error
+
+
+def _read(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
+    entry = _choose_entry(file, wanted.dataset, bounds.linked)
     if entry is not None:
         return read_nxtomo(entry, bounds)
-    if is_exchange(file) and (wanted.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
+    if is_exchange(file, bounds.linked) and (wanted.dataset or EXCHANGE_DATA).strip("/") == EXCHANGE_DATA:
         return read_exchange(file, bounds)
     return _read_plain(file, wanted, bounds)
 
 
-def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
-    entries = find_entries(file)
+def _choose_entry(file: h5py.File, dataset: str | None, linked: "LinkedFiles | None") -> h5py.Group | None:
+    entries = find_entries(file, linked)
     if dataset is not None:
-        wanted = find(file, f"/{dataset}")
+        wanted = find(file, f"/{dataset}", linked)
         if wanted is None:
             return None
-        return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA))), None)
+        return next((entry for entry in entries if wanted in (entry, find(entry, nxtomo.DATA, linked))), None)
     if len(entries) > 1:
         names = ", ".join(name_of(entry).strip("'") for entry in entries)
         raise UnreadableScan(
@@ -59,8 +71,8 @@ def _choose_entry(file: h5py.File, dataset: str | None) -> h5py.Group | None:
 
 
 def _read_plain(file: h5py.File, wanted: Wanted, bounds: Bounds) -> FileContents:
-    found, dataset = dict(datasets(file)), wanted.dataset
-    named = None if dataset is None else find(file, f"/{dataset}")
+    found, dataset = dict(datasets(file, bounds.linked)), wanted.dataset
+    named = None if dataset is None else find(file, f"/{dataset}", bounds.linked)
     if dataset is not None and isinstance(named, h5py.Dataset):
         found[dataset.strip("/")] = named  # by the name it was asked for, which may be a link's
     matlab = any("MATLAB_class" in node.attrs for node in found.values())

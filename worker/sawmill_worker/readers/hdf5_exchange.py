@@ -1,5 +1,7 @@
 """HDF5 in the Data Exchange layout: /exchange/data with data_white, data_dark and theta beside it."""
 
+from typing import TYPE_CHECKING
+
 import h5py
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +14,16 @@ from sawmill_worker.readers.hdf5_guard import find, numbers, read_float32
 from sawmill_worker.readers.hdf5_projections import all_views
 from sawmill_worker.readers.hdf5_texts import attribute_text
 
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
+
 DATA = "exchange/data"
 DETECTOR = "measurement/instrument/detector"
 
 
-def is_exchange(file: h5py.File) -> bool:
+def is_exchange(file: h5py.File, linked: "LinkedFiles | None" = None) -> bool:
     """Whether the file has the group and the dataset that make this layout."""
-    return isinstance(find(file, DATA), h5py.Dataset)
+    return isinstance(find(file, DATA, linked), h5py.Dataset)
 
 
 def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:

@@ -5,7 +5,7 @@ Everything here is decided from the file's structure, before any data are read.
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import h5py
 import numpy as np
@@ -15,7 +15,10 @@ from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.hdf5_storage import check_dataset
 
-MOST_SOFT_LINKS = 16
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
+
+MOST_LINKS = 16
 MOST_MEMBERS = 10_000
 LONGEST_NAME_BYTES = 1024
 DEEPEST_GROUP = 8
@@ -23,15 +26,16 @@ DEEPEST_GROUP = 8
 Node: TypeAlias = h5py.Group | h5py.Dataset
 
 
-def find(start: Node, path: str) -> Node | None:
+def find(start: Node, path: str, linked: "LinkedFiles | None" = None) -> Node | None:
     """Follow a path link by link; None where it leads to nothing.
 
     Raises
     ------
     UnreadableScan
-        `external-storage` for a link into another file, `unsupported-storage` for links that run in a circle.
+        `external-storage` for a link into another file where links are not followed, `linked-file-missing` where they
+        are; `unsupported-storage` for links that run in a circle.
     """
-    here, pending, soft_links = start, _parts(path), 0
+    here, pending, links = start, _parts(path), 0
     if path.startswith("/"):
         here = start.file["/"]
     while pending:
@@ -40,28 +44,43 @@ def find(start: Node, path: str) -> Node | None:
         if not isinstance(here, h5py.Group) or not here.id.links.exists(key):
             return None
         kind = here.id.links.get_info(key).type
+        if kind == h5py.h5l.TYPE_HARD:
+            here = here[key] if linked is None else _beside(here, key)
+            continue
+        links += 1
+        if links > MOST_LINKS:
+            raise UnreadableScan(
+                "unsupported-storage",
+                f"the links behind {quoted(path)!r} run in a circle; link straight to the data",
+            )
         if kind == h5py.h5l.TYPE_SOFT:
-            soft_links += 1
-            if soft_links > MOST_SOFT_LINKS:
-                raise UnreadableScan(
-                    "unsupported-storage",
-                    f"the links behind {quoted(path)!r} run in a circle; link straight to the data",
-                )
             target = text_of(here.id.links.get_val(key))
-            pending = _parts(target) + pending
             here = here.file["/"] if target.startswith("/") else here
-        elif kind == h5py.h5l.TYPE_HARD:
-            here = here[key]
+        elif kind == h5py.h5l.TYPE_EXTERNAL and linked is not None:
+            file, target = map(text_of, here.id.links.get_val(key))
+            here = linked.root(here, file, path)
         else:
             raise UnreadableScan(
                 "external-storage",
                 f"{quoted(path)!r} leads through an external link into another file; put all data into one file",
             )
+        pending = _parts(target) + pending
     return here
 
 
-def children(group: h5py.Group) -> Iterator[tuple[str, Node]]:
+def _beside(group: h5py.Group, key: bytes) -> Node:
+    """A member of a group; the files that it names are looked for beside its own, not where this process runs."""
+    if h5py.h5o.get_info(group.id, key).type != h5py.h5o.TYPE_DATASET:
+        return group[key]
+    access = h5py.h5p.create(h5py.h5p.DATASET_ACCESS)
+    access.set_efile_prefix(b"${ORIGIN}")
+    return h5py.Dataset(h5py.h5d.open(group.id, key, access))
+
+
+def children(group: h5py.Group, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, Node]]:
     """Every member that exists, by name; of a name that is not UTF-8 the other bytes are surrogates.
+
+    Where links are followed, those that lead to no file are noted and passed over: nobody asked for them.
 
     Raises
     ------
@@ -69,7 +88,13 @@ def children(group: h5py.Group) -> Iterator[tuple[str, Node]]:
         `too-large` for more members, or a longer name, than are read.
     """
     for key, _ in members(group):
-        node = find(group, text_of(key))
+        try:
+            node = find(group, text_of(key), linked)
+        except UnreadableScan as error:
+            if linked is None or error.code != "linked-file-missing":
+                raise
+            linked.missing.append(error)
+            continue
         if node is not None:
             yield text_of(key), node
 
@@ -113,17 +138,18 @@ def name_of(node: Node) -> str:
     return repr(quoted(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name)))
 
 
-def datasets(file: h5py.File) -> Iterator[tuple[str, h5py.Dataset]]:
-    """Every dataset of the file with its path, each object once."""
-    seen: set[int] = set()
+def datasets(file: h5py.File, linked: "LinkedFiles | None" = None) -> Iterator[tuple[str, h5py.Dataset]]:
+    """Every dataset of the file, and of those it leads to, with its path, each object once."""
+    seen: set[tuple[int, int]] = set()
     members = 0
 
     def walk(group: h5py.Group, prefix: str, depth: int) -> Iterator[tuple[str, h5py.Dataset]]:
         nonlocal members
         members += len(group)
         check_members(members)
-        for name, node in children(group):
-            address = h5py.h5o.get_info(node.id).addr
+        for name, node in children(group, linked):
+            info = h5py.h5o.get_info(node.id)
+            address = (info.fileno, info.addr)
             if address in seen:
                 continue
             seen.add(address)
@@ -143,7 +169,7 @@ def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
     UnreadableScan
         `external-storage`, `unsupported-storage`, `wrong-type`, `wrong-shape`, `truncated-file` or `too-large`.
     """
-    node = find(start, path)
+    node = find(start, path, bounds.linked)
     if node is None:
         return None
     where = repr(quoted(path))

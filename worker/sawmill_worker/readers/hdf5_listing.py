@@ -1,6 +1,7 @@
 """What is in an HDF5 file: groups, datasets and links, from their headers alone."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,7 +9,8 @@ import h5py
 from sawmill_worker.files.errors import quoted
 from sawmill_worker.files.hdf5 import open_hdf5
 from sawmill_worker.readers.arrays import Bounds
-from sawmill_worker.readers.hdf5_guard import DEEPEST_GROUP, check_members, members, text_of
+from sawmill_worker.readers.hdf5_guard import DEEPEST_GROUP, check_members, find, members, text_of
+from sawmill_worker.readers.hdf5_links import LinkedFiles, located
 from sawmill_worker.readers.hdf5_storage import filter_names
 from sawmill_worker.readers.hdf5_texts import attribute_text
 from sawmill_worker.readers.parts import Part, PartKind
@@ -16,8 +18,11 @@ from sawmill_worker.readers.parts import Part, PartKind
 MOST_FILES_NAMED = 3
 
 
-def hdf5_parts(path: Path, _: Bounds) -> Iterator[Part]:
-    """Every group, dataset and link; an object that has two names is listed once, and links are not followed.
+def hdf5_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
+    """Every group, dataset and link; an object that has two names is listed once.
+
+    Of a link into another file it is said whether that is there, and where links are followed what it leads to; what
+    is below that is not listed.
 
     Raises
     ------
@@ -25,13 +30,14 @@ def hdf5_parts(path: Path, _: Bounds) -> Iterator[Part]:
         `too-large` for more of them than are read.
     """
     with open_hdf5(path) as file:
-        yield from _Listing().walk(file["/"], "/", 1)
+        yield from _Listing(bounds.linked).walk(file["/"], "/", 1)
 
 
 class _Listing:
     """The names of the objects that were listed, by their addresses, and the number of all members."""
 
-    def __init__(self) -> None:
+    def __init__(self, linked: LinkedFiles | None) -> None:
+        self._linked = linked
         self._names: dict[int, str] = {}
         self._members = 0
 
@@ -42,8 +48,22 @@ class _Listing:
             name = prefix + quoted(text_of(key))
             if link == h5py.h5l.TYPE_HARD:
                 yield from self._object(group[key], name, depth)
+            elif link == h5py.h5l.TYPE_EXTERNAL:
+                yield self._external(group, key, name)
             else:
-                yield Part(name, PartKind.LINK, leads_to=_target(group, key, link))
+                soft = link == h5py.h5l.TYPE_SOFT
+                target = quoted(text_of(group.id.links.get_val(key))) if soft else "a link of an unknown kind"
+                yield Part(name, PartKind.LINK, leads_to=target)
+
+    def _external(self, group: h5py.Group, key: bytes, name: str) -> Part:
+        file, path = map(text_of, group.id.links.get_val(key))
+        target = f"file {quoted(file)}:{quoted(path)}"
+        if located(Path(group.file.filename), file) is None:
+            return Part(name, PartKind.LINK, leads_to=f"{target} (not there)")
+        node = None if self._linked is None else find(group, text_of(key), self._linked)
+        if not isinstance(node, h5py.Dataset):
+            return Part(name, PartKind.LINK, leads_to=target)
+        return replace(_dataset(node, name), kind=PartKind.LINK, leads_to=target)
 
     def _object(self, node: object, name: str, depth: int) -> Iterator[Part]:
         if not isinstance(node, h5py.Group | h5py.Dataset):
@@ -84,23 +104,18 @@ def _type_of(node: h5py.Dataset) -> str:
 def _sources(node: h5py.Dataset) -> str | None:
     """The files in which the data of a dataset lie, where it is not this one."""
     if node.is_virtual:
-        return _listed("virtual, of", [f"{each.file_name}:{each.dset_name}" for each in node.virtual_sources()])
-    return _listed("stored in", [name for name, _, _ in node.external]) if node.external else None
+        return _listed(node, "virtual, of", [each.file_name for each in node.virtual_sources()])
+    return _listed(node, "stored in", [name for name, _, _ in node.external]) if node.external else None
 
 
-def _listed(what: str, names: list[str]) -> str:
+def _listed(node: h5py.Dataset, what: str, names: list[str]) -> str:
     different = list(dict.fromkeys(names))
-    more = f" and {len(different) - MOST_FILES_NAMED} more" if len(different) > MOST_FILES_NAMED else ""
-    return f"{what} {', '.join(quoted(name) for name in different[:MOST_FILES_NAMED])}{more}"
-
-
-def _target(group: h5py.Group, key: bytes, link: int) -> str:
-    if link == h5py.h5l.TYPE_SOFT:
-        return quoted(text_of(group.id.links.get_val(key)))
-    if link == h5py.h5l.TYPE_EXTERNAL:
-        file, path = group.id.links.get_val(key)
-        return f"file {quoted(text_of(file))}:{quoted(text_of(path))}"
-    return "a link of an unknown kind"
+    own = Path(node.file.filename)
+    missing = [name for name in different if name != "." and located(own, name) is None]
+    more = f" and {len(different) - MOST_FILES_NAMED} more files" if len(different) > MOST_FILES_NAMED else ""
+    lost = f" ({len(missing)} not there, first {quoted(missing[0])})" if missing else ""
+    shown = ("this file" if name == "." else quoted(name) for name in different[:MOST_FILES_NAMED])
+    return f"{what} {', '.join(shown)}{more}{lost}"
 
 
 def _quoted(text: str | None) -> str | None:

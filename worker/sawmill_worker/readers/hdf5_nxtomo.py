@@ -1,6 +1,7 @@
 """HDF5 in the NXtomo layout: one stack of images (views, flat and dark fields), an image key and an angle for each."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
@@ -26,17 +27,20 @@ from sawmill_worker.readers.hdf5_guard import Node, check_members, children, nam
 from sawmill_worker.readers.hdf5_projections import chosen_views
 from sawmill_worker.readers.hdf5_texts import read_text
 
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
 
-def find_entries(file: h5py.File) -> list[h5py.Group]:
+
+def find_entries(file: h5py.File, linked: "LinkedFiles | None" = None) -> list[h5py.Group]:
     """Every group, at the top or one level below it, whose `definition` is NXtomo."""
-    top = [node for _, node in children(file["/"]) if isinstance(node, h5py.Group)]
+    top = [node for _, node in children(file["/"], linked) if isinstance(node, h5py.Group)]
     check_members(sum(map(len, top)))
-    below = [node for group in top if not _is_nxtomo(group) for _, node in children(group)]
-    return [group for group in (*top, *below) if _is_nxtomo(group)]
+    below = [node for group in top if not _is_nxtomo(group, linked) for _, node in children(group, linked)]
+    return [group for group in (*top, *below) if _is_nxtomo(group, linked)]
 
 
-def _is_nxtomo(node: Node) -> bool:
-    return isinstance(node, h5py.Group) and read_text(node, "definition") == DEFINITION
+def _is_nxtomo(node: Node, linked: "LinkedFiles | None") -> bool:
+    return isinstance(node, h5py.Group) and read_text(node, "definition", linked=linked) == DEFINITION
 
 
 def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
@@ -102,11 +106,13 @@ def _read_image_key(entry: h5py.Group, images: int, bounds: Bounds) -> _ImageKey
 
 def _fields(dataset: h5py.Dataset, keys: NDArray[np.int64], key: int, bounds: Bounds) -> NDArray[np.float32] | None:
     images = np.flatnonzero(keys == key)
+    # Of data in other files the library counts nothing; they were checked as a whole.
+    stored = dataset.id.get_storage_size() or dataset.nbytes
     check_size(
         f"{DATA} of image_key {key}",
         (len(images), *dataset.shape[1:]),
         dataset.dtype.itemsize,
-        stored_bytes=dataset.id.get_storage_size(),
+        stored_bytes=stored,
         max_bytes=bounds.piece,
     )
     return read_images(dataset, images) if len(images) else None

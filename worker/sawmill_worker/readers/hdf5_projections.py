@@ -21,7 +21,9 @@ def chosen_views(dataset: h5py.Dataset, images: NDArray[np.intp]) -> Projections
             return read_images(dataset, images[views])[:, np.newaxis]
         return read_images(dataset, images[views], rows)
 
-    return Projections((len(images), *dataset.shape[1:]), read, _together(dataset.chunks))
+    # Sources of a virtual dataset are a camera's images, as a rule: these are read as a whole.
+    virtual = (1, *dataset.shape[1:]) if dataset.is_virtual else None
+    return Projections((len(images), *dataset.shape[1:]), read, _together(virtual or dataset.chunks))
 
 
 def transposed(dataset: h5py.Dataset) -> Projections:

@@ -23,13 +23,13 @@ MOST_FILTERS = 3
 
 
 def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
-    """Refuse a dataset that is not plain numbers stored inside this file, in a size that can be read."""
-    check_storage(where, dataset)
+    """Refuse a dataset that is not plain numbers in a size that can be read, stored in files that may be read."""
+    check_storage(where, dataset, elsewhere=bounds.linked is not None)
     check_number_type(where, dataset.dtype)
     if dataset.shape is None:
         raise UnreadableScan("wrong-shape", f"{where} is empty; it must hold numbers")
     itemsize = dataset.dtype.itemsize
-    stored = min(dataset.id.get_storage_size(), dataset.file.id.get_filesize())
+    stored = _stored_bytes(where, dataset, bounds)
     check_size(where, dataset.shape, itemsize, stored_bytes=stored, max_bytes=bounds.array)
     if dataset.chunks is not None and math.prod(dataset.chunks) * itemsize > bounds.piece:
         raise UnreadableScan("too-large", f"{where} has chunks of {dataset.chunks} values; store it in smaller chunks")
@@ -37,6 +37,16 @@ def check_dataset(where: str, dataset: h5py.Dataset, bounds: Bounds) -> None:
         raise UnreadableScan("truncated-file", f"{where} was declared and never written; export the file again")
     if dataset.chunks is not None:
         check_chunks(where, dataset)
+
+
+def _stored_bytes(where: str, dataset: h5py.Dataset, bounds: Bounds) -> int:
+    if bounds.linked is not None and _is_elsewhere(dataset):
+        return bounds.linked.stored_bytes(where, dataset, bounds)
+    return int(min(dataset.id.get_storage_size(), dataset.file.id.get_filesize()))
+
+
+def _is_elsewhere(dataset: h5py.Dataset) -> bool:
+    return dataset.is_virtual or bool(dataset.external)
 
 
 def check_chunks(where: str, dataset: h5py.Dataset) -> None:
@@ -88,9 +98,9 @@ def _deflates(dataset: h5py.Dataset) -> int | None:
     return codes.index(h5py.h5z.FILTER_DEFLATE) if h5py.h5z.FILTER_DEFLATE in codes else None
 
 
-def check_storage(where: str, dataset: h5py.Dataset) -> None:
-    """Refuse what lies in other files, or behind filters that are unknown or more than one packing."""
-    if dataset.is_virtual or dataset.external:
+def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False) -> None:
+    """Refuse what lies in other files or datasets unless it may, and what is behind filters unknown or packed twice."""
+    if _is_elsewhere(dataset) and not elsewhere:
         raise UnreadableScan(
             "external-storage", f"{where} takes its data from other files or datasets; put the data themselves into it"
         )

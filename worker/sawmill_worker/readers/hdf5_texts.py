@@ -1,7 +1,7 @@
 """Texts of HDF5 files and what they say of a dataset, whose lengths are looked at before they are read."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -10,11 +10,16 @@ from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.hdf5_guard import Node, find, name_of
 from sawmill_worker.readers.hdf5_storage import check_chunks, check_storage
 
+if TYPE_CHECKING:
+    from sawmill_worker.readers.hdf5_links import LinkedFiles
+
 # The most bytes of a name, a unit or the like.
 LONGEST_TEXT_BYTES = 4096
 
 
-def read_text(start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES) -> str | None:
+def read_text(
+    start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES, linked: "LinkedFiles | None" = None
+) -> str | None:
     """The one string at a path; None where there is none.
 
     Raises
@@ -22,7 +27,7 @@ def read_text(start: Node, path: str, *, most_bytes: int = LONGEST_TEXT_BYTES) -
     UnreadableScan
         `external-storage`, `unsupported-storage`; `too-large` where it has more than `most_bytes`.
     """
-    node = find(start, path)
+    node = find(start, path, linked)
     if not isinstance(node, h5py.Dataset) or node.size != 1 or h5py.check_string_dtype(node.dtype) is None:
         return None
     where = repr(quoted(path))

@@ -14,6 +14,7 @@ from sawmill_worker.readers.arrays import MAX_BYTES, Bounds, as_fields
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.contents import FileContents, Projections
 from sawmill_worker.readers.given_fields import with_fields
+from sawmill_worker.readers.hdf5_links import LinkedFiles
 from sawmill_worker.readers.recognising import recognise
 from sawmill_worker.readers.wanted import Wanted
 
@@ -36,6 +37,7 @@ def reading_scan(
     rows_missing: bool = False,
     flats: Path | None = None,
     darks: Path | None = None,
+    follow_links: bool = False,
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[CanonicalScan]:
@@ -59,6 +61,8 @@ def reading_scan(
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
     flats, darks : Path, optional
         Files of the flat and of the dark fields, where the scan's file carries none.
+    follow_links : bool
+        Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data: never those of an upload.
     max_bytes : int
         Largest size of one array, as float32 or as stored, whichever is more.
     free_bytes : int, optional
@@ -76,7 +80,13 @@ def reading_scan(
             "declare counts, or leave the fields out",
         )
     opened = reading_contents(
-        path, dataset=dataset, flats=flats, darks=darks, max_bytes=max_bytes, free_bytes=free_bytes
+        path,
+        dataset=dataset,
+        flats=flats,
+        darks=darks,
+        follow_links=follow_links,
+        max_bytes=max_bytes,
+        free_bytes=free_bytes,
     )
     with opened as contents:
         yield canonical_scan(
@@ -96,6 +106,7 @@ def reading_contents(
     dataset: str | None = None,
     flats: Path | None = None,
     darks: Path | None = None,
+    follow_links: bool = False,
     max_bytes: int = MAX_BYTES,
     free_bytes: int | None = None,
 ) -> Iterator[FileContents]:
@@ -107,13 +118,15 @@ def reading_contents(
         When a file cannot be read, or is not a scan.
     """
     recognised = recognise(path)
-    bounds = reading_bounds(free_bytes, max_bytes)
     with ExitStack() as files:
+        linked = LinkedFiles(files) if follow_links else None
+        bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
         with library_errors_translated(recognised.name):
             contents = recognised.read(path, Wanted(dataset), bounds, files)
             _check_piece(contents.projections, bounds.piece)
         contents = with_fields(contents, flats, darks, bounds)
-        yield replace(contents, projections=_translated(contents.projections, recognised.name))
+        others = contents.others if linked is None else (*contents.others, *linked.paths)
+        yield replace(contents, projections=_translated(contents.projections, recognised.name), others=others)
 
 
 def reading_bounds(free_bytes: int | None, max_bytes: int = MAX_BYTES) -> Bounds:

@@ -1,6 +1,7 @@
 """What is in a file, what of it would be read as a scan, and what is missing: nothing is converted or calibrated."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -20,12 +21,14 @@ from sawmill_worker.files.errors import UnreadableScan, library_errors_translate
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.contents import FileContents
+from sawmill_worker.readers.hdf5_links import LinkedFiles
 from sawmill_worker.readers.own_kind import OwnKind, own_kind
 from sawmill_worker.readers.parts import alike_together
 from sawmill_worker.readers.picture import is_picture, picture_parts
 from sawmill_worker.readers.reading import canonical_scan, reading_bounds, reading_contents
 from sawmill_worker.readers.recognising import Format, recognise
 from sawmill_worker.use_cases.capacity import memory_available
+from sawmill_worker.use_cases.own_disk import links_offered
 from sawmill_worker.vocabulary import DataKind
 
 # More are not listed: a person reads the first page, and a program names what it looks for.
@@ -50,6 +53,7 @@ class GivenBeside:
     row_pitch_mm: float | None = None
     flats: Path | None = None
     darks: Path | None = None
+    follow_links: bool = False
 
 
 @dataclass
@@ -86,7 +90,7 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
         refusal = _failure(error.code, str(error))
         return InspectionResult(file=file, size_bytes=size_bytes, verdict=Verdict.REFUSED, parts=[], refusal=refusal)
     kind = own_kind(given.path)
-    parts, ended = _listed(given.path, known)
+    parts, ended = _listed(given.path, known, follow_links=given.follow_links)
     found = _read(given, kind) if known else _Found(refusal=_failure("not-a-scan", PICTURE))
     return InspectionResult(
         file=file,
@@ -103,12 +107,14 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
     )
 
 
-def _listed(path: Path, known: Format | None) -> tuple[list[FilePart], str | None]:
+def _listed(path: Path, known: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:
     """The parts of a file of a format or of a picture, and why they are not all."""
     parts: list[FilePart] = []
     try:
-        with library_errors_translated(known.name if known else PNG):
-            listed = known.parts(path, reading_bounds(memory_available())) if known else picture_parts(path)
+        with ExitStack() as files, library_errors_translated(known.name if known else PNG):
+            linked = LinkedFiles(files) if follow_links else None
+            bounds = replace(reading_bounds(memory_available()), linked=linked)
+            listed = known.parts(path, bounds) if known else picture_parts(path)
             parts.extend(FilePart.model_validate(asdict(part)) for part in alike_together(listed))
     except UnreadableScan as error:
         return parts, str(error)
@@ -124,9 +130,10 @@ def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
             dataset=given.dataset,
             flats=given.flats,
             darks=given.darks,
+            follow_links=given.follow_links,
             free_bytes=memory_available(),
         )
-        with opened as contents:
+        with links_offered(followed=given.follow_links), opened as contents:
             return _of_contents(contents, given, kind)
     except UnreadableScan as error:
         return _refused_or_missing(error)
@@ -135,6 +142,7 @@ def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
 def _refused_or_missing(error: UnreadableScan) -> _Found:
     supplied_by = {
         "dataset-ambiguous": ("which array holds the projections", "--dataset"),
+        "external-storage": ("what other files hold", "--follow-links"),
         "angles-missing": ("the views' angles", "--angles-deg or --angles-file"),
     }
     if error.code not in supplied_by:

@@ -20,6 +20,7 @@ from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.own_disk import links_offered
 from sawmill_worker.use_cases.prepare import Stack, prepare_scan
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
@@ -139,9 +140,10 @@ def _prepared_rows(
             rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
             flats=source.options.flats,
             darks=source.options.darks,
+            follow_links=source.options.follow_links,
             free_bytes=memory_available(),
         )
-        with reading as read:
+        with links_offered(followed=source.options.follow_links), reading as read:
             if read.detector_pitch_mm is None:
                 hint = "" if read.unused is None else f"; it holds {read.unused}"
                 raise refused(

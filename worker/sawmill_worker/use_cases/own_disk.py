@@ -1,0 +1,17 @@
+"""What a file on one's own disk may be that an upload may not."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from sawmill_worker.files.errors import UnreadableScan
+
+
+@contextmanager
+def links_offered(*, followed: bool) -> Iterator[None]:
+    """Name the flag that follows links, where a file is refused for them: nobody hears of it who uploads."""
+    try:
+        yield
+    except UnreadableScan as error:
+        if error.code != "external-storage" or followed:
+            raise
+        raise UnreadableScan(error.code, f"{error}, or read the other files too by --follow-links") from error
