@@ -11,7 +11,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
 
 # No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
@@ -45,7 +45,7 @@ AskedPriority = Annotated[
 ]
 
 
-class Paging(Contract):
+class Paging(Queried):
     """Which page of a list."""
 
     after: str | None = Field(None, max_length=200, description="The `next` of the page before; nothing: the newest.")

@@ -38,6 +38,8 @@ STATUS: Mapping[type[Exception], int] = {
     NotStored: 409,
     OutOfRange: 422,
 }
+# Pydantic's remark on a default that depends on a refused value.
+FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
 COME_BACK = {"Retry-After": "5"}  # of every 503: seconds
 
 
@@ -112,13 +114,15 @@ def _message(error: Mapping[str, Any]) -> str:
     if error["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
         return "is not a known field"
     if error["type"] == "value_error":
-        return f"is refused: {message.removeprefix('Value error, ')}"
+        refusal = message.removeprefix("Value error, ")
+        return refusal if refusal.startswith("must be ") else f"is refused: {refusal}"
     requirement = message.removeprefix("Input ")
     return f"{requirement[0].lower()}{requirement[1:]}, not {reprlib.repr(value)}"
 
 
 def _on_validation(request: Request, error: Exception) -> JSONResponse:
-    problems = [field_problem(item) for item in cast("RequestValidationError", error).errors()]
+    found = cast("RequestValidationError", error).errors()
+    problems = [field_problem(item) for item in found if item["type"] not in FOLLOWS_FROM_OTHERS]
     first, others = problems[0], len(problems) - 1
     detail = f"{first.location} {first.message}" + (f" (and {others} more)" if others else "")
     return problem_response(request.url.path, 422, "invalid-request", detail, errors=problems)

@@ -7,8 +7,9 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.base import Contract, Identifier, Name
+from sawmill_worker.contracts.base import Identifier, Name
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.store import Store
@@ -16,7 +17,7 @@ from sawmill_worker.storage.store import Store
 router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
 
 
-class Activate(Contract):
+class Activate(Given):
     """Why a calibration becomes the active one."""
 
     reason: Name = "activated by hand"

@@ -11,6 +11,7 @@ from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
@@ -27,7 +28,7 @@ EXAMPLE = {
 }
 
 
-class PictureUpload(PhantomPicture):
+class PictureUpload(Queried, PhantomPicture):
     """What is given with a picture, and how urgent its tracing is."""
 
     priority: AskedPriority = Priority.WAITED_FOR

@@ -16,7 +16,8 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.base import Contract, Identifier, parse_span
+from sawmill_worker.contracts.base import Identifier, parse_span
+from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.reconstructions import ReconstructionResult
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import ColorMap
@@ -35,7 +36,7 @@ class Bits(IntEnum):
     SIXTEEN = 16
 
 
-class WindowQuery(Contract):
+class WindowQuery(Queried):
     """Which values to draw, and how."""
 
     window_low: float | None = Field(

@@ -11,7 +11,8 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
-from sawmill_worker.contracts.base import Contract, Identifier, Page
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
 from sawmill_worker.storage.store import Store
@@ -26,7 +27,7 @@ class ScanFilter(Paging):
     state: ScanState | None = None
 
 
-class ScanUpload(ScanSpec):
+class ScanUpload(Queried, ScanSpec):
     """What is given with a file, and how urgent its reading is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
@@ -37,7 +38,7 @@ class ScanUpload(ScanSpec):
         return ScanSpec.model_validate(self.model_dump(exclude={"priority"}, exclude_unset=True))
 
 
-class SinogramQuery(Contract):
+class SinogramQuery(Queried):
     """Which sinogram to draw."""
 
     row: Annotated[int, Field(ge=0)] = Field(0, description="Detector row.")

@@ -8,7 +8,7 @@ from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
 
 router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
 
@@ -16,7 +16,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 
 
 @router.post("", status_code=201, summary="Schedule a scanner's recalibration", openapi_extra=trying(body=EXAMPLE))
-def create_schedule(spec: ScheduleSpec, store: TheStore, response: Response) -> Schedule:
+def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
     """At each due time the newest phantom scan that no calibration has used yet is calibrated."""
     schedule = store.schedules.create(spec)
     response.headers["Location"] = f"/v1/schedules/{schedule.id}"
@@ -36,7 +36,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
 
 
 @router.put("/{schedule_id}", summary="Replace a schedule", openapi_extra=trying(body=EXAMPLE))
-def replace_schedule(schedule_id: Identifier, spec: ScheduleSpec, store: TheStore) -> Schedule:
+def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore) -> Schedule:
     """The next due time is counted from now."""
     return store.schedules.update(schedule_id, spec)
 

@@ -155,7 +155,8 @@ def coordinates_of(text: str) -> tuple[float, float]:
 
 def _numbers(text: str, contract: type[Numbers], form: str) -> Numbers:
     try:
-        return TypeAdapter(contract).validate_python(dict(zip(field_names(contract), text.split(","), strict=True)))
+        numbers = [float(part) for part in text.split(",")]
+        return TypeAdapter(contract).validate_python(dict(zip(field_names(contract), numbers, strict=True)))
     except ValueError as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         if first is not None and first["type"] in OUT_OF_BOUNDS:
@@ -163,14 +164,14 @@ def _numbers(text: str, contract: type[Numbers], form: str) -> Numbers:
         raise typer.BadParameter(f"must be {form}, not {text!r}.") from error
 
 
-def one_number(text: str) -> str:
-    """Refuse what is not one number (a parser of Typer's)."""
+def one_number(text: str) -> float:
+    """The number; what is not one is refused (a parser of Typer's)."""
     try:
-        float(text)
+        number = float(text)
     except ValueError as error:
         msg = f"{text!r} is not one number: pixels are square, and one number says both sides."
         raise typer.BadParameter(msg) from error
-    return text
+    return int(number) if number.is_integer() else number
 
 
 def writable(path: Path | None) -> Path | None:

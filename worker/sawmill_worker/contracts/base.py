@@ -2,17 +2,36 @@
 
 import re
 from datetime import datetime
-from typing import Annotated, Generic, TypeVar
+from typing import Annotated, ClassVar, Generic, TypeVar
 
-from pydantic import AfterValidator, AwareDatetime, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    StringConstraints,
+    ValidationError,
+)
+from pydantic_core import CoreSchema
 
-from sawmill_worker.vocabulary import LARGEST_MM
+from sawmill_worker.vocabulary import LARGEST_MM, exactly
 
 
 class Contract(BaseModel):
-    """A frozen model that refuses unknown fields and non-finite numbers."""
+    """A frozen model that refuses unknown fields, non-finite numbers, and what only looks like a number."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, str_strip_whitespace=True)
+    # Texts of a query stand for numbers: `sawmill_worker.contracts.given.Queried`.
+    numbers_come_as_texts: ClassVar[bool] = False
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler) -> CoreSchema:
+        """As pydantic asks for it: numbers and truth values are taken as themselves, unless all come as texts."""
+        schema = handler(source)
+        read: CoreSchema = schema if cls.numbers_come_as_texts else exactly(schema)
+        return read
 
 
 Identifier = Annotated[

@@ -14,6 +14,7 @@ from sawmill_worker.contracts.geometry import (
     SourceFrameDeviation,
     ThetaDeviation,
 )
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
@@ -100,7 +101,7 @@ class CalibrationOptions(Contract):
     paper: PaperOptions = PaperOptions()
 
 
-class CalibrationAsk(CalibrationOptions):
+class CalibrationAsk(CalibrationOptions, Given):
     """Ask for a calibration."""
 
     scan_id: Identifier = Field(examples=["example"])

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
@@ -19,7 +20,7 @@ class DriftOptions(Contract):
     )
 
 
-class DriftAsk(DriftOptions):
+class DriftAsk(DriftOptions, Given):
     """Ask whether a scanner has moved since a calibration. The scan must go all round in steps of 3 degrees or less."""
 
     scan_id: Identifier = Field(examples=["example"])

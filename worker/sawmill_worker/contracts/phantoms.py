@@ -8,6 +8,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape, TrueAxis
@@ -85,7 +86,7 @@ class PhantomDrawing(Contract):
     )
 
 
-class PhantomAsk(PhantomDrawing):
+class PhantomAsk(PhantomDrawing, Given):
     """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
 
     @field_validator("shapes")

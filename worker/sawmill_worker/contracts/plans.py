@@ -7,6 +7,7 @@ from pydantic import Field
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
@@ -34,7 +35,7 @@ class PlanAsked(PlanOptions):
     )
 
 
-class PlanAsk(PlanAsked):
+class PlanAsk(PlanAsked, Given):
     """Ask what precision a phantom will give on a scanner."""
 
     theta: GivenTheta | None = Field(

@@ -8,6 +8,7 @@ from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.geometry import GivenTheta
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import (
@@ -176,7 +177,7 @@ class ReconstructionAsked(ReconstructionOptions):
         return self
 
 
-class ReconstructionAsk(ReconstructionAsked):
+class ReconstructionAsk(ReconstructionAsked, Given):
     """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
 
     theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")

@@ -6,6 +6,7 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants
+from sawmill_worker.contracts.given import Given
 from sawmill_worker.vocabulary import Handedness, Rotation, ThetaBounds
 
 
@@ -49,7 +50,7 @@ class ScannerSpec(Contract):
     rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")
 
 
-class ScannerAsk(ScannerSpec):
+class ScannerAsk(ScannerSpec, Given):
     """A scanner that is to be taken in; an earlier version took what is refused here."""
 
     bounds: GivenThetaBounds | None = Field(

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import CalibrationOptions
+from sawmill_worker.contracts.given import Given
 
 
 class ScheduleSpec(Contract):
@@ -19,6 +20,10 @@ class ScheduleSpec(Contract):
         "report", description="What to do with a calibration whose rays_verdict is pass and which has not moved."
     )
     options: CalibrationOptions = CalibrationOptions()
+
+
+class ScheduleAsk(ScheduleSpec, Given):
+    """A schedule that is to be kept."""
 
 
 class ScheduleRun(Contract):

@@ -29,8 +29,8 @@ from sawmill_worker.vocabulary.choices import (
     Weighting,
     WitnessTaken,
 )
+from sawmill_worker.vocabulary.exact import Exact, exactly
 from sawmill_worker.vocabulary.geometry import (
-    AS_CONTRACT,
     LARGEST_MM,
     TAU,
     GeometryError,
@@ -55,7 +55,6 @@ from sawmill_worker.vocabulary.phantoms import (
 from sawmill_worker.vocabulary.progress import Progress, ProgressCallback
 
 __all__ = [
-    "AS_CONTRACT",
     "BUILT_IN_OUTLINES",
     "LARGEST_ASSUMED_LOG_RADIUS_MM",
     "LARGEST_MM",
@@ -71,6 +70,7 @@ __all__ = [
     "CoordinateMm",
     "DataKind",
     "Disc",
+    "Exact",
     "FaultyCells",
     "FilterName",
     "GeometryError",
@@ -99,5 +99,6 @@ __all__ = [
     "Weighting",
     "WitnessTaken",
     "angle_difference",
+    "exactly",
     "wrap_angle",
 ]

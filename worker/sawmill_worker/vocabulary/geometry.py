@@ -1,7 +1,7 @@
 """The values of the scanner's geometry: its constants, theta, the source frame, and the bounds of a search.
 
 Each field is typed here once, with its unit, its description and its bounds. The science computes with these classes,
-and the contracts take them as field types: pydantic reads `__pydantic_config__` and the fields' metadata. Bounds in
+and the contracts take them as field types: pydantic reads the fields' metadata, and numbers `Exact`ly. Bounds in
 the metadata hold where a value crosses a boundary, those of `__post_init__` everywhere.
 
 Axes, signs and formulas: docs/conventions.md#source-frame.
@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Self
 
+from sawmill_worker.vocabulary.exact import Exact
+
 TAU = 2.0 * math.pi
 # Of any length at a scanner, in mm.
 LARGEST_MM = 1e5
-# How pydantic reads a value, an instance included: unknown fields and numbers that are not finite are refused.
-AS_CONTRACT = {"extra": "forbid", "allow_inf_nan": False, "revalidate_instances": "always"}
 
 
 class GeometryError(ValueError):
@@ -42,10 +42,8 @@ def _rotate(angle_rad: float, x: float, y: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Scanner:
+class Scanner(Exact):
     """What is known of a scanner without calibrating it."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     source_to_cor_mm: float = field(
         metadata={
@@ -78,10 +76,8 @@ class Scanner:
 
 
 @dataclass(frozen=True)
-class SourceFrame:
+class SourceFrame(Exact):
     """The geometry with the source on the axis: (psi, R, SDD, u_c, tau), what the data can see."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad."})
     source_distance_mm: float = field(metadata={"description": "R, source to centre of rotation along the axis, mm."})
@@ -133,10 +129,8 @@ class SourceFrame:
 
 
 @dataclass(frozen=True)
-class Theta:
+class Theta(Exact):
     """The five numbers that cannot be measured by hand: theta = (alpha0, r_D, h_S, h_D, alpha_D)."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi)."})
     detector_to_cor_mm: float = field(metadata={"description": "r_D, detector to centre of rotation, mm."})
@@ -200,10 +194,8 @@ class Theta:
 
 
 @dataclass(frozen=True)
-class ThetaBounds:
+class ThetaBounds(Exact):
     """Where theta is searched; the published bounds by default. The first angle is free over the full turn."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     # Of arXiv 2206.14444.
     detector_to_cor_mm: tuple[float, float] = field(

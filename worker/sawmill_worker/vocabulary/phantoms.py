@@ -7,7 +7,8 @@ from itertools import pairwise
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
-from sawmill_worker.vocabulary.geometry import AS_CONTRACT, LARGEST_MM
+from sawmill_worker.vocabulary.exact import Exact
+from sawmill_worker.vocabulary.geometry import LARGEST_MM
 
 # Relative standard uncertainty of a phantom's size where nobody stated one.
 # Spruce moves by 0.15 to 0.3 % across the grain for each per cent of moisture.
@@ -34,10 +35,8 @@ Point = tuple[CoordinateMm, CoordinateMm]
 
 
 @dataclass(frozen=True)
-class Polygon:
+class Polygon(Exact):
     """A closed polygon; its vertices may run either way round."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     kind: Literal["polygon"] = field(default="polygon", kw_only=True)
     vertices_mm: tuple[Point, ...] = field(
@@ -54,10 +53,8 @@ class Polygon:
 
 
 @dataclass(frozen=True)
-class Disc:
+class Disc(Exact):
     """A disc."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     kind: Literal["disc"] = field(default="disc", kw_only=True)
     center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm."})

@@ -7,7 +7,7 @@ of them is read with the same fields.
 from dataclasses import dataclass, field
 from typing import Literal
 
-from sawmill_worker.vocabulary.geometry import AS_CONTRACT
+from sawmill_worker.vocabulary.exact import Exact
 
 
 def _size(description: str, low: float, high: float, default: float = 0.0) -> float:
@@ -23,10 +23,8 @@ def _direction(description: str) -> float:
 
 
 @dataclass(frozen=True)
-class BeamEffects:
+class BeamEffects(Exact):
     """Of the source, and of what the beam does on its way."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     energy_spread: float = _size(
         "Three energies attenuate by 1 + s, 1 and 1 - s times the stated attenuation: the beam hardens.", 0, 0.6
@@ -43,10 +41,8 @@ class BeamEffects:
 
 
 @dataclass(frozen=True)
-class DetectorEffects:
+class DetectorEffects(Exact):
     """Of the detector's cells and its electronics."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     blur_mm: float = _size("Standard deviation of the scintillator's blur.", 0, 10)
     glare_share: float = _size("Share of a cell's light that spreads over the others, in flat fields too.", 0, 0.5)
@@ -70,10 +66,8 @@ class DetectorEffects:
 
 
 @dataclass(frozen=True)
-class MotionEffects:
+class MotionEffects(Exact):
     """Of the turntable, its encoder, and the phantom on it."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     slip_mm: float = _size("How far the phantom slips.", 0, 50)
     slip_towards_deg: float = _direction("Direction of the slip in the image.")
@@ -93,10 +87,8 @@ class MotionEffects:
 
 
 @dataclass(frozen=True)
-class WoodEffects:
+class WoodEffects(Exact):
     """How the phantom differs from its drawing."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     size_percent: float = _size("How much larger it is.", -10, 10)
     aspect_percent: float = _size("How much longer it is along x than along y.", -10, 10)
@@ -117,10 +109,8 @@ class WoodEffects:
 
 
 @dataclass(frozen=True)
-class Physics:
+class Physics(Exact):
     """All that a scan is beyond the ideal one; by default nothing."""
-
-    __pydantic_config__ = AS_CONTRACT
 
     beam: BeamEffects = field(default=BeamEffects(), metadata={"description": "Of the source and the beam."})
     detector: DetectorEffects = field(default=DetectorEffects(), metadata={"description": "Of the detector."})

@@ -1,0 +1,127 @@
+"""What clients send is taken as itself: each number, truth value and text of every body in the OpenAPI document."""
+
+import json
+import re
+
+import pytest
+
+from sawmill_service.problems import Problem
+
+SPEC = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+JSON = {"Content-Type": "application/json"}
+
+
+def problem(answer):
+    assert answer.status_code == 422
+    return Problem.model_validate(answer.json())
+
+
+def spoilt(document, schema, types, value, place="body"):
+    """What the schema describes, with the value wherever one of these types belongs; and all these places."""
+    if "$ref" in schema:
+        schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    if "anyOf" in schema:
+        schema = next(part for part in schema["anyOf"] if part.get("type") != "null")
+        return spoilt(document, schema, types, value, place)
+    if "const" in schema:
+        return schema["const"], []
+    if schema.get("type") == "array":
+        items = schema.get("items", {})
+        parts = dict(enumerate(schema.get("prefixItems") or items.get("oneOf") or [items]))
+    else:
+        parts = schema.get("properties", {})
+    if not parts:
+        return (value, [place]) if schema.get("type") in types else (None, [])
+    found = {name: spoilt(document, part, types, value, f"{place}.{name}") for name, part in parts.items()}
+    kept = {name: part for name, (part, places) in found.items() if places or "const" in parts[name]}
+    places = [each for _, within in found.values() for each in within]
+    return (list(kept.values()) if schema.get("type") == "array" else kept), places
+
+
+def spoilt_bodies(document, types, value):
+    """For each operation that takes JSON: its method, its path, a body as above, and the places."""
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            content = operation.get("requestBody", {}).get("content", {}).get("application/json")
+            body, places = spoilt(document, content["schema"], types, value) if content else (None, [])
+            if places:
+                yield method.upper(), re.sub("[{}]", "", path).replace("_", "-"), body, places
+
+
+@pytest.mark.parametrize(
+    ("types", "value"),
+    [
+        ({"number", "integer"}, True),
+        ({"number", "integer"}, "714.7"),
+        ({"integer"}, 3.0),
+        ({"integer"}, 3.5),
+        ({"boolean"}, "off"),
+        ({"boolean"}, 1),
+        ({"string"}, "a\x00b"),
+        ({"string"}, "\ud800"),
+        ({"number"}, 1e308),
+        ({"number"}, -1e308),
+        ({"integer"}, 10**30),
+    ],
+)
+def test_every_value_of_every_body_is_of_its_type_and_within_bounds(client, types, value):
+    passed = []
+    for method, path, body, places in spoilt_bodies(client.app.openapi(), types, value):
+        found = problem(client.request(method, path, content=json.dumps(body), headers=JSON))
+        # Of a shape the location names the kind, which the place does not.
+        named = {re.sub(r"\.(polygon|disc)\.", ".", error.location) for error in found.errors}
+        passed += [(path, place) for place in places if place not in named]
+    assert passed == []
+
+
+def test_what_only_looks_like_a_number_is_named_with_what_would_be_right(client):
+    constants = {"source_to_cor_mm": True, "num_detector_pixels": 768.0, "detector_pitch_mm": "1.5"}
+    found = problem(client.post("/v1/scanners", json={**SPEC, "constants": constants}))
+    sentences = {error.location: error.message for error in found.errors}
+    assert sentences == {
+        "body.constants.source_to_cor_mm": "must be a number, not True",
+        "body.constants.num_detector_pixels": "must be a whole number, not 768.0",
+        "body.constants.detector_pitch_mm": "must be a number, not '1.5'",
+    }
+    schedule = {"scanner_id": "line-2", "cron": "30 5 * * 1-6", "enabled": "off"}
+    assert (
+        problem(client.post("/v1/schedules", json=schedule)).detail == "body.enabled must be true or false, not 'off'"
+    )
+
+
+def test_a_whole_number_stands_for_a_length(client):
+    assert client.post("/v1/scanners", json={**SPEC, "log_radius_mm": 150}).status_code == 201
+
+
+def test_a_day_is_no_number_of_seconds(client):
+    measurement = {"what": "x", "measured_mm": 100, "standard_uncertainty_mm": 0.1, "measured_on": 20}
+    drawing = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+    found = problem(client.post("/v1/phantoms", json={**drawing, "measurements": [measurement]}))
+    assert found.detail.startswith("body.measurements.0.measured_on must be a day as 2026-03-31")
+    dated = {**measurement, "measured_on": "2026-03-31"}
+    assert client.post("/v1/phantoms", json={**drawing, "measurements": [dated]}).status_code == 201
+
+
+@pytest.mark.parametrize(
+    ("name", "seen"), [("a\x00b", r"'a\x00b'"), ("Line\u202e2", r"'Line\u202e2'"), ("two\nlines", r"'two\nlines'")]
+)
+def test_a_name_with_a_control_character_is_refused_and_quoted_safely(client, name, seen):
+    found = problem(client.post("/v1/scanners", json={**SPEC, "name": name}))
+    assert found.detail.startswith("body.name must be without control characters, not with U+")
+    assert found.detail.endswith(seen)
+    asked = client.post("/v1/scans", params={"scanner_id": "line-2", "data": "counts", "name": name}, content=b"x")
+    assert problem(asked).detail.startswith("query.name must be without control characters")
+
+
+def test_names_in_any_script_are_taken(client):
+    for name in ("Säge 2", "線2", "خط ۲", "लाइन २", "Line\u00a02 🪵"):
+        assert client.post("/v1/scanners", json={**SPEC, "name": name}).status_code == 201
+
+
+def test_texts_of_a_query_still_stand_for_numbers(client):
+    assert client.get("/v1/scans", params={"limit": "3"}).status_code == 200
+    problem(client.get("/v1/scans", params={"limit": "three"}))
