@@ -1,4 +1,4 @@
-"""Seconds of what is asked of the store while many jobs wait: lists, places, claims, health.
+"""Seconds of what is asked of the store while many jobs wait: lists, places, claims, health, metrics.
 
 Run: python benchmarks/queue_depth.py [--depth 100000] [--ended 100000]. On SQLite, in a temporary folder.
 """
@@ -13,12 +13,14 @@ from statistics import median
 
 from sqlalchemy import insert
 
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.engines import make_engine
+from sawmill_worker.storage.events import PEAK_MEMORY
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.storage.tables import EventRow, JobRow
 
 REPEATS = 5
 PAGE = 200
@@ -43,6 +45,10 @@ def main() -> None:
         report("a claim of a short job", lambda: store.jobs.claim("benchmark", short=True))
         report("wake-ups lost", lambda: store.jobs.queued_job_ids(older_than_s=5.0, limit=100))
         report("jobs by state", store.jobs.counts)
+        start = time.perf_counter()
+        store.tallies.read()
+        print(f"{'counts for metrics, the first':30s} {1e3 * (time.perf_counter() - start):8.1f} ms")
+        report("counts for metrics", store.tallies.read)
         store.close()
 
 
@@ -69,7 +75,17 @@ def fill(database: Database, depth: int, ended: int) -> None:
     with database.write() as session:
         for start in range(0, depth + ended, 10_000):
             numbers = range(start, min(start + 10_000, depth + ended))
-            session.execute(insert(JobRow), [row(number) for number in numbers])
+            rows = [row(number) for number in numbers]
+            session.execute(insert(JobRow), rows)
+            events = [event for job in rows if job["finished_at"] for event in _events(job)]
+            if events:
+                session.execute(insert(EventRow), events)
+
+
+def _events(job: dict[str, object]) -> list[dict[str, object]]:
+    attempt = {"job_id": job["id"], "attempt": 1, "worker": "benchmark"}
+    ended = {**attempt, "what": EventKind.SUCCEEDED, "at": job["finished_at"], "detail": {PEAK_MEMORY: 4e8}}
+    return [{**attempt, "what": EventKind.STARTED, "at": job["started_at"], "detail": None}, ended]
 
 
 def report(question: str, ask: Callable[[], object]) -> None:

@@ -10,7 +10,8 @@ from prometheus_client import CollectorRegistry
 from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
 from sawmill_service.gate import Gate, ProtectiveHeaders
-from sawmill_service.observer import JobsByState, Observer
+from sawmill_service.measures import Measures
+from sawmill_service.observer import Observer
 from sawmill_service.openapi_document import Application
 from sawmill_service.problems import install
 from sawmill_service.request_ids import RequestIds
@@ -118,5 +119,5 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
 
 def _metrics(store: Store) -> CollectorRegistry:
     registry = CollectorRegistry()
-    registry.register(JobsByState(store.jobs.counts))
+    registry.register(Measures(store))
     return registry

@@ -1,18 +1,14 @@
 """Counts, times and logs every request, and turns what no handler expected into a 500 that gives nothing away."""
 
 import time
-from collections.abc import Callable, Iterable, Mapping
 from http import HTTPMethod, HTTPStatus
 
 import structlog
 from prometheus_client import CollectorRegistry, Counter, Histogram
-from prometheus_client.core import GaugeMetricFamily
-from prometheus_client.registry import Collector
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.problems import problem_response
-from sawmill_worker.contracts.jobs import JobState
 
 CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
 # What clients invent beside them is counted as one method: each value of a label is kept for good.
@@ -20,28 +16,6 @@ METHODS = frozenset(HTTPMethod)
 # Asked every few seconds by machines: a line each would hide the others.
 QUIET_ROUTES = frozenset({"/health/live", "/health/ready", "/metrics"})
 log = structlog.get_logger(__name__)
-
-
-class JobsByState(Collector):
-    """Counts the jobs in each state when the metrics are read."""
-
-    def __init__(self, counts: Callable[[], Mapping[JobState, int]]) -> None:
-        self.counts = counts
-
-    def describe(self) -> Iterable[GaugeMetricFamily]:
-        """Say what will come without looking."""
-        yield self._family()
-
-    def collect(self) -> Iterable[GaugeMetricFamily]:
-        """Look, and answer one gauge with a value for each state."""
-        family = self._family()
-        for state, count in self.counts().items():
-            family.add_metric([state], count)
-        yield family
-
-    @staticmethod
-    def _family() -> GaugeMetricFamily:
-        return GaugeMetricFamily("sawmill_jobs", "Jobs by state.", labels=["state"])
 
 
 class Observer:

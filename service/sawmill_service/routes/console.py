@@ -7,15 +7,11 @@ from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
 
 from sawmill_service.answers import file
 from sawmill_service.dependencies import TheStore
-from sawmill_service.operator_page import ScannerCondition, operator_page
+from sawmill_service.operator_page import operator_page
+from sawmill_service.scanner_conditions import conditions_of
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
-from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.store import Store
 
 STATIC = Path(__file__).parent.parent / "static"
-SHOWN_SCANNERS = 200  # more than any mill has
 
 router = APIRouter(include_in_schema=False)
 
@@ -43,8 +39,7 @@ def example_scan(request: Request, store: TheStore) -> Response:
 @router.get("/")
 def operator(store: TheStore) -> HTMLResponse:
     """The operator's page."""
-    scanners = store.scanners.page(limit=SHOWN_SCANNERS).items
-    return HTMLResponse(operator_page([_condition(store, scanner) for scanner in scanners]))
+    return HTMLResponse(operator_page(conditions_of(store)))
 
 
 @router.post("/operator/activate/{calibration_id}")
@@ -52,24 +47,3 @@ def accept_or_roll_back(calibration_id: Identifier, store: TheStore) -> Redirect
     """The operator's buttons."""
     store.calibrations.activate(calibration_id, "by hand on the operator's page")
     return RedirectResponse("/", status_code=303)
-
-
-def _condition(store: Store, scanner: StoredScanner) -> ScannerCondition:
-    ended = [
-        calibration
-        for state in (JobState.SUCCEEDED, JobState.FAILED)
-        for calibration in store.calibrations.page(scanner_id=scanner.id, state=state, limit=1).items
-    ]
-    looks = [
-        look
-        for state in (JobState.SUCCEEDED, JobState.FAILED)
-        for look in store.drifts.page(scanner_id=scanner.id, state=state, limit=1).items
-    ]
-    last = max(ended, key=lambda calibration: calibration.created_at, default=None)
-    return ScannerCondition(
-        scanner=scanner,
-        newest=next((item for item in ended if isinstance(item, CalibrationSucceeded)), None),
-        failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
-        drift=max(looks, key=lambda look: look.created_at, default=None),
-        history=store.scanners.history(scanner.id, limit=20),
-    )

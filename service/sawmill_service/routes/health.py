@@ -74,5 +74,8 @@ def ready(store: TheStore, response: Response) -> Health:
 
 @router.get("/metrics", summary="Metrics for Prometheus", response_class=PlainTextResponse)
 def metrics(request: Request) -> Response:
-    """Jobs by state; requests and their seconds by route."""
+    """Jobs, attempts, memory and disk, each scanner's ray error and movement, and requests: docs/operations.md#metrics.
+
+    Always 200: where the database does not answer, `sawmill_database_up` is 0 and what it would tell is left out.
+    """
     return PlainTextResponse(generate_latest(request.app.state.metrics), media_type="text/plain; version=0.0.4")

@@ -35,7 +35,11 @@ class Event(Contract):
     job_id: Identifier | None = None
     attempt: int | None = None
     worker: str | None = Field(None, description="Host and process.")
-    detail: dict[str, Any] | None = Field(None, description="As the failure of an attempt, or seconds of the clock.")
+    detail: dict[str, Any] | None = Field(
+        None,
+        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; or seconds "
+        "of the clock.",
+    )
 
 
 class JobHistory(Contract):

@@ -29,6 +29,7 @@ from sawmill_worker.storage.files import flush_tree
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.use_cases.process_memory import peak_bytes
 from sawmill_worker.vocabulary import Progress
 
 
@@ -60,7 +61,8 @@ def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
             answer, error = _answer(assignment, channel, memory_limit_bytes)
-            channel.write(to_line(answer))  # before it is logged: a log that cannot be written must not take it away
+            measured = answer.model_copy(update={"peak_memory_bytes": peak_bytes()})
+            channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
 
 

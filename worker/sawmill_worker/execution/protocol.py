@@ -51,6 +51,7 @@ class Succeeded(Contract):
 
     kind: Literal["succeeded"] = "succeeded"
     result: dict[str, Any]
+    peak_memory_bytes: int | None = None
 
 
 class Failed(Contract):
@@ -58,6 +59,7 @@ class Failed(Contract):
 
     kind: Literal["failed"] = "failed"
     failure: Failure
+    peak_memory_bytes: int | None = None
 
 
 Message = Annotated[Ready | ProgressMade | Kept | Succeeded | Failed, Field(discriminator="kind")]

@@ -249,14 +249,19 @@ class _Supervision:
             structlog.get_logger().exception("attempt-answered-nonsense")
             answer = Failed(failure=_NONSENSE)
         if isinstance(answer, Failed):
-            return self._store.jobs.fail(self._claim, answer.failure, retries=self._settings.retries)
+            return self._store.jobs.fail(
+                self._claim,
+                answer.failure,
+                retries=self._settings.retries,
+                peak_memory_bytes=answer.peak_memory_bytes,
+            )
         return answer
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
         """Publish as soon as the database answers: what was computed is not computed again for an outage."""
         while True:
             try:
-                self._store.jobs.succeed(self._claim, answer.result, output)
+                self._store.jobs.succeed(self._claim, answer.result, output, peak_memory_bytes=answer.peak_memory_bytes)
             except StorageUnavailable as error:
                 # Without its folder it was published, and the row's commit failed: the job is run again.
                 if not output.exists() or self._stop.is_set():
@@ -271,7 +276,7 @@ class _Supervision:
         while True:
             for message in self._process.receive(self._settings.progress_s):
                 if isinstance(message, Failed) and message.failure.kind is FailureKind.INTERNAL:
-                    return Failed(failure=self._outage() or message.failure)
+                    return message.model_copy(update={"failure": self._outage() or message.failure})
                 if isinstance(message, Succeeded | Failed):
                     return message
                 if isinstance(message, ProgressMade):

@@ -97,6 +97,15 @@ class Asked(Generic[Ask, Answer]):
         with self._database.read() as session:
             return read_page(session, statement, table, self._read, after=after, limit=limit)
 
+    def newest_ended(self, **references: str) -> Answer | None:
+        """The newest that succeeded or failed, narrowed as a page."""
+        table = table_of(self._declared.kind)
+        columns = [getattr(table, name) == wanted for name, wanted in references.items()]
+        ended = _rows(self._declared).where(JobRow.state.in_((JobState.SUCCEEDED, JobState.FAILED)), *columns)
+        with self._database.read() as session:
+            row = session.scalar(ended.order_by(table.created_at.desc(), table.id.desc()).limit(1))
+            return None if row is None else self._read(row)
+
     def _read(self, row: Answered) -> Answer:
         columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
         return self._declared.read(columns | {"state": row.job.state, "failure": row.job.failure})

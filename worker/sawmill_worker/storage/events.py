@@ -12,6 +12,9 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.tables import EventRow, JobRow
 
+# In the detail of an attempt's end, where the attempt could tell it.
+PEAK_MEMORY = "peak_memory_bytes"
+
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
     """Add what happens to a job's attempt."""

@@ -24,7 +24,7 @@ from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequenc
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 from uuid import uuid4
 
 from sawmill_worker.contracts.jobs import JobKind
@@ -50,6 +50,13 @@ class Received:
     path: Path
     size_bytes: int
     sha256: str
+
+
+class Room(NamedTuple):
+    """Of a disk."""
+
+    free_bytes: int
+    size_bytes: int
 
 
 class FileStore:
@@ -185,6 +192,11 @@ class FileStore:
         else:
             path.unlink()
 
+    def room(self) -> Room:
+        """How much there is on the data folder's disk, or an `OSError`."""
+        usage = shutil.disk_usage(self.folder)
+        return Room(free_bytes=usage.free, size_bytes=usage.total)
+
     def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
         """Check that files can be written, by writing one.
 
@@ -198,7 +210,7 @@ class FileStore:
         StorageFull
             Less than `reserve_bytes` is free, or no room for a small file.
         """
-        free = shutil.disk_usage(self.folder).free
+        free = self.room().free_bytes
         if free < reserve_bytes:
             msg = (
                 f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "

@@ -20,7 +20,7 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
-from sawmill_worker.storage.events import record
+from sawmill_worker.storage.events import PEAK_MEMORY, record
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
@@ -237,7 +237,9 @@ class Jobs:
             self._files.keep(output, claim.job_id, names)
             row.losses = row.outages = 0
 
-    def succeed(self, claim: Claim, result: dict[str, Any], output: Path) -> None:
+    def succeed(
+        self, claim: Claim, result: dict[str, Any], output: Path, *, peak_memory_bytes: int | None = None
+    ) -> None:
         """Publish an attempt's files and result, both or neither.
 
         Parameters
@@ -248,6 +250,8 @@ class Jobs:
             What jobs of its kind answer with; stored with the job's subject.
         output
             The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
+        peak_memory_bytes
+            The most memory that the attempt's process held, for its event.
 
         Raises
         ------
@@ -260,7 +264,7 @@ class Jobs:
         checked = checked_result(kind, result)
         with self._ending() as session:
             row = _held(session, claim)
-            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED)
+            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=_measured(peak_memory_bytes))
             record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
@@ -268,8 +272,26 @@ class Jobs:
             lock_files_of(session, subject_id)
             self._files.publish(output, self._files.results(kind, subject_id))
 
-    def fail(self, claim: Claim, failure: Failure, *, retries: Retries = RETRIES) -> JobState:
+    def fail(
+        self,
+        claim: Claim,
+        failure: Failure,
+        *,
+        retries: Retries = RETRIES,
+        peak_memory_bytes: int | None = None,
+    ) -> JobState:
         """End an attempt that failed: after a passing failure the job waits in the queue, up to its last loss.
+
+        Parameters
+        ----------
+        claim
+            The attempt's.
+        failure
+            Why it ended.
+        retries
+            When it is tried again.
+        peak_memory_bytes
+            The most memory that the attempt's process held, for its event.
 
         Returns
         -------
@@ -283,7 +305,7 @@ class Jobs:
         """
         with self._ending() as session:
             row = _held(session, claim)
-            self._fail(session, row, failure, retries)
+            self._fail(session, row, failure, retries, peak_memory_bytes)
             return row.state
 
     def cancelled(self, claim: Claim) -> None:
@@ -396,8 +418,16 @@ class Jobs:
         outlooks = self._outlooks.of(session, rows, self._database.now())
         return [_read(row, outlooks.get(row.id, NOTHING_KNOWN)) for row in rows]
 
-    def _fail(self, session: Session, row: JobRow, failure: Failure, retries: Retries) -> None:
+    def _fail(
+        self,
+        session: Session,
+        row: JobRow,
+        failure: Failure,
+        retries: Retries,
+        peak_memory_bytes: int | None = None,
+    ) -> None:
         detail = failure.model_dump(mode="json")
+        told = detail | (_measured(peak_memory_bytes) or {})
         if failure.kind is FailureKind.PASSING:
             if row.cancel_requested:
                 self._cancel(session, row)
@@ -405,16 +435,16 @@ class Jobs:
             now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                record(session, now, EventKind.PUT_OFF, row, detail)
+                record(session, now, EventKind.PUT_OFF, row, told)
                 _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
-            record(session, now, EventKind.LOST, row, detail)
+            record(session, now, EventKind.LOST, row, told)
             if row.losses < retries.max_losses:
                 _wait(row, now, detail, retries.loss_wait_s, row.losses)
                 return
         row.failure = detail
-        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=detail)
+        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=told)
 
     def _cancel(self, session: Session, row: JobRow) -> None:
         self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
@@ -464,6 +494,10 @@ def _held(session: Session, claim: Claim) -> JobRow:
     if row is None:
         raise LeaseLost(claim.job_id, claim.attempt)
     return row
+
+
+def _measured(peak_memory_bytes: int | None) -> Json | None:
+    return None if peak_memory_bytes is None else {PEAK_MEMORY: peak_memory_bytes}
 
 
 def _requeue(row: JobRow) -> None:

@@ -24,6 +24,7 @@ from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
 from sawmill_worker.storage.schedules import Schedules
 from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.tallies import Tallies
 
 
 class Store:
@@ -33,6 +34,8 @@ class Store:
     ----------
     scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events, keys, audit
         The rows.
+    tallies
+        Counts of them.
     files
         The arrays.
     settings
@@ -51,6 +54,7 @@ class Store:
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.jobs = Jobs(self._database, self.files)
+        self.tallies = Tallies(self._database)
         self.schedules = Schedules(self._database)
         self.events = Events(self._database)
         self.keys = KeyStore(self._database)

@@ -1,0 +1,173 @@
+"""What the store tells when the metrics are read (docs/operations.md#metrics); every label is of a closed set."""
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from typing import TypeVar
+
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    Metric,
+    SummaryMetricFamily,
+)
+from prometheus_client.registry import Collector
+
+from sawmill_service.routes.health import PATIENCE_S
+from sawmill_service.scanner_conditions import conditions_of
+from sawmill_service.scanner_measures import scanner_measures
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.failure_codes import DEFECTS, OTHER, counted_as
+from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
+
+Key = TypeVar("Key", bound=Hashable)
+OUTCOMES = (
+    EventKind.SUCCEEDED,
+    EventKind.FAILED,
+    EventKind.CANCELLED,
+    EventKind.LOST,
+    EventKind.PUT_OFF,
+    EventKind.GIVEN_BACK,
+)
+
+
+class Measures(Collector):
+    """Counts what is stored; where the database or the data folder does not answer, says that and leaves the rest out.
+
+    Requests that come while somebody counts share one count that begins after they came.
+    """
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+        self._lock = threading.Lock()
+        self._begun_at = float("-inf")
+        self._counted: list[Metric] = []
+
+    def collect(self) -> Iterable[Metric]:
+        """Everything, as it stands."""
+        came_at = time.monotonic()
+        with self._lock:
+            if self._begun_at < came_at:
+                begun_at = time.monotonic()
+                self._counted, self._begun_at = [*_folder(self._store), *_database(self._store)], begun_at
+            return self._counted
+
+
+def _folder(store: Store) -> Iterator[Metric]:
+    try:
+        room = store.files.room()
+    except OSError:
+        yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 0)
+        return
+    yield gauge("sawmill_data_folder_up", "Whether the data folder can be looked at.", 1)
+    yield gauge("sawmill_data_folder_free_bytes", "Bytes of its disk that are free.", room.free_bytes)
+    yield gauge("sawmill_data_folder_size_bytes", "Bytes of its disk.", room.size_bytes)
+    reserve = store.settings.disk_reserve_bytes
+    yield gauge("sawmill_data_folder_reserve_bytes", "Free bytes below which the disk counts as full.", reserve)
+
+
+def _database(store: Store) -> Iterator[Metric]:
+    try:
+        tally, conditions = store.tallies.read(), conditions_of(store)
+        waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
+        scanners = list(scanner_measures(store, conditions, tally.at))
+    except StorageUnavailable:
+        yield gauge("sawmill_database_up", "Whether the database answers.", 0)
+        return
+    yield gauge("sawmill_database_up", "Whether the database answers.", 1)
+    yield from _jobs(tally)
+    idle = bool(waiting) and not tally.running_s
+    yield gauge("sawmill_jobs_without_worker", "Whether a job could start, for 30 s now, and none runs.", int(idle))
+    yield gauge("sawmill_workers_seen", "Workers that hold an attempt, or did within ten minutes.", tally.workers)
+    yield from _attempts(tally.fates)
+    yield from scanners
+
+
+def gauge(name: str, text: str, value: float) -> GaugeMetricFamily:
+    """One number."""
+    return GaugeMetricFamily(name, text, value=value)
+
+
+def _jobs(tally: Tally) -> Iterator[Metric]:
+    by_state = GaugeMetricFamily("sawmill_jobs", "Jobs by state.", labels=["state"])
+    by_kind = GaugeMetricFamily("sawmill_jobs_by_kind", "Jobs by kind and state.", labels=["kind", "state"])
+    for state in JobState:
+        numbers = {kind: tally.jobs.get((kind, state), 0) for kind in JobKind}
+        by_state.add_metric([state], sum(numbers.values()))
+        for kind, number in numbers.items():
+            by_kind.add_metric([kind, state], number)
+    yield by_state
+    yield by_kind
+    yield _by_kind("sawmill_oldest_queued_job_seconds", "Age of the oldest queued job; 0: none.", tally.queued_s)
+    yield _by_kind(
+        "sawmill_longest_running_job_seconds", "Since the first running one began; 0: none.", tally.running_s
+    )
+
+
+def _attempts(fates: Mapping[Fate, Amount]) -> Iterator[Metric]:
+    outcomes = CounterMetricFamily("sawmill_attempts", "Attempts that ended.", labels=["kind", "outcome"])
+    by_outcome = _summed(fates, lambda fate: (fate.kind, fate.what))
+    for kind in JobKind:
+        for what in OUTCOMES:
+            outcomes.add_metric([kind, what], by_outcome[kind, what].number)
+    yield outcomes
+    yield _failures(fates)
+    yield _durations(fates)
+    by_kind = _summed(fates, lambda fate: fate.kind)
+    memory = SummaryMetricFamily("sawmill_attempt_peak_memory_bytes", "Peak memory of attempts.", labels=["kind"])
+    for kind in JobKind:
+        memory.add_metric([kind], count_value=by_kind[kind].measured, sum_value=by_kind[kind].peak_bytes)
+    yield memory
+    most = {kind: by_kind[kind].most_bytes for kind in JobKind}
+    yield _by_kind("sawmill_attempt_peak_memory_max_bytes", "The largest peak memory of an attempt; 0: none.", most)
+
+
+def _failures(fates: Mapping[Fate, Amount]) -> Metric:
+    """Defects stand at 0 before the first: an increase from nothing is none to Prometheus."""
+    failed = {fate: amount for fate, amount in fates.items() if fate.what is EventKind.FAILED}
+    numbers = {(kind, FailureKind.INTERNAL.value, code): 0 for kind in JobKind for code in sorted(DEFECTS)}
+    for key, amount in _summed(failed, lambda fate: (fate.kind, _fault(fate), counted_as(fate.code))).items():
+        numbers[key] = amount.number
+    family = CounterMetricFamily("sawmill_job_failures", "Jobs that failed.", labels=["kind", "fault", "code"])
+    for key, number in numbers.items():
+        family.add_metric(key, number)
+    return family
+
+
+def _fault(fate: Fate) -> str:
+    return fate.fault if fate.fault in set(FailureKind) else OTHER
+
+
+def _durations(fates: Mapping[Fate, Amount]) -> Metric:
+    succeeded = {fate: amount for fate, amount in fates.items() if fate.what is EventKind.SUCCEEDED}
+    numbers = _summed(succeeded, lambda fate: (fate.kind, fate.duration))
+    seconds = _summed(succeeded, lambda fate: fate.kind)
+    ends = [*(f"{end_s:g}" for end_s in DURATIONS_S), "+Inf"]
+    text = "Seconds from the start of the attempt that succeeded to its end."
+    family = HistogramMetricFamily("sawmill_job_duration_seconds", text, labels=["kind"])
+    for kind in JobKind:
+        counted, buckets = 0, []
+        for duration, end in enumerate(ends):
+            counted += numbers[kind, duration].number
+            buckets.append((end, counted))
+        family.add_metric([kind], buckets, sum_value=seconds[kind].seconds)
+    return family
+
+
+def _summed(fates: Mapping[Fate, Amount], key: Callable[[Fate], Key]) -> defaultdict[Key, Amount]:
+    sums: defaultdict[Key, Amount] = defaultdict(lambda: NONE)
+    for fate, amount in fates.items():
+        sums[key(fate)] = sums[key(fate)].with_more(amount)
+    return sums
+
+
+def _by_kind(name: str, text: str, values: Mapping[JobKind, float]) -> GaugeMetricFamily:
+    family = GaugeMetricFamily(name, text, labels=["kind"])
+    for kind in JobKind:
+        family.add_metric([kind], values.get(kind, 0.0))
+    return family

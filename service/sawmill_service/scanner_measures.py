@@ -1,0 +1,80 @@
+"""What metrics tell of each scanner: ray errors, movement, tolerances, and how old what is known is."""
+
+from collections.abc import Iterator, Sequence
+from datetime import datetime
+
+from prometheus_client.core import GaugeMetricFamily, Metric
+
+from sawmill_service.operator_page import ScannerCondition
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.storage.store import Store
+
+_TEXTS = {
+    "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
+    "ray_error_upper_95_millimeters": "What that stays below in 95 of 100 cases.",
+    "ray_error_tolerance_millimeters": "What upper_95 may be.",
+    "movement_millimeters": "RMS ray change against the active calibration, by the newest drift check or calibration.",
+    "movement_tolerance_millimeters": "What the ray change may be.",
+    "in_tolerance": "0: the operator's page shows the scanner red; without a calibration there is none.",
+    "calibration_failed": "Whether the last calibration failed, or failed its check.",
+    "calibration_age_seconds": "Since the newest calibration that succeeded was asked for.",
+    "drift_check_age_seconds": "Since the newest drift check that ended was asked for.",
+}
+_FURTHER_LABELS = {
+    "ray_error_millimeters": "calibration",
+    "ray_error_upper_95_millimeters": "calibration",
+    "movement_millimeters": "seen_by",
+}
+Value = tuple[str, str | None, float]
+
+
+def scanner_measures(store: Store, conditions: Sequence[ScannerCondition], now: datetime) -> Iterator[Metric]:
+    """A family for each measure, with a value for each scanner of which it is known."""
+    families = {
+        name: GaugeMetricFamily(
+            f"sawmill_scanner_{name}", text, labels=["scanner", *filter(None, [_FURTHER_LABELS.get(name)])]
+        )
+        for name, text in _TEXTS.items()
+    }
+    for condition in conditions:
+        for name, further, value in _values(store, condition, now):
+            families[name].add_metric([condition.scanner.id, *filter(None, [further])], value)
+    yield from families.values()
+
+
+def _values(store: Store, condition: ScannerCondition, now: datetime) -> Iterator[Value]:
+    scanner, newest, check = condition.scanner, condition.newest, condition.drift
+    yield "ray_error_tolerance_millimeters", None, scanner.tolerances.predicted_ray_error_mm
+    yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
+    failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
+    yield "calibration_failed", None, int(failed)
+    yield from _ray_errors("active", _active(store, condition))
+    if newest is not None:
+        yield "in_tolerance", None, int(condition.standing.tone != "bad")
+        yield "calibration_age_seconds", None, _age_s(newest.created_at, now)
+        yield from _ray_errors("newest", newest)
+        if newest.comparison is not None:
+            yield "movement_millimeters", "calibration", newest.comparison.ray_change_mm
+    if check is not None:
+        yield "drift_check_age_seconds", None, _age_s(check.created_at, now)
+        if check.result is not None:
+            yield "movement_millimeters", "drift", check.result.ray_change_mm
+
+
+def _active(store: Store, condition: ScannerCondition) -> CalibrationSucceeded | None:
+    active_id = condition.scanner.active_calibration_id
+    if active_id is None or condition.newest_is_active:
+        return None if active_id is None else condition.newest
+    active = store.calibrations.get(active_id)
+    return active if isinstance(active, CalibrationSucceeded) else None
+
+
+def _ray_errors(which: str, calibration: CalibrationSucceeded | None) -> Iterator[Value]:
+    predicted = None if calibration is None else calibration.predicted_ray_error_mm
+    if predicted is not None:
+        yield "ray_error_millimeters", which, predicted.rms
+        yield "ray_error_upper_95_millimeters", which, predicted.upper_95
+
+
+def _age_s(then: datetime, now: datetime) -> float:
+    return max((now - then).total_seconds(), 0.0)

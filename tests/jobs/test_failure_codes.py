@@ -1,0 +1,37 @@
+"""Every code that the sources can fail a job with is in the closed list."""
+
+import ast
+from pathlib import Path
+
+from sawmill_worker.contracts.failure_codes import CODES, OTHER, counted_as
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+
+WORKER = Path(__file__).parents[2] / "worker" / "sawmill_worker"
+ROOMS = ("execution", "files", "jobs", "readers", "tomography", "use_cases")
+# Where the code stands among the arguments.
+RAISED = {"refused": 0, "UnreadableScan": 0, "CalibrationError": 0, "DriftError": 0, "JobFailure": 1}
+
+
+def codes_in(path: Path) -> set[str]:
+    """Literals that stand where a code does, those between which an expression chooses included."""
+    found = set()
+    for call in ast.walk(ast.parse(path.read_text())):
+        if isinstance(call, ast.Call):
+            name = getattr(call.func, "id", None)
+            given = call.args[RAISED[name] :][:1] if name in RAISED else []
+            given += [keyword.value for keyword in call.keywords if keyword.arg == "code"]
+            literals = (part for code in given for part in ast.walk(code))
+            found |= {part.value for part in literals if isinstance(part, ast.Constant) and isinstance(part.value, str)}
+    return found
+
+
+def test_every_code_in_the_sources_is_in_the_list():
+    paths = [path for room in ROOMS for path in (WORKER / room).rglob("*.py")] + [WORKER / "storage" / "jobs.py"]
+    found = {code for path in paths for code in codes_in(path)}
+    assert len(found) > 50  # else the search finds nothing
+    assert found | {StorageFull.code, StorageUnavailable.code} <= CODES
+
+
+def test_a_code_that_is_not_in_the_list_counts_as_another():
+    assert counted_as("worker-lost") == "worker-lost"
+    assert counted_as("<invented>") == counted_as(None) == OTHER

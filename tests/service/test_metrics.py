@@ -1,0 +1,185 @@
+"""What a scrape tells, and that the page about it and the examples name what it has."""
+
+import re
+import threading
+from datetime import timedelta
+from pathlib import Path
+
+import pytest
+import results
+from prometheus_client.parser import text_string_to_metric_families
+
+from sawmill_service.measures import Measures
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.storage.errors import StorageUnavailable
+
+ROOT = Path(__file__).parents[2]
+pytestmark = pytest.mark.usefixtures("seeded")
+
+
+@pytest.fixture
+def scrape(client):
+    """Reads one value by its name and labels; none where there is none."""
+
+    def read(name: str, **labels: str) -> float | None:
+        families = text_string_to_metric_families(client.get("/metrics").text)
+        found = (sample for family in families for sample in family.samples)
+        return next((sample.value for sample in found if (sample.name, sample.labels) == (name, labels)), None)
+
+    return read
+
+
+@pytest.fixture
+def labels_by_name(client) -> dict[str, set[str]]:
+    """Of a real scrape, by the names of the page: a histogram has one."""
+    client.get("/health/live")
+    families = list(text_string_to_metric_families(client.get("/metrics").text))
+    counters = {family.name for family in families if family.type == "counter"}
+    return {
+        family.name + "_total" * (family.name in counters): {label for s in family.samples for label in s.labels}
+        for family in families
+        if not family.name.endswith("_created")
+    }
+
+
+def test_the_page_names_every_metric_and_label(labels_by_name):
+    page = (ROOT / "docs" / "operations.md").read_text().partition("## Metrics")[2].partition("\n## ")[0]
+    rows = [line.split("|")[1:3] for line in page.splitlines() if line.startswith("| `sawmill")]
+    assert {name.strip(" `"): set(re.findall(r"`(\w+)`", labels)) for name, labels in rows} == labels_by_name
+
+
+def fail(store, code: str, kind: FailureKind = FailureKind.INPUT) -> None:
+    store.jobs.fail(store.jobs.claim("test"), Failure(kind=kind, code=code, detail="it failed"))
+
+
+def test_counts_stand_at_zero_before_the_first(scrape):
+    assert scrape("sawmill_jobs_by_kind", kind="ingest", state="queued") == 0
+    assert scrape("sawmill_attempts_total", kind="reconstruct", outcome="lost") == 0
+    assert scrape("sawmill_job_failures_total", kind="drift", fault="internal", code="internal-error") == 0
+    assert scrape("sawmill_job_duration_seconds_count", kind="trace-phantom") == 0
+
+
+def test_the_old_count_has_its_old_labels_and_the_new_one_adds_up_to_it(seeded, scrape):
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    assert scrape("sawmill_jobs", state="queued") == 1
+    assert scrape("sawmill_jobs_by_kind", kind="calibrate", state="queued") == 1
+    assert scrape("sawmill_oldest_queued_job_seconds", kind="calibrate") >= 0.0
+
+
+def test_ends_of_attempts_are_counted_by_kind(scrape):
+    assert scrape("sawmill_attempts_total", kind="ingest", outcome="succeeded") == 2
+    assert scrape("sawmill_job_duration_seconds_bucket", kind="ingest", le="+Inf") == 2
+    assert scrape("sawmill_job_duration_seconds_sum", kind="ingest") < 60
+
+
+def test_failures_are_counted_by_code_and_unknown_codes_as_one(seeded, store, scrape):
+    for code in ("too-few-views", "<made up>", "of an older version"):
+        seeded.post("/v1/calibrations", json={"scan_id": "example"})
+        fail(store, code)
+    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="too-few-views") == 1
+    assert scrape("sawmill_job_failures_total", kind="calibrate", fault="input", code="other") == 2
+
+
+def test_memory_of_attempts(seeded, store, scrape):
+    for peak_memory_bytes in (2**30, 2**31):
+        seeded.post("/v1/drifts", json={"scan_id": "example"})
+        claim = store.jobs.claim("test")
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        store.jobs.succeed(claim, results.drift_result(), output, peak_memory_bytes=peak_memory_bytes)
+    assert scrape("sawmill_attempt_peak_memory_bytes_sum", kind="drift") == 3 * 2**30
+    assert scrape("sawmill_attempt_peak_memory_bytes_count", kind="drift") == 2
+    assert scrape("sawmill_attempt_peak_memory_max_bytes", kind="drift") == 2**31
+
+
+def test_a_scanner_in_tolerance(scrape):
+    of_scanner = {"scanner": "example"}
+    assert scrape("sawmill_scanner_in_tolerance", **of_scanner) == 1
+    assert scrape("sawmill_scanner_calibration_failed", **of_scanner) == 0
+    for which in ("active", "newest"):
+        assert scrape("sawmill_scanner_ray_error_millimeters", **of_scanner, calibration=which) == 0.02
+        assert scrape("sawmill_scanner_ray_error_upper_95_millimeters", **of_scanner, calibration=which) == 0.04
+    assert scrape("sawmill_scanner_ray_error_tolerance_millimeters", **of_scanner) == 0.1
+    assert scrape("sawmill_scanner_movement_millimeters", **of_scanner, seen_by="drift") == 0.01
+    assert scrape("sawmill_scanner_movement_tolerance_millimeters", **of_scanner) == 0.5
+    assert 0 <= scrape("sawmill_scanner_calibration_age_seconds", **of_scanner) < 3600
+    assert 0 <= scrape("sawmill_scanner_drift_check_age_seconds", **of_scanner) < 3600
+
+
+def test_a_scanner_that_was_never_calibrated_is_neither_in_nor_out(scrape):
+    assert scrape("sawmill_scanner_in_tolerance", scanner="example-spare") is None
+    assert scrape("sawmill_scanner_calibration_failed", scanner="example-spare") == 0
+
+
+def test_a_log_that_shows_movement_turns_the_scanner_red(store, worker, scrape):
+    store.drifts.accept(DriftAsk(scan_id="example"))
+    worker.finish_drift(within_tolerance=False, ray_change_mm=0.7, reason="the detector moved")
+    assert scrape("sawmill_scanner_in_tolerance", scanner="example") == 0
+    assert scrape("sawmill_scanner_movement_millimeters", scanner="example", seen_by="drift") == 0.7
+
+
+@pytest.mark.parametrize("by", ["failing", "failing its check"])
+def test_a_calibration_that_failed(store, worker, scrape, by):
+    store.calibrations.accept(CalibrationAsk(scan_id="example"))
+    if by == "failing":
+        fail(store, "phantom-not-found")
+    else:
+        worker.finish_calibration(verdict="fail", predicted_ray_error_mm=None)
+    assert scrape("sawmill_scanner_calibration_failed", scanner="example") == 1
+    assert scrape("sawmill_scanner_ray_error_millimeters", scanner="example", calibration="active") == 0.02
+
+
+def test_jobs_that_wait_for_a_worker(seeded, store, scrape, monkeypatch):
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    assert scrape("sawmill_jobs_without_worker") == 0
+    now = store._database.now
+    monkeypatch.setattr(store._database, "now", lambda: now() + timedelta(minutes=1))
+    assert scrape("sawmill_jobs_without_worker") == 1
+    store.jobs.claim("test")
+    assert scrape("sawmill_jobs_without_worker") == 0
+
+
+def test_a_database_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
+    def away():
+        raise StorageUnavailable("the database does not answer")
+
+    assert scrape("sawmill_database_up") == 1
+    monkeypatch.setattr(store.tallies, "read", away)
+    assert scrape("sawmill_database_up") == 0
+    assert scrape("sawmill_jobs", state="queued") is None
+    assert scrape("sawmill_data_folder_free_bytes") > 0
+    assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
+
+
+def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
+    monkeypatch.setattr(store.files, "folder", store.files.folder / "gone")
+    assert scrape("sawmill_data_folder_up") == 0
+    assert scrape("sawmill_data_folder_free_bytes") is None
+    assert scrape("sawmill_database_up") == 1
+
+
+def test_scrapes_at_once_share_a_count_that_begins_after_they_came(store):
+    """Of many that wait for the first, one counts for all."""
+    measures, tallies = Measures(store), store.tallies
+    begun, go_on = threading.Event(), threading.Event()
+    counts = []
+
+    class Slow:
+        def read(self):
+            counts.append(len(counts))
+            begun.set()
+            assert go_on.wait(60)
+            return tallies.read()
+
+    store.tallies = Slow()
+    threads = [threading.Thread(target=measures.collect) for _ in range(5)]
+    threads[0].start()
+    assert begun.wait(60)
+    for thread in threads[1:]:
+        thread.start()
+    threads[1].join(0.2)  # until they wait: one that came later still would count once more
+    go_on.set()
+    for thread in threads:
+        thread.join(60)
+    assert len(counts) == 2

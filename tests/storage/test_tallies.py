@@ -1,0 +1,102 @@
+"""Counts for metrics, on both databases; the clock is the test's."""
+
+import pytest
+
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
+from sawmill_worker.storage.jobs import Pulse
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tallies import SETTLED, Amount, Fate, Tallies
+
+REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is damaged")
+SUCCEEDED, FAILED, LOST = EventKind.SUCCEEDED, EventKind.FAILED, EventKind.LOST
+
+
+@pytest.fixture
+def store(settings, clock):
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def end(store, upload, clock):
+    """Have a scan read in some seconds."""
+
+    def run(seconds: float, *, peak_memory_bytes: int | None = None, failure: Failure | None = None) -> None:
+        upload(store)
+        claim = store.jobs.claim("host-1")
+        clock.advance(seconds=seconds)
+        if failure is not None:
+            store.jobs.fail(claim, failure, peak_memory_bytes=peak_memory_bytes)
+            return
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        result = {"format": "NPZ", "shape": {"views": 3, "rows": 1, "detector": 4}, "angular_range_deg": (0.0, 90.0)}
+        store.jobs.succeed(claim, result, output, peak_memory_bytes=peak_memory_bytes)
+
+    return run
+
+
+def of_ingest(what: EventKind, fault: str | None = None, code: str | None = None, *, duration: int) -> Fate:
+    return Fate(what, JobKind.INGEST, fault, code, duration)
+
+
+def test_ends_are_classed_by_how_long_they_took_and_what_went_wrong(store, end):
+    end(0.5, peak_memory_bytes=3_000_000_000)
+    end(0.75, peak_memory_bytes=1_000_000_000)
+    end(20.0)
+    end(1.0, failure=REFUSED, peak_memory_bytes=500)
+    fates = store.tallies.read().fates
+    assert fates[of_ingest(SUCCEEDED, duration=1)] == pytest.approx((2, 1.25, 2, 4e9, 3e9), abs=1e-3)
+    assert fates[of_ingest(SUCCEEDED, duration=4)] == pytest.approx((1, 20.0, 0, 0.0, 0.0), abs=1e-3)
+    (failed,) = (fate for fate in fates if fate.what is FAILED)
+    assert (failed.fault, failed.code, fates[failed].number) == ("input", "broken-file", 1)
+
+
+def test_what_is_counted_grows_whether_it_was_counted_before_or_not(store, end, clock):
+    """What has settled is read once, and what has not each time: together each attempt counts once."""
+    counts = []
+    for _ in range(3):
+        end(1.5)
+        counts.append(store.tallies.read().fates[of_ingest(SUCCEEDED, duration=2)].number)
+        clock.advance(seconds=0.6 * SETTLED.total_seconds())
+    assert counts == [1, 2, 3]
+    assert store.tallies.read().fates == Tallies(store._database).read().fates
+    assert store.tallies._counted_to > 0
+
+
+def test_an_event_that_is_committed_late_counts_too(store, end):
+    """PostgreSQL shows event 2 before event 1 where the transaction that writes 1 takes longer."""
+    end(1.5)
+    store.tallies.read()
+    assert store.tallies._counted_to == 0
+
+
+def test_jobs_are_counted_by_kind_and_state_with_the_age_of_the_oldest(store, upload, clock):
+    for _ in range(2):
+        upload(store)
+        clock.advance(seconds=30)
+    store.jobs.claim("host-1")
+    clock.advance(seconds=5)
+    tally = store.tallies.read()
+    assert tally.jobs == {(JobKind.INGEST, JobState.QUEUED): 1, (JobKind.INGEST, JobState.RUNNING): 1}
+    assert tally.queued_s == {JobKind.INGEST: 35.0}
+    assert tally.running_s == {JobKind.INGEST: 5.0}
+
+
+def test_a_lost_attempt_and_a_job_cancelled_in_the_queue(store, upload):
+    upload(store)
+    claim = store.jobs.claim("host-1")
+    store.jobs.take_back(Pulse(claim.job_id, claim.attempt, 0, cancel_requested=False))
+    store.jobs.request_cancel(claim.job_id)
+    ((fate, amount),) = store.tallies.read().fates.items()
+    assert (fate.what, fate.code, amount) == (LOST, "worker-lost", Amount(1, 0.0, 0, 0.0, 0.0))
+
+
+def test_workers_are_seen_for_a_while(store, end, upload, clock):
+    end(1.0)
+    upload(store)
+    store.jobs.claim("host-2")
+    assert store.tallies.read().workers == 2
+    clock.advance(hours=1)
+    assert store.tallies.read().workers == 1  # it holds its attempt still
