@@ -8,6 +8,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from structlog.contextvars import merge_contextvars
+from structlog.testing import capture_logs
 from write_lock import write_lock
 
 from sawmill_worker.contracts.jobs import FailureKind, JobState, Priority
@@ -16,6 +18,7 @@ from sawmill_worker.execution import process
 from sawmill_worker.execution.poller import run_worker
 from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess
 from sawmill_worker.execution.runner import Runner
+from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.store import Store
@@ -45,6 +48,20 @@ def test_a_job_runs_in_a_process_of_its_own_and_its_files_are_published(store, r
     assert store.scans.get(first.subject_id).state is ScanState.READY
     assert leftovers(store) == []
     assert runner.run_next() is None
+    peak_bytes = store.events.of_job(first.id)[-1].detail["peak_memory_bytes"]
+    assert 2**23 < peak_bytes < 2**32  # of a Python process that has imported pydantic and SQLAlchemy: some 60 MiB
+
+
+def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, queue, capfd):
+    with acting_as(Actor("somebody", key_id="key-7", request_id="request-7")):
+        job = queue("refuse")
+    with capture_logs(processors=[merge_contextvars]) as log:
+        runner.run_next()
+    named = {"job_id": job.id, "kind": "ingest", "attempt": 1, "request_id": "request-7", "key_id": "key-7"}
+    assert [line["event"] for line in log] == ["attempt-started", "attempt-ended"]
+    assert all(named.items() <= line.items() for line in log)
+    (failed,) = [line for line in capfd.readouterr().err.splitlines() if "job-failed" in line]
+    assert all(f"{name}={value}" in failed for name, value in named.items())
 
 
 def test_a_system_without_room_for_a_spare_process_loses_no_job(runner, queue, monkeypatch):

@@ -116,6 +116,10 @@ class Job(Stamped):
     )
     worker: str | None = None
     cancel_requested: bool = False
+    request_id: str | None = Field(
+        None, description="The `X-Request-Id` of the request that queued it; null: none did, as for a schedule's."
+    )
+    key_id: str | None = Field(None, description="Of the key that this request brought; null: none.")
     started_at: datetime | None = None
     finished_at: datetime | None = None
     failure: Failure | None = None

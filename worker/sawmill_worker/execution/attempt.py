@@ -19,7 +19,7 @@ import structlog
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.forking import REQUESTS, TBB, serve
-from sawmill_worker.execution.limits import keep_to, limits_of
+from sawmill_worker.execution.limits import keep_to, limits_of, peak_memory_bytes
 from sawmill_worker.execution.logs import about_attempt, configure_logs
 from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -29,7 +29,6 @@ from sawmill_worker.storage.files import flush_tree
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.use_cases.failures import JobFailure
-from sawmill_worker.use_cases.process_memory import peak_bytes
 from sawmill_worker.vocabulary import Progress
 
 
@@ -61,7 +60,7 @@ def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
             answer, error = _answer(assignment, channel, memory_limit_bytes)
-            measured = answer.model_copy(update={"peak_memory_bytes": peak_bytes()})
+            measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
 

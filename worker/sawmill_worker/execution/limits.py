@@ -77,6 +77,11 @@ def keep_to(limits: Limits) -> None:
     _limit(resource.RLIMIT_CPU, end_s, hard=end_s + PROCESSOR_GRACE_S)
 
 
+def peak_memory_bytes() -> int:
+    """The most memory that this process has held so far, pages that it shares with others included."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # Linux counts in KiB
+
+
 def _limit(what: int, soft: int, *, hard: int | None = None) -> None:
     _, allowed = resource.getrlimit(what)
     most = LARGEST if allowed == resource.RLIM_INFINITY else allowed

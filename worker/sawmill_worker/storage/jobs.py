@@ -541,6 +541,8 @@ def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
             "losses": row.losses,
             "worker": row.worker,
             "cancel_requested": row.cancel_requested,
+            "request_id": row.request_id,
+            "key_id": row.key_id,
             "started_at": row.started_at,
             "finished_at": row.finished_at,
             "failure": row.failure,

@@ -1,4 +1,4 @@
-"""The memory of this process: its limit, how much of it is free, its peak, and whether it has run short."""
+"""The private memory of this process: its limit, how much of it is free, and whether it has run short."""
 
 import resource
 from pathlib import Path
@@ -13,11 +13,6 @@ def limit_bytes() -> int | None:
     """What the process may allocate; None where it has no limit."""
     limit, _ = resource.getrlimit(resource.RLIMIT_DATA)
     return None if limit == resource.RLIM_INFINITY else limit
-
-
-def peak_bytes() -> int:
-    """The most memory that it has held so far, pages shared with others included."""
-    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # Linux counts in KiB
 
 
 def free_bytes(status: Path = STATUS) -> int | None:
