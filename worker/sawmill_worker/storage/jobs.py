@@ -427,7 +427,7 @@ class Jobs:
         peak_memory_bytes: int | None = None,
     ) -> None:
         detail = failure.model_dump(mode="json")
-        told = detail | (_measured(peak_memory_bytes) or {})
+        reported = detail | (_measured(peak_memory_bytes) or {})
         if failure.kind is FailureKind.PASSING:
             if row.cancel_requested:
                 self._cancel(session, row)
@@ -435,16 +435,16 @@ class Jobs:
             now = self._database.now()
             if failure.code in _OUTAGES:
                 row.outages += 1
-                record(session, now, EventKind.PUT_OFF, row, told)
+                record(session, now, EventKind.PUT_OFF, row, reported)
                 _wait(row, now, detail, retries.outage_wait_s, row.outages)
                 return
             row.losses, row.outages = row.losses + 1, 0
-            record(session, now, EventKind.LOST, row, told)
+            record(session, now, EventKind.LOST, row, reported)
             if row.losses < retries.max_losses:
                 _wait(row, now, detail, retries.loss_wait_s, row.losses)
                 return
         row.failure = detail
-        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=told)
+        self._end(session, row, JobState.FAILED, EventKind.FAILED, reason=failure.detail, detail=reported)
 
     def _cancel(self, session: Session, row: JobRow) -> None:
         self._end(session, row, JobState.CANCELLED, EventKind.CANCELLED, reason=_CANCELLED)
