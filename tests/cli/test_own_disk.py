@@ -1,10 +1,11 @@
-"""What the command line reads from one's own disk and the service does not: fields in other files, linked HDF5."""
+"""What the command line reads from one's own disk and the service does not: fields apart, linked HDF5, folders."""
 
 import json
 
 import h5py
 import numpy as np
 import pytest
+import tifffile
 
 pytestmark = pytest.mark.slow
 
@@ -94,3 +95,41 @@ def test_inspect_follows_links_and_names_what_is_not_there(run, master, stack, t
     assert answer["refusal"]["code"] == "linked-file-missing"
     assert stack.name in answer["refusal"]["detail"]
     assert {part["leads_to"] for part in answer["parts"]} >= {f"file {stack.name}:/entry/sample (not there)"}
+
+
+@pytest.fixture(scope="session")
+def folder(parts):
+    """The same as a folder of images for the views, one for the flats, and a file of the darks."""
+    for name in ("views", "flats"):
+        (parts / name).mkdir()
+        for index, image in enumerate(np.load(parts / f"{name}.npy")):
+            tifffile.imwrite(parts / name / f"image-{index}.tif", image)
+    return parts / "views"
+
+
+def test_a_folder_of_images_gives_the_same_volume(run, parts, folder, stack, tmp_path):
+    given = ("--flats", parts / "flats", "--darks", parts / "darks.npy", "--angles-file", parts / "angles.txt", *PITCH)
+    volume, checksum = reconstruct(run, folder, tmp_path / "a.h5", *given)
+    expected, _ = reconstruct(run, stack, tmp_path / "b.h5")
+    np.testing.assert_allclose(volume, expected, atol=1e-6 * np.abs(expected).max())
+    # Another flat field is another input.
+    flat = parts / "flats/image-3.tif"
+    image = tifffile.imread(flat)
+    tifffile.imwrite(flat, image + np.uint16(1))
+    assert reconstruct(run, folder, tmp_path / "c.h5", *given)[1] != checksum
+    tifffile.imwrite(flat, image)
+
+
+def test_inspect_a_folder(run, folder):
+    (folder / "notes.txt").write_text("nothing of the scan")
+    answer = json.loads(run("inspect", folder, "--json", "--data", "counts").stdout)
+    assert (answer["format"], answer["verdict"]) == ("folder-of-tiffs", "incomplete")
+    images, notes = answer["parts"]
+    assert (images["name"], images["count"]) == ("image-0.tif to image-59.tif", 60)
+    assert (images["shape"], images["type"]) == ([4, 256], "uint16")
+    assert (notes["name"], notes["type"]) == ("notes.txt", "txt")
+    assert [part["flag"] for part in answer["missing"] if part["needed"]] == [
+        "--angles-deg or --angles-file", "--flats", "--detector-pitch-mm",
+    ]  # fmt: skip
+    assert "1 files that are no TIFFs were ignored." in answer["reading"]["remarks"]
+    assert answer["size_bytes"] == sum(each.stat().st_size for each in folder.iterdir())

@@ -185,7 +185,7 @@ def read_scan(
     align_rows: RowAlignment | str = RowAlignment.OFF,
     on_progress: ProgressCallback = unreported,
 ) -> Scan:
-    """Read a scan's file as the command line does: HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT.
+    """Read a scan as the command line does: HDF5 (NXtomo, Data Exchange), TIFFs (a ZIP or a folder too), NPY, NPZ, MAT.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ def read_scan(
     follow_links : bool
         Whether HDF5 may lead into other files, by links, as virtual datasets or as raw data.
     flats, darks : str or Path, optional
-        Of counts: files of the flat and the dark fields, where the scan's file carries none.
+        Of counts: files or folders of the flat and the dark fields, where the scan carries none.
     rows : str, optional
         `A:B` or `A:B:STEP`; all by default.
     views : int, optional

@@ -216,14 +216,13 @@ def picture(description: str) -> OptionInfo:
 
 ROWS = {"metavar": "A:B"}
 STEPPED_ROWS = {"metavar": "A:B[:STEP]"}
-FIELDS = {"metavar": "FILE", "exists": True, "dir_okay": False}
+FIELDS = {"metavar": "FILE", "exists": True}
 ScanFile = Annotated[
     Path,
     typer.Argument(
         metavar="SCAN",
         exists=True,
-        dir_okay=False,
-        help="The scan: HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT.",
+        help="The scan: HDF5 (NXtomo, Data Exchange), TIFF, a folder or a ZIP of TIFFs, NPY, NPZ or MAT.",
     ),
 ]
 AnglesDeg = Annotated[str | None, option(ScanFileOptions, "angles_deg", metavar="START:STEP")]

@@ -70,7 +70,7 @@ class InspectionResult(Contract):
     """All that is said of one file."""
 
     file: str
-    size_bytes: int = Field(description="Of the file; of a folder, of its TIFF files.")
+    size_bytes: int = Field(description="Of the file; of a folder, of all files in it.")
     format: str | None = Field(None, description="What the file turned out to be; null: nothing that can be read.")
     own_kind: str | None = Field(None, description="scan, volume or calibration, where this product wrote the file.")
     verdict: Verdict

@@ -44,8 +44,12 @@ class UnregisteredScanOptions(ScanFileOptions):
     follow_links: bool = Field(
         default=False, description="Of HDF5: read also what its links, virtual datasets and raw data lead to."
     )
-    flats: Path | None = Field(None, description="Of counts: the flat fields, where the scan's file carries none.")
-    darks: Path | None = Field(None, description="Of counts: the dark fields, where the scan's file carries none.")
+    flats: Path | None = Field(
+        None, description="Of counts: flat fields, a file or a folder, where the scan carries none."
+    )
+    darks: Path | None = Field(
+        None, description="Of counts: dark fields, a file or a folder, where the scan carries none."
+    )
 
 
 class ScanSpec(ScanFileOptions):

@@ -2,7 +2,7 @@
 
 import math
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,20 +23,25 @@ def with_fields(contents: FileContents, flats: Path | None, darks: Path | None, 
     UnreadableScan
         `contradiction` where the scan's file has its own; or the file of the fields cannot be read as such.
     """
-    return replace(
-        contents,
-        flats=_either(contents.flats, flats, FieldKind.FLATS, bounds.whole),
-        darks=_either(contents.darks, darks, FieldKind.DARKS, bounds.whole),
-        others=(*contents.others, *filter(None, (flats, darks))),
-    )
+    own = _Fields(contents.flats), _Fields(contents.darks)
+    of_flats = _either(own[0], flats, FieldKind.FLATS, bounds.whole)
+    of_darks = _either(own[1], darks, FieldKind.DARKS, bounds.whole)
+    others = (*contents.others, *of_flats.files, *of_darks.files)
+    return replace(contents, flats=of_flats.images, darks=of_darks.images, others=others)
 
 
-def _either(
-    in_file: NDArray[np.float32] | None, path: Path | None, kind: FieldKind, bounds: Bounds
-) -> NDArray[np.float32] | None:
+@dataclass(frozen=True, eq=False)
+class _Fields:
+    """(n, rows, detector) or, of one image, (rows, detector); of sinograms without the rows; and their files."""
+
+    images: NDArray[np.float32] | None
+    files: tuple[Path, ...] = ()
+
+
+def _either(in_file: _Fields, path: Path | None, kind: FieldKind, bounds: Bounds) -> _Fields:
     if path is None:
         return in_file
-    if in_file is not None:
+    if in_file.images is not None:
         raise UnreadableScan(
             "contradiction",
             f"the file carries {kind} of its own and {quoted(path.name)!r} was given for them (--{kind}); leave one "
@@ -45,17 +50,17 @@ def _either(
     return _read(path, kind, bounds)
 
 
-def _read(path: Path, kind: FieldKind, bounds: Bounds) -> NDArray[np.float32]:
-    """(n, rows, detector) or, of one image, (rows, detector); of sinograms without the rows."""
+def _read(path: Path, kind: FieldKind, bounds: Bounds) -> _Fields:
     try:
         recognised = recognise(path)
         with ExitStack() as files, library_errors_translated(recognised.name):
-            return _fields_of(recognised.read(path, Wanted(fields=kind), bounds, files), kind, bounds)
+            contents = recognised.read(path, Wanted(fields=kind), bounds, files)
+            return _Fields(_images_of(contents, kind, bounds), contents.others or (path,))
     except UnreadableScan as error:
         raise UnreadableScan(error.code, f"--{kind} {quoted(path.name)!r}: {error}") from error
 
 
-def _fields_of(contents: FileContents, kind: FieldKind, bounds: Bounds) -> NDArray[np.float32]:
+def _images_of(contents: FileContents, kind: FieldKind, bounds: Bounds) -> NDArray[np.float32]:
     """The fields that the file states to be of this kind; where it states none, the images that it holds."""
     stated = {FieldKind.FLATS: contents.flats, FieldKind.DARKS: contents.darks}
     fields = stated[kind]

@@ -4,15 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
-import tifffile
-
 from sawmill_worker.files.errors import quoted
 from sawmill_worker.readers.archives import members, opened
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.mat5_variables import list_variables
 from sawmill_worker.readers.npy import read_header
 from sawmill_worker.readers.parts import Part, PartKind
-from sawmill_worker.readers.tiff import UNCOMPRESSED, opened_tiff
+from sawmill_worker.readers.tiff import opened_tiff, page_type
 from sawmill_worker.readers.tiff_files import natural_key
 from sawmill_worker.readers.zipped import is_npz
 
@@ -43,7 +41,11 @@ def tiff_parts(path: Path, _: Bounds) -> Iterator[Part]:
     """The pages."""
     with opened_tiff(path, "the file", path.stat().st_size) as tiff:
         for index, page in enumerate(tiff.pages):
-            yield _page(page, f"page {index}")
+            number_type, compression = page_type(page)
+            stored = sum(page.databytecounts)
+            yield Part(
+                f"page {index}", PartKind.PAGE, page.shape, number_type, stored_bytes=stored, compression=compression
+            )
 
 
 def zip_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
@@ -51,18 +53,6 @@ def zip_parts(path: Path, bounds: Bounds) -> Iterator[Part]:
     with opened(path) as archive:
         infos = members(archive, path.stat().st_size, bounds.array)
         yield from _arrays(archive, infos) if is_npz(infos) else _files(infos)
-
-
-def _page(page: tifffile.TiffPage | tifffile.TiffFrame, name: str) -> Part:
-    method = getattr(page.compression, "name", str(page.compression))
-    return Part(
-        name,
-        PartKind.PAGE,
-        shape=page.shape,
-        type="unknown" if page.dtype is None else page.dtype.name,
-        stored_bytes=sum(page.databytecounts),
-        compression=None if page.compression == UNCOMPRESSED else method.lower(),
-    )
 
 
 def _arrays(archive: ZipFile, infos: Sequence[ZipInfo]) -> Iterator[Part]:

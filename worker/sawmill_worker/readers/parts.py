@@ -54,6 +54,11 @@ class Part:
     count: int = 1
 
 
+def form_of(name: str) -> str:
+    """A name without its numbers, alike for the files of one sequence."""
+    return re.sub(r"\d+", "#", name)
+
+
 def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
     """Parts in a row whose names differ in their numbers alone, and nothing else in them but their bytes, as one."""
     run: list[Part] = []
@@ -67,7 +72,7 @@ def alike_together(parts: Iterable[Part]) -> Iterator[Part]:
 
 
 def _form(part: Part) -> Part:
-    return replace(part, name=re.sub(r"\d+", "#", part.name), stored_bytes=None)
+    return replace(part, name=form_of(part.name), stored_bytes=None)
 
 
 def _as_one(run: list[Part]) -> Part:

@@ -8,6 +8,7 @@ from pathlib import Path
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileContents
+from sawmill_worker.readers.folder import folder_parts, read_folder
 from sawmill_worker.readers.hdf5 import read_hdf5
 from sawmill_worker.readers.hdf5_listing import hdf5_parts
 from sawmill_worker.readers.listing import mat5_parts, npy_parts, tiff_parts, zip_parts
@@ -36,6 +37,7 @@ MAT = Format("MAT", read_mat5, mat5_parts)
 ZIP = Format("ZIP", read_zip, zip_parts)
 NPY = Format("NPY", read_npy, npy_parts)
 TIFF = Format("TIFF", read_tiff, tiff_parts)
+FOLDER = Format("folder of TIFFs", read_folder, folder_parts)
 MAT_VERSIONS = (b"\x00\x01IM", b"\x01\x00MI")  # at byte 124, after a text of the writer's choice
 _BY_FIRST_BYTES = (
     (b"\x93NUMPY", NPY),
@@ -49,13 +51,15 @@ _BY_FIRST_BYTES = (
 
 
 def recognise(path: Path) -> Format:
-    """The format of a file.
+    """The format of a file, or of a folder; no upload is one.
 
     Raises
     ------
     UnreadableScan
         `empty-file` or `unknown-format`.
     """
+    if path.is_dir():
+        return FOLDER
     with path.open("rb") as stream:
         head = stream.read(HDF5_OFFSETS[-1] + len(HDF5_SIGNATURE))
     if not head:

@@ -118,6 +118,13 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
         yield TiffPages((count, rows, cells), tiff)
 
 
+def page_type(page: tifffile.TiffPage | tifffile.TiffFrame) -> tuple[str, str | None]:
+    """The type of a page's numbers and how they are compressed, in words."""
+    method = getattr(page.compression, "name", str(page.compression))
+    number_type = "unknown" if page.dtype is None else str(page.dtype.name)
+    return number_type, None if page.compression == UNCOMPRESSED else method.lower()
+
+
 def _number_type(page: tifffile.TiffPage | tifffile.TiffFrame, where: str) -> np.dtype[Any]:
     if page.dtype is None:
         raise UnreadableScan(

@@ -83,9 +83,9 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
     OSError
         The file cannot be opened.
     """
-    file, size_bytes = str(given.path), given.path.stat().st_size
+    file, size_bytes = str(given.path), _size(given.path)
     try:
-        known = None if is_picture(given.path) else recognise(given.path)
+        known = None if given.path.is_file() and is_picture(given.path) else recognise(given.path)
     except UnreadableScan as error:
         refusal = _failure(error.code, str(error))
         return InspectionResult(file=file, size_bytes=size_bytes, verdict=Verdict.REFUSED, parts=[], refusal=refusal)
@@ -105,6 +105,12 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
         missing=list(found.missing),
         refusal=found.refusal,
     )
+
+
+def _size(path: Path) -> int:
+    """Of a file, or of all files in a folder."""
+    files = filter(Path.is_file, path.iterdir()) if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files)
 
 
 def _listed(path: Path, known: Format | None, *, follow_links: bool) -> tuple[list[FilePart], str | None]:
