@@ -304,7 +304,8 @@ def test_every_make_target_that_is_named_exists():
 
 def test_every_flag_that_is_named_exists():
     root = typer.main.get_command(main)
-    commands = (root, *root.commands.values(), *root.commands["phantom"].commands.values())
+    groups = [root.commands[name].commands.values() for name in ("phantom", "key")]
+    commands = (root, *root.commands.values(), *(command for group in groups for command in group))
     flags = {
         flag for command in commands for option in command.params for flag in (*option.opts, *option.secondary_opts)
     }

@@ -1,32 +1,164 @@
-"""Who may send requests: whoever brings the token."""
+"""Who sends a request, and what that one may do: by the token, by a key, or by sitting at this machine."""
 
 import hmac
 from base64 import b64decode
+from collections.abc import Iterable
+from dataclasses import dataclass
 
+from fastapi.concurrency import run_in_threadpool
 from pydantic import SecretStr
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.types import Scope as RequestScope
 
+from sawmill_service.listening import is_loopback
 from sawmill_service.problems import Refused
+from sawmill_worker.contracts.keys import Key, Scope
+from sawmill_worker.storage.acting import Actor
+from sawmill_worker.storage.keys import KeyStore, hash_of
 
 # One header each: browsers do not look for a second challenge within one.
 CHALLENGES = ('Basic realm="sawmill-calibration", charset="UTF-8"', 'Bearer realm="sawmill-calibration"')
-# Monitoring needs no token: these report the service's state alone.
+# Monitoring needs no key: these report the service's state alone.
 OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
+# What proxies add to the requests that they pass on.
+FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
+# What a route needs where its method does not tell.
+NEEDED = {
+    ("GET", "/v1/keys"): Scope.ADMIN,
+    ("POST", "/v1/keys"): Scope.ADMIN,
+    ("POST", "/v1/keys/{key_id}/rotate"): Scope.ADMIN,
+    ("POST", "/v1/scanners"): Scope.ACTIVATE,
+    ("POST", "/v1/schedules"): Scope.ACTIVATE,
+    ("DELETE", "/v1/schedules/{schedule_id}"): Scope.ACTIVATE,
+    ("POST", "/v1/calibrations/{calibration_id}/activate"): Scope.ACTIVATE,
+    ("POST", "/operator/activate/{calibration_id}"): Scope.ACTIVATE,
+}
+BY_METHOD = {
+    "GET": Scope.READ,
+    "HEAD": Scope.READ,
+    "OPTIONS": Scope.READ,
+    "POST": Scope.SUBMIT,
+    "PUT": Scope.ACTIVATE,
+    "DELETE": Scope.ADMIN,
+}
 
 
-def check_token(token: SecretStr, authorization: str) -> None:
-    """Refuse a request whose `Authorization` does not bring the token; "" stands for none."""
-    presented = _presented(authorization)
-    if not hmac.compare_digest(presented, token.get_secret_value().encode()):
-        problem = "is not that of this service" if presented else "is missing"
-        raise Refused(
-            401,
-            "token-required",
-            f"the token {problem}: send Authorization: Bearer TOKEN, or in a browser TOKEN as the password",
-        )
+def needed_scope(method: str, path: str) -> Scope:
+    """What a route needs of whoever calls it; `path` as it is declared, with the names of its parameters."""
+    return NEEDED.get((method, path)) or BY_METHOD.get(method, Scope.ADMIN)
 
 
-def _presented(authorization: str) -> bytes:
-    """What a header holds as a token: a bearer's, or the password of HTTP Basic, whoever the user is."""
+@dataclass(frozen=True)
+class Caller:
+    """Whoever sent a request.
+
+    Attributes
+    ----------
+    name : str
+        The key's, or who else it is.
+    scope : Scope
+        What it may do.
+    key_id : str or None
+        None: it came without a key.
+    """
+
+    name: str
+    scope: Scope
+    key_id: str | None = None
+
+    def check(self, needed: Scope) -> None:
+        """Refuse what needs more than this caller has.
+
+        Raises
+        ------
+        Refused
+            403 `scope-too-small`.
+        """
+        if not self.scope.covers(needed):
+            detail = f"this needs a key of the scope {needed}, and {self.name!r} has {self.scope}"
+            raise Refused(403, "scope-too-small", detail)
+
+    def acting(self, scope: RequestScope) -> Actor:
+        """As the audit and the jobs name it."""
+        client, state = scope.get("client"), scope.get("state", {})
+        return Actor(self.name, self.key_id, client[0] if client else None, state.get("request_id"))
+
+
+ADMINISTRATOR = Caller("the administrator", Scope.ADMIN)
+# At the paths that need no key.
+ANYBODY = Caller("anybody", Scope.READ)
+THIS_MACHINE = Caller("somebody at this machine", Scope.ADMIN)
+
+
+class Access:
+    """Finds out who sends a request.
+
+    Parameters
+    ----------
+    keys
+        Where keys are looked up.
+    token
+        The first administrator's key; None: there is none.
+    required
+        Whether every request must bring a key. Otherwise those from this machine itself need none.
+    """
+
+    def __init__(self, keys: KeyStore, *, token: SecretStr | None, required: bool) -> None:
+        self._keys = keys
+        self._token = token
+        self._required = required or token is not None
+
+    async def caller(self, scope: RequestScope, headers: Headers) -> Caller:
+        """Who sends a request.
+
+        Raises
+        ------
+        Refused
+            401 `token-required`: it must bring a key and brings none that is good.
+        StorageUnavailable
+            Keys cannot be looked up.
+        """
+        secret = presented_secret(headers.get("authorization", ""))
+        if secret:
+            return await self._opened_by(secret)
+        if self._required:
+            raise _missing("the key is missing")
+        if passed_on := _trace_of_a_proxy(scope, headers):
+            raise _missing(f"the request came through a proxy ({passed_on}), and behind one every request needs a key")
+        return THIS_MACHINE
+
+    async def _opened_by(self, secret: bytes) -> Caller:
+        if self._token is not None and hmac.compare_digest(secret, self._token.get_secret_value().encode()):
+            return ADMINISTRATOR
+        key = await run_in_threadpool(self._good, secret)
+        if key is None:
+            raise _missing("the key is not one of this service, or has ended")
+        return Caller(key.name, key.scope, key.id)
+
+    def _good(self, secret: bytes) -> Key | None:
+        """The key of a secret, whose use is noted."""
+        if not secret.isascii():
+            return None
+        key = self._keys.good(hash_of(secret.decode()))
+        if key is not None:
+            self._keys.used(key)
+        return key
+
+
+def check_scope(request: Request) -> None:
+    """Refuse whoever has not the scope that the route needs; a dependency of every route."""
+    caller_of(request).check(needed_scope(request.method, request.scope["route"].path))
+
+
+def caller_of(request: Request) -> Caller:
+    """Who sent a request that has passed the gate."""
+    caller: Caller = request.state.caller
+    return caller
+
+
+def presented_secret(authorization: str) -> bytes:
+    """What a header holds as a key: a bearer's, or the password of HTTP Basic, whoever the user is."""
     scheme, _, credentials = authorization.partition(" ")
     if scheme.lower() == "bearer":
         return credentials.strip().encode("latin-1")
@@ -36,3 +168,24 @@ def _presented(authorization: str) -> bytes:
         except ValueError:  # no base64, or no ASCII at all
             return b""
     return b""
+
+
+def came_in_over_loopback(scope: RequestScope) -> bool:
+    """Whether the address that the client called is one of loopback, which no other machine can call."""
+    server: tuple[str, int | None] | None = scope.get("server")
+    return server is not None and is_loopback(server[0])
+
+
+def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
+    """What shows that another program passed a request on; empty where nothing does."""
+    found: Iterable[str] = (name for name in FORWARDED if name in headers)
+    # As nginx speaks unless it is told otherwise, and no browser or client of this century.
+    by_version = "HTTP/1.0" if scope.get("http_version") == "1.0" else ""
+    beyond = "" if came_in_over_loopback(scope) else "it was not sent to loopback"
+    return next(iter(found), by_version or beyond)
+
+
+def _missing(what: str) -> Refused:
+    return Refused(
+        401, "token-required", f"{what}: send Authorization: Bearer KEY, or in a browser the key as the password"
+    )

@@ -4,9 +4,12 @@ from importlib.metadata import version
 from pathlib import Path
 
 import fastapi_offline
+from fastapi import Depends
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
+from sawmill_service.access import Access, check_scope
 from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
 from sawmill_service.gate import Gate, ProtectiveHeaders
@@ -21,6 +24,7 @@ from sawmill_service.routes import (
     console,
     health,
     jobs,
+    keys,
     phantoms,
     reconstructions,
     scanners,
@@ -52,12 +56,13 @@ TAGS = [
     {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "schedules", "description": "Recalibration at fixed times."},
+    {"name": "keys", "description": "Who may do what."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
-ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, health, console)
+ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, keys, health, console)
 
 
-def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Application:
+def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False) -> Application:
     """The service on one store.
 
     Parameters
@@ -68,6 +73,8 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
         Where everything is kept; upgraded already.
     wake
         Called with the id of each job after the transaction that queued it; it must not raise.
+    exposed
+        Whether the caller listens beyond loopback: then every request must bring a key, as behind a proxy.
 
     Returns
     -------
@@ -83,6 +90,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
         docs_url=None,
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,
+        dependencies=[Depends(check_scope)],
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
     app.state.metrics = _metrics(store)
@@ -103,7 +111,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
     app.add_middleware(
         Gate,
         allowed_hosts=settings.names,
-        token=settings.token,
+        access=Access(store.keys, token=settings.token, required=exposed or settings.behind_proxy),
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,
@@ -111,6 +119,8 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake) -> Applicati
         },
         stopping=app.state.stopping,
     )
+    if settings.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=settings.trusted_proxies)
     app.add_middleware(Observer, registry=app.state.metrics)
     app.add_middleware(ProtectiveHeaders)
     app.add_middleware(RequestIds)

@@ -1,4 +1,4 @@
-"""The `sawmill` entry: serve, demo, openapi, and the commands that need no server.
+"""The `sawmill` entry: serve, demo, key, openapi, and the commands that need no server.
 
 The one file of service/ that may reach the science. Each command imports what it needs, so that none waits for
 another's libraries.
@@ -12,11 +12,14 @@ from typing import Annotated
 
 import typer
 
+from sawmill_service import key_commands
 from sawmill_worker.cli import app as main
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import say
 
 __all__ = ["main"]
+
+main.add_typer(key_commands.app, name="key", help="Who may do what: make, list, rotate and revoke keys.")
 
 
 @main.command(cls=Command)

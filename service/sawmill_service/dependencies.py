@@ -5,6 +5,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
+from sawmill_service.access import Caller, caller_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.store import Store
@@ -41,3 +42,4 @@ TheStore = Annotated[Store, Depends(_store)]
 TheSettings = Annotated[ServiceSettings, Depends(_settings)]
 TheWake = Annotated[Wake, Depends(_wake)]
 TheStopping = Annotated[Stopping, Depends(_stopping)]
+TheCaller = Annotated[Caller, Depends(caller_of)]

@@ -1,16 +1,18 @@
-"""What stands in front of every route: headers for browsers, known hosts and origins, the token, bounded bodies."""
+"""What stands in front of every route: headers for browsers, known hosts and origins, keys, bounded bodies."""
 
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
 
-from pydantic import SecretStr
+import structlog
 from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.access import CHALLENGES, OPEN_PATHS, check_token
-from sawmill_service.listening import is_loopback
-from sawmill_service.problems import Refused, problem_response
+from sawmill_service.access import ANYBODY, CHALLENGES, OPEN_PATHS, Access, Caller, came_in_over_loopback
+from sawmill_service.problems import COME_BACK, Refused, problem_response
 from sawmill_service.stopping import Stopping
+from sawmill_worker.storage.acting import acting_as
+from sawmill_worker.storage.errors import StorageError
 
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -48,7 +50,7 @@ class ProtectiveHeaders:
 
 
 class Gate:
-    """Refuse unknown hosts, other sites' writes, requests without the token and bodies that are too large.
+    """Refuse unknown hosts, other sites' writes, requests without a key and bodies that are too large.
 
     A browser sends the password of HTTP Basic with whatever a page asks for, so other sites are refused first.
 
@@ -56,8 +58,8 @@ class Gate:
     ----------
     allowed_hosts
         Host names without a port. The loopback names are right where the connection came in over loopback.
-    token
-        What every request must bring, but for health; None: nothing.
+    access
+        Finds out who sends a request; whatever is done in it is done in that one's name.
     max_body_bytes
         For every route that `larger_bodies` does not name.
     larger_bodies
@@ -71,14 +73,14 @@ class Gate:
         app: ASGIApp,
         *,
         allowed_hosts: Iterable[str],
-        token: SecretStr | None,
+        access: Access,
         max_body_bytes: int,
         larger_bodies: Mapping[tuple[str, str], int],
         stopping: Stopping,
     ) -> None:
         self.app = app
         self.allowed_hosts = frozenset(host.lower() for host in allowed_hosts)
-        self.token = token
+        self.access = access
         self.max_body_bytes = max_body_bytes
         self.larger_bodies = dict(larger_bodies)
         self.stopping = stopping
@@ -90,20 +92,27 @@ class Gate:
             return
         limit = self.larger_bodies.get((scope["method"], scope["path"]), self.max_body_bytes)
         try:
-            self._check(scope, Headers(scope=scope), limit)
+            caller = await self._caller(scope, Headers(scope=scope), limit)
         except Refused as refused:
-            answer = problem_response(
-                scope["path"], refused.status_code, refused.code, refused.detail, headers=refused.headers
-            )
-            for challenge in CHALLENGES if refused.status_code == HTTPStatus.UNAUTHORIZED else ():
-                answer.headers.append("WWW-Authenticate", challenge)
-            await answer(scope, receive, send)
+            await _refusal(scope["path"], refused)(scope, receive, send)
             return
-        await self.app(scope, _bounded(receive, limit, self.stopping), send)
+        except StorageError as error:
+            unavailable = problem_response(scope["path"], 503, error.code, str(error), headers=COME_BACK)
+            await unavailable(scope, receive, send)
+            return
+        scope.setdefault("state", {})["caller"] = caller
+        with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
+            await self.app(scope, _bounded(receive, limit, self.stopping), send)
 
-    def _check(self, scope: Scope, headers: Headers, limit: int) -> None:
+    async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
+        self._check_origin(scope, headers)
+        caller = ANYBODY if scope["path"] in OPEN_PATHS else await self.access.caller(scope, headers)
+        _check_length(headers, limit)
+        return caller
+
+    def _check_origin(self, scope: Scope, headers: Headers) -> None:
         host = headers.get("host", "")
-        names = self.allowed_hosts | LOOPBACK if _came_in_over_loopback(scope) else self.allowed_hosts
+        names = self.allowed_hosts | LOOPBACK if came_in_over_loopback(scope) else self.allowed_hosts
         if host.rsplit(":", 1)[0].lower() not in names and host.lower() not in names:
             raise Refused(
                 421,
@@ -112,19 +121,21 @@ class Gate:
             )
         if scope["method"] not in SAFE_METHODS and _from_elsewhere(headers, host):
             raise Refused(403, "other-site", "a page of another site may not change anything here")
-        if self.token is not None and scope["path"] not in OPEN_PATHS:
-            check_token(self.token, headers.get("authorization", ""))
-        declared = headers.get("content-length", "0")
-        if not declared.isdecimal():
-            raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
-        if int(declared) > limit:
-            raise too_large(limit)
 
 
-def _came_in_over_loopback(scope: Scope) -> bool:
-    """Whether the address that the client called is one of loopback, which no other machine can call."""
-    server: tuple[str, int | None] | None = scope.get("server")
-    return server is not None and is_loopback(server[0])
+def _refusal(path: str, refused: Refused) -> Response:
+    answer = problem_response(path, refused.status_code, refused.code, refused.detail, headers=refused.headers)
+    for challenge in CHALLENGES if refused.status_code == HTTPStatus.UNAUTHORIZED else ():
+        answer.headers.append("WWW-Authenticate", challenge)
+    return answer
+
+
+def _check_length(headers: Headers, limit: int) -> None:
+    declared = headers.get("content-length", "0")
+    if not declared.isdecimal():
+        raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
+    if int(declared) > limit:
+        raise too_large(limit)
 
 
 def _from_elsewhere(headers: Headers, host: str) -> bool:

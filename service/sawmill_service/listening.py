@@ -10,7 +10,7 @@ class ListenError(Exception):
 
 
 def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
-    """Listen on an address; beyond loopback only where a token guards the service.
+    """Listen on an address; beyond loopback only where a key guards the service.
 
     Judged is the address that `host` led to, not its text: a name may lead anywhere.
 
@@ -21,7 +21,7 @@ def listen(host: str, port: int, *, guarded: bool) -> socket.socket:
     port
         0 takes a free one.
     guarded
-        Whether requests need a token.
+        Whether there is a key or a token, which requests must bring then.
 
     Raises
     ------
@@ -53,8 +53,9 @@ def is_loopback(address: str) -> bool:
 def _check_guarded(host: str, address: str, *, guarded: bool) -> None:
     if not guarded and not is_loopback(address):
         raise ListenError(
-            f"{host} can be reached from other machines, so requests must bring a token: set SAWMILL_TOKEN (at least "
-            "32 characters) or SAWMILL_TOKEN_FILE, or listen on 127.0.0.1"
+            f"{host} can be reached from other machines, so requests must bring a key: make one with sawmill key "
+            "create --name NAME --scope admin, set SAWMILL_TOKEN (at least 32 characters) or SAWMILL_TOKEN_FILE, or "
+            "listen on 127.0.0.1"
         )
 
 

@@ -8,9 +8,14 @@ from typing import Any, NamedTuple
 
 from fastapi import FastAPI
 
+from sawmill_service.access import OPEN_PATHS, needed_scope
 from sawmill_service.problems import MEDIA_TYPE, Problem
 
 TRY = "x-try"
+SECURITY_SCHEMES = {
+    "key": {"type": "http", "scheme": "bearer", "description": "A key; the scope that it needs stands beside it."},
+    "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
+}
 BINARY = {"type": "string", "format": "binary"}
 
 
@@ -103,12 +108,20 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
             "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
         }
     }
-    for _, _, operation in _operations(document):
+    components["securitySchemes"] = SECURITY_SCHEMES
+    for path, method, operation in _operations(document):
+        _describe_access(method.upper(), path, operation)
         operation["responses"].pop("422", None)
         operation["responses"]["default"] = {"$ref": "#/components/responses/Problem"}
         _describe_streams(operation)
         _give_examples(operation, operation.pop(TRY, {}))
     return document
+
+
+def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
+    """Which key it needs; a service that stands open on loopback needs none."""
+    needed = None if path in OPEN_PATHS else needed_scope(method, path)
+    operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
 
 
 def _describe_streams(operation: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ import uvicorn
 from sawmill_service.app import create_app
 from sawmill_service.connections import ClientConnection, Connections
 from sawmill_service.dependencies import Wake
-from sawmill_service.listening import listen
+from sawmill_service.listening import ListenError, is_loopback, listen
 from sawmill_service.open_files import open_files_for
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
@@ -28,6 +28,11 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+BEHIND_A_PROXY = (
+    "SAWMILL_PUBLIC_URL or SAWMILL_TRUSTED_PROXIES means that requests come through a proxy, so each must bring a key: "
+    "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN (at least 32 characters)"
+)
 
 
 def no_wake(_: str) -> None:
@@ -61,9 +66,10 @@ def serve_until_stopped(
         signal.signal(number, _end_start)
     open_files_for(settings.max_connections)
     with ExitStack() as stack:
-        listening = stack.enter_context(
-            closing(listen(settings.host, settings.port, guarded=settings.token is not None))
-        )
+        guarded = settings.token is not None or (settings.may_be_reached and _has_key(storage))
+        listening = stack.enter_context(closing(listen(settings.host, settings.port, guarded=guarded)))
+        if settings.behind_proxy and not guarded:
+            raise ListenError(BEHIND_A_PROXY)
         store = stack.enter_context(closing(_opened(storage)))
         stack.enter_context(ClockKeeper(store))
         wake: Wake = no_wake
@@ -79,7 +85,8 @@ def serve_until_stopped(
             wake = stack.enter_context(supervisor).wake
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
-        app = create_app(settings, store, wake)
+        address, port = listening.getsockname()[:2]
+        app = create_app(settings, store, wake, exposed=not is_loopback(address))
         connections = Connections(settings, app.state.metrics)
         config = uvicorn.Config(
             app,
@@ -88,13 +95,21 @@ def serve_until_stopped(
             log_config=None,
             access_log=False,
             server_header=False,
+            proxy_headers=False,
         )
-        port = listening.getsockname()[1]
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
         Server(config, app.state.stopping, connections).run(sockets=[listening])
         _ignore_signals()
+
+
+def _has_key(storage: StorageSettings) -> bool:
+    """Whether a key is good for something; of a store that is still to be made, none is."""
+    if storage.database_url is None and not (storage.data_folder / "sawmill.db").exists():
+        return False
+    with closing(_opened(storage)) as store:
+        return store.keys.any_good()
 
 
 def _end_start(_number: int, _frame: FrameType | None) -> None:

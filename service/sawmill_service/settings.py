@@ -1,9 +1,10 @@
 """What of the service can be set, by environment variable or by the command that starts it."""
 
 import re
-from ipaddress import ip_address
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Annotated, Any
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
@@ -25,13 +26,30 @@ def _check_token(token: SecretStr) -> SecretStr:
     return token
 
 
+def _check_url(text: str) -> str:
+    url = urlsplit(text)
+    if url.scheme not in {"http", "https"} or not url.hostname or url.path.strip("/") or url.query or url.fragment:
+        msg = f"must be as in https://calibration.mill.example, without a path, not {text!r}"
+        raise ValueError(msg)
+    return text.rstrip("/")
+
+
+def _check_network(text: str) -> str:
+    try:
+        ip_network(text)
+    except ValueError as error:
+        msg = f"must be IP addresses or networks, as in 127.0.0.1 or 10.0.0.0/8, not {text!r}"
+        raise ValueError(msg) from error
+    return text
+
+
 class ServiceSettings(BaseSettings):
     """Where the service listens and what it accepts; `SAWMILL_PORT=8080` sets `port`."""
 
     model_config = SettingsConfigDict(env_prefix="SAWMILL_", frozen=True, hide_input_in_errors=True)
 
     host: str = Field(
-        "127.0.0.1", description="Address to listen on. Beyond loopback the service starts only with a token."
+        "127.0.0.1", description="Address to listen on. Beyond loopback the service starts only with a key or a token."
     )
     port: Annotated[int, Field(ge=0, le=65535)] = Field(8000, description="TCP port; 0 takes a free one.")
     allowed_hosts: list[str] = Field(
@@ -41,10 +59,20 @@ class ServiceSettings(BaseSettings):
     )
     token: Annotated[SecretStr, AfterValidator(_check_token)] | None = Field(
         None,
-        description="What requests must bring, those for health apart, as a bearer token or as the password of HTTP "
-        "Basic: at least 32 characters. Null: nothing, on loopback alone.",
+        description="The first administrator's key, which requests bring as a bearer token or as the password of HTTP "
+        "Basic: at least 32 characters. Null: keys alone (`sawmill key`), and on loopback none is needed.",
     )
     token_file: Path | None = Field(None, description="File that holds the token, instead of `SAWMILL_TOKEN`.")
+    public_url: Annotated[str, AfterValidator(_check_url)] | None = Field(
+        None,
+        description="By which browsers reach it through a reverse proxy, as `https://calibration.mill.example`; its "
+        "host is an allowed one, and every request must bring a key. Null: there is no proxy.",
+    )
+    trusted_proxies: list[Annotated[str, AfterValidator(_check_network)]] = Field(
+        [],
+        description="Addresses or networks of reverse proxies (JSON list), whose `X-Forwarded-For` and "
+        "`X-Forwarded-Proto` are believed; every request must bring a key.",
+    )
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
     )
@@ -121,8 +149,25 @@ class ServiceSettings(BaseSettings):
 
     @property
     def names(self) -> list[str]:
-        """By which clients may call it from anywhere: `host`, unless it stands for every address, and the allowed."""
-        return [*self._own_name(), *self.allowed_hosts]
+        """By which clients may call it from anywhere: `host`, unless it stands for every address, and those allowed."""
+        return [*self._own_name(), *self._public_name(), *self.allowed_hosts]
+
+    @property
+    def behind_proxy(self) -> bool:
+        """Whether requests come through a proxy, so that all of them come from its address."""
+        return self.public_url is not None or bool(self.trusted_proxies)
+
+    @property
+    def may_be_reached(self) -> bool:
+        """Whether other machines can send requests, as far as the settings show."""
+        try:
+            return self.behind_proxy or not ip_address(self.host).is_loopback
+        except ValueError:  # a name
+            return self.host != "localhost"
+
+    def _public_name(self) -> list[str]:
+        host = urlsplit(self.public_url or "").hostname
+        return [f"[{host}]" if ":" in host else host] if host else []
 
     def _own_name(self) -> list[str]:
         try:

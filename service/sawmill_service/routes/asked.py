@@ -7,7 +7,7 @@ from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import create_model
 
 from sawmill_service.answers import AskedPriority, Paging, accept
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.jobs import JobState, Priority
@@ -29,9 +29,11 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         store: TheStore,
         settings: TheSettings,
         wake: TheWake,
+        caller: TheCaller,
         response: Response,
         priority: Annotated[AskedPriority, Query()] = Priority.WAITED_FOR,
     ) -> Any:  # noqa: ANN401 - the kind's answer
+        caller.check(declared.needed_scope(ask))
         answer = store.asked(declared).accept(ask, priority=priority, given=given)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)

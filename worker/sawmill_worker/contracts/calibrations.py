@@ -16,6 +16,7 @@ from sawmill_worker.contracts.geometry import (
 )
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import (
@@ -393,6 +394,7 @@ DECLARATION = AskedKind(
     files={"report": "report.png", "overlay": "overlay.png", "hdf5": "result.h5"},
     references=(Reference.SCAN, Reference.PHANTOM),
     is_short=lambda options: options.method is CalibrationMethod.DEFAULT,
+    needed_scope=lambda ask: Scope.ACTIVATE if ask.activate else Scope.SUBMIT,
     listed_by=("scanner_id", "state"),
     to_ask=Operation(
         "Ask for a calibration",

@@ -17,6 +17,7 @@ from typing import Any, Generic, TypeVar
 
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.keys import Scope
 
 Ask = TypeVar("Ask", bound=Contract)
 Answer = TypeVar("Answer", bound=Contract)
@@ -131,6 +132,8 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
         The routes' texts.
     is_short : callable
         From the options to whether the job takes seconds: short jobs wait for no long one. By default none does.
+    needed_scope : callable
+        From the ask to what a key needs for it: work alone is asked for with `submit`.
     asked_at : str or None
         Where it is asked for, if not at /v1/<plural>; a reference's id may stand in the path.
     tag : str or None
@@ -150,6 +153,7 @@ class AskedKind(KindDeclaration, Generic[Ask, Answer]):
     to_list: Operation
     to_get: Operation
     is_short: Callable[[Any], bool] = lambda _: False
+    needed_scope: Callable[[Ask], Scope] = lambda _: Scope.SUBMIT
     asked_at: str | None = None
     tag: str | None = None
     processor_s: int = 24 * 3600

@@ -1,0 +1,57 @@
+"""/v1/keys."""
+
+from fastapi import APIRouter, Response
+
+from sawmill_service.dependencies import TheCaller, TheStore
+from sawmill_service.openapi_document import trying
+from sawmill_worker.contracts.base import Contract, Identifier, Name
+from sawmill_worker.contracts.keys import Key, KeyAsk, Keys, NewKey, Rotation, Scope
+
+router = APIRouter(prefix="/v1/keys", tags=["keys"])
+
+AT_ONCE = Rotation()
+
+
+class OwnKey(Contract):
+    """With what a request came."""
+
+    name: Name
+    scope: Scope
+    key_id: Identifier | None
+
+
+@router.get("/own", summary="Get the key that you use")
+def get_own_key(caller: TheCaller) -> OwnKey:
+    """Its name and scope; null as `key_id` where a request needs no key, or with the service's own token."""
+    return OwnKey(name=caller.name, scope=caller.scope, key_id=caller.key_id)
+
+
+@router.post(
+    "",
+    status_code=201,
+    summary="Make a key",
+    openapi_extra=trying(body={"name": "scanner software of line 2", "scope": "submit"}),
+)
+def create_key(ask: KeyAsk, store: TheStore, response: Response) -> NewKey:
+    """Its secret is in this answer and nowhere else."""
+    response.headers["Cache-Control"] = "no-store"
+    return store.keys.create(ask)
+
+
+@router.get("", summary="List keys, newest first")
+def list_keys(store: TheStore) -> Keys:
+    """Without their secrets; with who made them and when they were last used."""
+    return store.keys.all()
+
+
+@router.post("/{key_id}/rotate", summary="Replace a key's secret", openapi_extra=trying(body={"grace_s": 3600}))
+def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: Rotation = AT_ONCE) -> NewKey:
+    """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
+    response.headers["Cache-Control"] = "no-store"
+    return store.keys.rotate(key_id, grace_s=rotation.grace_s)
+
+
+@router.delete("/{key_id}", summary="Revoke a key")
+def revoke_key(key_id: Identifier, store: TheStore) -> Key:
+    """It opens nothing from now on, and stays listed."""
+    return store.keys.revoke(key_id)

@@ -1,0 +1,169 @@
+"""Keys over HTTP: what each scope may do, that a secret is shown once, and that behind a proxy nobody goes without."""
+
+import pytest
+
+from sawmill_service.access import BY_METHOD, NEEDED, OPEN_PATHS, needed_scope
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.tables import JobRow
+
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+BEHIND = ServiceSettings(public_url="https://calibration.mill.example", trusted_proxies=["127.0.0.1"])
+
+
+@pytest.fixture
+def keyed(seeded, store):
+    """A client of a service behind a proxy, and a function that gives it a key of a scope."""
+    seeded.app = create_app(BEHIND, store, print)
+
+    def with_key(scope, **changes):
+        key = store.keys.create(KeyAsk(name=f"somebody who may {scope}", scope=scope, **changes))
+        seeded.headers = {"Authorization": f"Bearer {key.secret}"}
+        return key
+
+    seeded.with_key = with_key
+    return seeded
+
+
+def operations(app):
+    return [
+        (method.upper(), path) for path, item in app.openapi()["paths"].items() for method in item if path != "/metrics"
+    ]
+
+
+@pytest.mark.parametrize("scope", list(Scope))
+def test_a_key_may_do_what_its_scope_covers_and_nothing_else(keyed, scope):
+    keyed.with_key(scope)
+    for method, path in operations(keyed.app):
+        if path.endswith("/events"):
+            continue  # a stream that does not end here
+        where = path.replace("{", "").replace("}", "").replace("_id", "")
+        answer = keyed.request(method, where, json={} if method in {"POST", "PUT"} else None)
+        refused = answer.status_code == 403
+        allowed = path in OPEN_PATHS or scope.covers(needed_scope(method, path))
+        assert refused is not allowed, (method, path, answer.text)
+        if refused:
+            assert answer.json()["code"] == "scope-too-small"
+            assert f"of the scope {needed_scope(method, path)}" in answer.json()["detail"]
+
+
+def test_what_decides_or_removes_needs_more_than_work(keyed):
+    needs = {operation: needed_scope(*operation) for operation in operations(keyed.app)}
+    assert {operation for operation, scope in needs.items() if scope is Scope.ACTIVATE} == {
+        ("POST", "/v1/scanners"),
+        ("PUT", "/v1/scanners/{scanner_id}"),
+        ("POST", "/v1/schedules"),
+        ("PUT", "/v1/schedules/{schedule_id}"),
+        ("DELETE", "/v1/schedules/{schedule_id}"),
+        ("POST", "/v1/calibrations/{calibration_id}/activate"),
+    }
+    administration = {path for (_, path), scope in needs.items() if scope is Scope.ADMIN}
+    assert administration >= {"/v1/keys", "/v1/keys/{key_id}", "/v1/keys/{key_id}/rotate", "/v1/scans/{scan_id}"}
+    assert not {path for (method, path), scope in needs.items() if method == "GET" and scope is Scope.SUBMIT}
+
+
+def test_every_exception_names_a_route_that_exists(keyed):
+    declared = {*operations(keyed.app), ("POST", "/operator/activate/{calibration_id}")}
+    assert set(NEEDED) <= declared
+    assert {method for method, _ in declared} <= set(BY_METHOD)
+
+
+def test_activation_on_pass_cannot_be_asked_for_by_who_may_not_activate(keyed):
+    keyed.with_key(Scope.SUBMIT)
+    ask = {"scan_id": "example", "activate": True}
+    assert keyed.post("/v1/calibrations", json=ask).json()["code"] == "scope-too-small"
+    assert keyed.post("/v1/calibrations", json=ask | {"activate": False}).status_code == 202
+    keyed.with_key(Scope.ACTIVATE)
+    assert keyed.post("/v1/calibrations", json=ask).status_code == 202
+
+
+def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
+    administrator = keyed.with_key(Scope.ADMIN)
+    made = keyed.post("/v1/keys", json={"name": "scanner of line 2", "scope": "submit"})
+    assert (made.status_code, made.headers["Cache-Control"]) == (201, "no-store")
+    assert made.json()["created_by"] == administrator.name
+    key, secret = made.json()["id"], made.json()["secret"]
+    bearer = {"Authorization": f"Bearer {secret}"}
+    own = keyed.get("/v1/keys/own", headers=bearer).json()
+    assert own == {"name": "scanner of line 2", "scope": "submit", "key_id": key}
+    listed = keyed.get("/v1/keys")
+    assert secret not in listed.text
+    assert next(item for item in listed.json()["keys"] if item["id"] == key)["last_used_at"] is not None
+    new = keyed.post(f"/v1/keys/{key}/rotate").json()["secret"]
+    assert keyed.get("/v1/keys/own", headers=bearer).status_code == 401
+    assert keyed.get("/v1/keys/own", headers={"Authorization": f"Bearer {new}"}).status_code == 200
+    assert keyed.delete(f"/v1/keys/{key}").json()["revoked_at"] is not None
+    answer = keyed.get("/v1/keys/own", headers={"Authorization": f"Bearer {new}"})
+    assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+    assert [entry.who for entry in store.audit.newest(limit=3)] == [administrator.name] * 3
+
+
+def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
+    key = keyed.with_key(Scope.SUBMIT)
+    asked = keyed.post("/v1/calibrations", json={"scan_id": "example"}).json()
+    with store._database.read() as session:
+        assert session.get(JobRow, asked["job_id"]).key_id == key.id
+
+
+def test_the_token_stays_the_first_administrator_s_key(keyed, store):
+    keyed.app = create_app(ServiceSettings(token=TOKEN), store, print)
+    keyed.headers = {"Authorization": f"Bearer {TOKEN}"}
+    assert keyed.get("/v1/keys").status_code == 200
+    key = keyed.with_key(Scope.READ)
+    assert keyed.get("/v1/scanners").status_code == 200
+    assert keyed.get("/v1/keys").json()["code"] == "scope-too-small"
+    assert key.secret not in keyed.get("/v1/keys").text
+
+
+@pytest.mark.parametrize(
+    "trace",
+    [
+        {"X-Forwarded-For": "192.0.2.7"},
+        {"Forwarded": "for=192.0.2.7"},
+        {"X-Real-IP": "192.0.2.7"},
+        {"Via": "1.1 proxy"},
+        {"X-Forwarded-Proto": "https"},
+    ],
+)
+def test_an_open_service_is_not_open_to_a_proxy(client, trace):
+    assert client.get("/v1/scanners").status_code == 200
+    answer = client.get("/v1/scanners", headers=trace)
+    assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+    assert "came through a proxy" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("settings", [BEHIND, ServiceSettings(public_url="http://[2001:db8::7]:8443")])
+def test_a_public_url_is_an_allowed_host_and_asks_for_keys(client, store, settings):
+    client.app = create_app(settings, store, print)
+    public = {"Host": settings.public_url.partition("://")[2]}
+    assert client.get("/health/live", headers=public).status_code == 200
+    assert client.get("/v1/scanners", headers=public).status_code == 401
+    assert client.get("/v1/scanners").status_code == 401
+
+
+@pytest.mark.parametrize(
+    ("variables", "sentence"),
+    [
+        ({"public_url": "calibration.mill.example"}, "must be as in https://calibration.mill.example, without a path"),
+        ({"public_url": "https://mill.example/calibration"}, "without a path, not 'https://mill.example/calibration'"),
+        ({"trusted_proxies": ["10.0.0.7/8"]}, "must be IP addresses or networks"),
+    ],
+)
+def test_a_proxy_is_named_as_it_must_be(variables, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        ServiceSettings(**variables)
+
+
+def test_while_the_database_is_away_a_key_is_answered_with_503_and_the_token_as_before(seeded, store, monkeypatch):
+    seeded.app = create_app(ServiceSettings(token=TOKEN), store, print)
+
+    def away(_):
+        raise StorageUnavailable("the database does not answer")
+
+    monkeypatch.setattr(store.keys, "good", away)
+    answer = seeded.get("/v1/scanners", headers={"Authorization": "Bearer sawmill_any"})
+    assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+    assert answer.headers["Retry-After"] == "5"
+    assert seeded.get("/v1/scanners", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
