@@ -25,6 +25,8 @@ OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
 FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
 # What a route needs where its method does not tell.
 NEEDED = {
+    ("GET", "/v1/audit"): Scope.ADMIN,
+    ("GET", "/v1/audit.jsonl"): Scope.ADMIN,
     ("GET", "/v1/keys"): Scope.ADMIN,
     ("POST", "/v1/keys"): Scope.ADMIN,
     ("POST", "/v1/keys/{key_id}/rotate"): Scope.ADMIN,

@@ -20,6 +20,7 @@ from sawmill_service.problems import install
 from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
     asked,
+    audit,
     calibrations,
     console,
     health,
@@ -56,10 +57,10 @@ TAGS = [
     {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "schedules", "description": "Recalibration at fixed times."},
-    {"name": "keys", "description": "Who may do what."},
+    {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
-ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, keys, health, console)
+ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, keys, audit, health, console)
 
 
 def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False) -> Application:

@@ -1,4 +1,4 @@
-"""The `sawmill` entry: serve, demo, key, openapi, and the commands that need no server.
+"""The `sawmill` entry: serve, demo, key, audit, openapi, and the commands that need no server.
 
 The one file of service/ that may reach the science. Each command imports what it needs, so that none waits for
 another's libraries.
@@ -20,6 +20,7 @@ from sawmill_worker.commands.terminal import say
 __all__ = ["main"]
 
 main.add_typer(key_commands.app, name="key", help="Who may do what: make, list, rotate and revoke keys.")
+main.command(cls=Command)(key_commands.audit)
 
 
 @main.command(cls=Command)

@@ -1,10 +1,11 @@
-"""`sawmill key`: make, list, rotate and revoke keys, on the machine that holds the data folder."""
+"""`sawmill key` and `sawmill audit`: who may do what, and who did, on the machine that holds the data folder."""
 # ruff: noqa: PLC0415, FBT002 - imports inside the commands: none waits for another's libraries; flags are booleans
 
 import getpass
 import re
+import sys
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, nullcontext
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -99,6 +100,17 @@ def revoke(key_id: KeyId, data: Data = None) -> None:
     with _opened(data) as store:
         key = store.keys.revoke(key_id)
     say(f"The key of {key.name!r} opens nothing any more.")
+
+
+def audit(
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", dir_okay=False, help="File to write; standard output otherwise.")
+    ] = None,
+    data: Data = None,
+) -> None:
+    """Write who did what, the oldest first, one JSON object a line."""
+    with _opened(data) as store, nullcontext(sys.stdout) if output is None else output.open("w") as file:
+        file.writelines(f"{entry.model_dump_json()}\n" for entry in store.audit.all())
 
 
 @contextmanager

@@ -98,8 +98,10 @@ def test_the_audit_names_who_and_only_grows(store):
     assert (made.who, made.key_id, made.address, made.request_id) == ("anna", "k1", "192.0.2.7", "r1")
     assert (made.action, made.subject_id) == (AuditAction.KEY_CREATED, key.id)
     assert (revoked.who, revoked.key_id) == ("the service", None)
-    assert store.audit.newest(limit=1) == [revoked]
-    assert store.audit.newest(before=revoked.number) == [made]
+    newest = store.audit.page(limit=1)
+    assert (newest.items, store.audit.page(after=newest.next).items) == ([revoked], [made])
+    with pytest.raises(Invalid, match="must be the next of an earlier page, not '-1'"):
+        store.audit.page(after="-1")
     for change in ("UPDATE audit SET who = 'nobody'", "DELETE FROM audit"):
         with pytest.raises(DBAPIError, match="the audit only grows"), store._database.engine.begin() as connection:
             connection.execute(text(change))

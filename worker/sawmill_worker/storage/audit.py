@@ -1,6 +1,7 @@
 """Who did what: written in the transaction of the change itself, and changed or removed by nothing (migration 0007)."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
@@ -8,8 +9,10 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction, AuditEntry
+from sawmill_worker.contracts.base import Page
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import Invalid
 from sawmill_worker.storage.tables import AuditRow
 
 _BATCH = 500
@@ -34,19 +37,33 @@ def write_audit(
     )
 
 
+def changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """What differs, as [before, after] by name."""
+    names = {**before, **after}
+    return {name: [before.get(name), after.get(name)] for name in names if before.get(name) != after.get(name)}
+
+
 class Audit:
     """The entries; nothing here changes one."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def newest(self, *, before: int | None = None, limit: int = 50) -> list[AuditEntry]:
-        """The newest entries, those below a number where one is given."""
-        statement = select(AuditRow).order_by(AuditRow.number.desc()).limit(limit)
-        if before is not None:
-            statement = statement.where(AuditRow.number < before)
+    def page(self, *, after: str | None = None, limit: int = 50) -> Page[AuditEntry]:
+        """Newest first.
+
+        Raises
+        ------
+        Invalid
+            `after` is not a cursor that an earlier page gave.
+        """
+        statement = select(AuditRow).order_by(AuditRow.number.desc()).limit(limit + 1)
+        if after is not None:
+            statement = statement.where(AuditRow.number < _parse_cursor(after))
         with self._database.read() as session:
-            return [_read(row) for row in session.scalars(statement)]
+            entries = [_read(row) for row in session.scalars(statement)]
+        shown = entries[:limit]
+        return Page[AuditEntry](items=shown, next=str(shown[-1].number) if len(entries) > limit else None)
 
     def all(self) -> Iterator[AuditEntry]:
         """Every entry, the oldest first; a transaction for each few hundred."""
@@ -59,6 +76,12 @@ class Audit:
         statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
         with self._database.read() as session:
             return [_read(row) for row in session.scalars(statement)]
+
+
+def _parse_cursor(cursor: str) -> int:
+    if re.fullmatch(r"[0-9]{1,18}", cursor) is None:
+        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
+    return int(cursor)
 
 
 def _read(row: AuditRow) -> AuditEntry:

@@ -15,9 +15,11 @@ from typing import Any, NamedTuple
 from sqlalchemy import ColumnElement, Select, and_, exists, func, or_, select, update
 from sqlalchemy.orm import Session, aliased
 
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
+from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import PEAK_MEMORY, record
@@ -139,6 +141,9 @@ class Jobs:
             row = found(session, JobRow, "job", job_id, lock=True)
             if row.state.ended:
                 raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
+            if not row.cancel_requested:
+                of = {"kind": row.kind, "subject_id": row.subject_id}
+                write_audit(session, self._database.now(), AuditAction.JOB_CANCELLED, job_id, of)
             row.cancel_requested = True
             if row.state is JobState.QUEUED:
                 self._cancel(session, row)

@@ -5,9 +5,11 @@ from collections.abc import Mapping
 from sqlalchemy import func, select
 
 from sawmill_worker.contracts import phantoms
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
+from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
@@ -135,6 +137,7 @@ class Phantoms:
                 if used:
                     msg = f"phantom {phantom_id!r} is used by {plural}; a used phantom stays"
                     raise Conflict("phantom-in-use", msg)
+            write_audit(session, self._database.now(), AuditAction.PHANTOM_DELETED, phantom_id, row.drawing)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.TRACE_PHANTOM, phantom_id))
         self._files.remove_upload(JobKind.TRACE_PHANTOM, phantom_id)

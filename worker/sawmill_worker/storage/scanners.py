@@ -5,8 +5,10 @@ from datetime import datetime
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.scanners import Activation, ScannerSpec, StoredScanner
+from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
@@ -32,6 +34,7 @@ class Scanners:
         with self._database.write() as session:
             refuse_taken(session, ScannerRow, "scanner", row.id)
             session.add(row)
+            write_audit(session, row.created_at, AuditAction.SCANNER_CREATED, row.id, {"name": spec.name})
             return read_scanner(session, row)
 
     def get(self, scanner_id: str) -> StoredScanner:
@@ -55,7 +58,9 @@ class Scanners:
         """Replace its description; existing results keep the constants they were made with."""
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
-            row.spec = spec.model_dump(mode="json")
+            before, row.spec = row.spec, spec.model_dump(mode="json")
+            difference = changed(before, row.spec)
+            write_audit(session, self._database.now(), AuditAction.SCANNER_CHANGED, scanner_id, difference)
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:
@@ -75,6 +80,7 @@ class Scanners:
                 if used:
                     msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
                     raise Conflict("scanner-in-use", msg)
+            write_audit(session, self._database.now(), AuditAction.SCANNER_DELETED, scanner_id, row.spec)
             session.delete(row)
 
     def history(self, scanner_id: str, *, limit: int = 50) -> list[Activation]:
@@ -106,7 +112,11 @@ def active_calibration_id(session: Session, scanner_id: str) -> str | None:
 
 
 def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:
-    """Add to the scanner's history."""
+    """Add to the scanner's history, and to the audit."""
+    history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
+    again = calibration_id in session.scalars(history)
+    action = AuditAction.CALIBRATION_ROLLED_BACK if again else AuditAction.CALIBRATION_ACTIVATED
+    write_audit(session, now, action, calibration_id, {"scanner_id": scanner_id, "reason": reason})
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
 

@@ -3,9 +3,11 @@
 from sqlalchemy import select
 
 from sawmill_worker.contracts import scans
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
@@ -112,6 +114,8 @@ class Scans:
             if busy is not None:
                 msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
                 raise Conflict("scan-in-use", msg)
+            known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
+            write_audit(session, self._database.now(), AuditAction.SCAN_DELETED, scan_id, known)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.INGEST, scan_id))
         self._files.remove_upload(JobKind.INGEST, scan_id)

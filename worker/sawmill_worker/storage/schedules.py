@@ -1,12 +1,14 @@
 """Scheduled recalibration: exactly once for each due time, however many processes look."""
 
 from datetime import UTC, datetime
+from typing import Any
 
 from cronsim import CronSim, CronSimError
 from sqlalchemy import exists, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts import calibrations
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Priority
@@ -14,6 +16,7 @@ from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_worker.storage.asked import queue_asked
+from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Invalid
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
@@ -41,6 +44,7 @@ class Schedules:
             refuse_taken(session, ScheduleRow, "schedule", row.id)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             session.add(row)
+            write_audit(session, now, AuditAction.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
             session.flush()
             return _read(session, row)
 
@@ -60,14 +64,18 @@ class Schedules:
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
-            _describe(row, spec, self._database.now())
+            before, now = _spec(row), self._database.now()
+            _describe(row, spec, now)
+            write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, changed(before, _spec(row)))
             session.flush()
             return _read(session, row)
 
     def delete(self, schedule_id: str) -> None:
         """Remove a schedule and the list of its runs; the calibrations stay."""
         with self._database.write() as session:
-            session.delete(found(session, ScheduleRow, "schedule", schedule_id, lock=True))
+            row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
+            write_audit(session, self._database.now(), AuditAction.SCHEDULE_DELETED, schedule_id, _spec(row))
+            session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
         """The outcomes of its due times, newest first."""
@@ -111,6 +119,10 @@ def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:
     row.scanner_id, row.cron, row.enabled, row.on_pass = spec.scanner_id, spec.cron, spec.enabled, spec.on_pass
     row.options = spec.options.model_dump(mode="json")
     row.next_due_at = next_due_at if spec.enabled else None
+
+
+def _spec(row: ScheduleRow) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in ScheduleSpec.model_fields}
 
 
 def _next_due(cron: str, now: datetime) -> datetime:

@@ -9,6 +9,7 @@ from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.storage.acting import THE_SERVICE, Actor, acting_as
 from sawmill_worker.storage.asked import found_asked
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.scanners import activate
@@ -60,4 +61,6 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Jso
     if calibration.activate and rays == "pass" and not moved:
         asker = f"schedule {calibration.schedule_id}" if calibration.schedule_id else "the request"
         reason = f"the rays pass; {asker} asked for activation on pass"
-        activate(session, calibration.scanner_id, calibration.id, reason, now)
+        by_request = Actor(THE_SERVICE.name, calibration.job.key_id, request_id=calibration.job.request_id)
+        with acting_as(by_request):
+            activate(session, calibration.scanner_id, calibration.id, reason, now)

@@ -1,0 +1,38 @@
+"""/v1/audit."""
+
+from collections.abc import Iterator
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import StreamingResponse
+
+from sawmill_service.answers import Paging
+from sawmill_service.dependencies import TheStore
+from sawmill_worker.contracts.audit import AuditEntry
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.storage.store import Store
+
+router = APIRouter(tags=["keys"])
+
+
+class JsonLines(StreamingResponse):
+    """One JSON object a line."""
+
+    media_type = "application/jsonl"
+
+
+@router.get("/v1/audit", summary="List who did what, newest first")
+def list_audit(paging: Annotated[Paging, Query()], store: TheStore) -> Page[AuditEntry]:
+    """Activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
+    return store.audit.page(after=paging.after, limit=paging.limit)
+
+
+@router.get("/v1/audit.jsonl", summary="Get the whole audit as a file", response_class=JsonLines)
+def get_audit_file(store: TheStore) -> JsonLines:
+    """Every entry, the oldest first, one JSON object a line."""
+    return JsonLines(_lines(store), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"'})
+
+
+def _lines(store: Store) -> Iterator[str]:
+    for entry in store.audit.all():
+        yield entry.model_dump_json() + "\n"
