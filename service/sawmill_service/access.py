@@ -181,7 +181,7 @@ def came_in_over_loopback(scope: RequestScope) -> bool:
 def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
     """What shows that another program passed a request on; empty where nothing does."""
     found: Iterable[str] = (name for name in FORWARDED if name in headers)
-    # As nginx speaks unless it is told otherwise, and no browser or client of this century.
+    # As nginx speaks by default, and no browser or client of this century.
     by_version = "HTTP/1.0" if scope.get("http_version") == "1.0" else ""
     beyond = "" if came_in_over_loopback(scope) else "it was not sent to loopback"
     return next(iter(found), by_version or beyond)

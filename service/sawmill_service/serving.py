@@ -59,7 +59,7 @@ def serve_until_stopped(
     StorageError, OSError
         The data folder cannot be used.
     ListenError
-        The address or the port cannot be used, or not with so many connections.
+        The address or the port cannot be used, or `max_connections` exceeds what the system allows.
     """
     configure_logs(execution.log_format)
     for number in _SIGNALS:

@@ -109,6 +109,7 @@ def test_a_client_that_goes_away_leaves_nothing(seeded, store, woken):
         sent.append(message)
 
     scope = {
+        "server": ("127.0.0.1", 8000),
         "type": "http",
         "method": "POST",
         "path": "/v1/scans",
