@@ -23,6 +23,7 @@ def refused(file, code, *words, **options) -> Outcome:
     assert found.code == code, found
     assert found.mebibytes < MOST_MEBIBYTES, found
     assert found.seconds < MOST_SECONDS, found
+    assert found.verdict in {"refused", "incomplete"}, found
     assert "\n" not in found.sentence
     assert "pickle" not in found.sentence
     for word in words:

@@ -15,17 +15,18 @@ MEBIBYTE = 2**20
 DATA_BYTES = 2 * 2**30
 MOST_SECONDS = 30.0
 CONTEXT = multiprocessing.get_context("forkserver")
-CONTEXT.set_forkserver_preload(["sawmill_worker.readers.reading", "sawmill_worker.tomography.tracing"])
+CONTEXT.set_forkserver_preload(["sawmill_worker.use_cases.inspect", "sawmill_worker.tomography.tracing"])
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a reading ended, what it took in seconds, and in MiB beyond the idle process."""
+    """How a reading ended, what `sawmill inspect` found, and what both took: seconds, and MiB beyond idling."""
 
     code: str
     sentence: str
     seconds: float
     mebibytes: float
+    verdict: str = ""
 
 
 def outcome(path: Path, *, counts: bool = False, dataset: str | None = None) -> Outcome:
@@ -56,7 +57,8 @@ def _report(sender, path, counts, dataset):
         code, sentence = refusal.code, str(refusal)
     except (MemoryError, ValueError) as error:  # a PhantomError among them
         code, sentence = type(error).__name__, str(error)
-    sender.send(Outcome(code, sentence, time.monotonic() - start, (_peak_kibibytes() - idle) / 1024))
+    verdict = _inspect(path, counts, dataset)
+    sender.send(Outcome(code, sentence, time.monotonic() - start, (_peak_kibibytes() - idle) / 1024, verdict))
 
 
 def _read(path, counts, dataset):
@@ -67,6 +69,14 @@ def _read(path, counts, dataset):
     with reading_scan(path, counts=counts, dataset=dataset, angles_deg=steps, free_bytes=DATA_BYTES) as scan:
         for _ in scan.blocks(64 * MEBIBYTE):
             pass
+
+
+def _inspect(path, counts, dataset):
+    from sawmill_worker.use_cases.inspect import GivenBeside, inspect_file  # noqa: PLC0415
+    from sawmill_worker.vocabulary import DataKind  # noqa: PLC0415
+
+    data = DataKind.COUNTS if counts else DataKind.LINE_INTEGRALS
+    return inspect_file(GivenBeside(path, data, dataset)).verdict.value
 
 
 def _trace(path, *_):

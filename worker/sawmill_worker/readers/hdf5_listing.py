@@ -89,16 +89,18 @@ def _dataset(node: h5py.Dataset, name: str) -> Part:
         shape=node.shape,
         type=_type_of(node),
         unit=_quoted(attribute_text(node, "units")),
-        stored_bytes=node.id.get_storage_size(),
+        # Of a virtual dataset the library counts nothing.
+        stored_bytes=None if node.is_virtual else node.id.get_storage_size(),
         compression=", ".join(filter_names(node)) or None,
         leads_to=_sources(node),
     )
 
 
 def _type_of(node: h5py.Dataset) -> str:
-    if h5py.check_string_dtype(node.dtype) is not None:
-        return "text"
-    return quoted(node.dtype.name)
+    try:
+        return "text" if h5py.check_string_dtype(node.dtype) is not None else quoted(node.dtype.name)
+    except TypeError:
+        return "a type that NumPy does not have"
 
 
 def _sources(node: h5py.Dataset) -> str | None:
