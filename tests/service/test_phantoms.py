@@ -98,6 +98,19 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
         ([{**SQUARE, "density": 1e9}], "has density 1e+09: give one within ±1000"),
         ([SQUARE, {**SQUARE, "density": -1}], "add up to 0 mm²: wood must outweigh holes"),
         ([{**SQUARE, "density": 0}], "add up to 0 mm²"),
+        ([{**SQUARE, "density": 1e-300}], "has density 1e-300: give 0 or one of at least 1e-06"),
+        (
+            [{"kind": "polygon", "vertices_mm": [[-50, -50], [50, 50], [50, -60], [-50, 50]]}],
+            "crosses itself: side 0 (corner 0 to 1) meets side 2 (corner 2 to 3)",
+        ),
+        (
+            [{"kind": "polygon", "vertices_mm": [*SQUARE["vertices_mm"], [-50, -50]]}],
+            "has the corner (-50, -50) twice, as corners 0 and 4: give each corner once",
+        ),
+        (
+            [SQUARE, {"kind": "disc", "center_mm": [0, 48], "radius_mm": 5, "density": -1}],
+            "shape 1, counted from 0, is a hole from y = 43 to 53 mm: the wood is from -50 to 50 mm",
+        ),
     ],
 )
 def test_a_drawing_without_extent_is_a_problem(client, shapes, reported):

@@ -8,7 +8,7 @@ from PIL import Image
 from sawmill_worker.tomography.built_in import L_SHAPE, RECTANGLE_WITH_HOLE
 from sawmill_worker.tomography.phantom import Disc, Phantom, PhantomError, Polygon
 from sawmill_worker.tomography.tracing import trace
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, fault_of_outline
 
 FIELD = 400.0
 DISC = Phantom("disc", (Disc((13.0, -21.0), 70.0),))
@@ -60,6 +60,8 @@ def misplacement_px(traced, drawn, size):
 def test_an_antialiased_drawing_is_traced_to_a_tenth_of_a_pixel(name, size):
     drawn = (UPRIGHT | OBLIQUE)[name]
     traced = trace(drawn.rasterise(size, FIELD, subsamples=8), FIELD, name=name)
+    outlines = [shape.vertices_mm for shape in traced.shapes if isinstance(shape, Polygon)]
+    assert [fault_of_outline(corners) for corners in outlines] == [None] * len(outlines)
     off = misplacement_px(traced, drawn, size)
     assert np.sqrt(np.mean(off**2)) < 0.1
     # A grey pixel of coverage c puts the half-way level off by (c - 1/2) (1/c - 1), 0.086 pixels at worst, and eight

@@ -102,7 +102,11 @@ class CalibrationOptions(Contract):
     paper: PaperOptions = PaperOptions()
 
 
-class CalibrationAsk(CalibrationOptions, Given):
+class GivenCalibrationOptions(CalibrationOptions, Given):
+    """How to calibrate, as somebody asks for it; an earlier version took what is refused here."""
+
+
+class CalibrationAsk(GivenCalibrationOptions):
     """Ask for a calibration."""
 
     scan_id: Identifier = Field(examples=["example"])

@@ -1,30 +1,62 @@
-"""What clients give: bodies and queries, whose texts and numbers are looked at before anything else is."""
+"""What clients give, in bodies and queries: texts that can be shown, and no number without bounds."""
 
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import Any, ClassVar
 
-from pydantic import ValidationError, model_validator
-from pydantic_core import InitErrorDetails, PydanticCustomError
+from pydantic import BaseModel, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from sawmill_worker.contracts.base import Contract
+from sawmill_worker.vocabulary import rewritten
 
 # Control characters, line separators, half surrogates, and those that reverse the direction of what follows them: a
 # name is one line that looks like what it is.
 _NOT_SHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
-# Of any number in a body; most have closer bounds.
-LARGEST_NUMBER = 1e12
+# Of a number whose field has no closer bounds.
+LARGEST_NUMBER = 10**12
 
 Place = tuple[Any, ...]
 
 
+def _bounded(schema: dict[str, Any], cls: type[Contract]) -> dict[str, Any] | None:
+    """A number's schema with both bounds, another class's as it is; None for any other."""
+    if schema.get("cls", cls) is not cls:
+        return schema
+    if schema.get("type") not in {"float", "int"}:
+        return None
+    low = {} if schema.keys() & {"gt", "ge"} else {"ge": -LARGEST_NUMBER}
+    high = {} if schema.keys() & {"lt", "le"} else {"le": LARGEST_NUMBER}
+    return schema | low | high
+
+
+def _hidden(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
+    """Each text with such a character, with its place; spaces around a text are no part of it."""
+    if isinstance(given, dict | list):
+        for name, each in given.items() if isinstance(given, dict) else enumerate(given):
+            yield from _hidden(each, (*place, name))
+    elif isinstance(given, str) and (found := _NOT_SHOWN.search(given.strip())):
+        message = f"must be without control characters, not with U+{ord(found[0]):04X} as in {given!r:.100}"
+        # Braces in a template would be read.
+        kind = PydanticCustomError("value_error", "{message}", {"message": message})
+        yield InitErrorDetails(type=kind, loc=place, input=given)
+
+
 class Given(Contract):
-    """What somebody sends: no text in it holds a control character, no number is larger than any measure."""
+    """What somebody sends."""
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: type[BaseModel], handler: GetCoreSchemaHandler) -> CoreSchema:
+        """As pydantic asks for it: none of its numbers is without bounds."""
+        schema = super().__get_pydantic_core_schema__(source, handler)
+        bounded: CoreSchema = rewritten(schema, partial(_bounded, cls=cls))
+        return bounded
 
     @model_validator(mode="before")
     @classmethod
-    def _can_be_meant(cls, given: object) -> object:
-        faults = list(_faults(given))
+    def _is_of_shown_characters(cls, given: object) -> object:
+        faults = list(_hidden(given))
         if faults:
             raise ValidationError.from_exception_data(cls.__name__, faults)
         return given
@@ -34,23 +66,3 @@ class Queried(Given):
     """What somebody sends in a query, where every value is a text."""
 
     numbers_come_as_texts: ClassVar[bool] = True
-
-
-def _faults(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
-    """Of each value that cannot be meant, with its place; spaces around a text are no part of it."""
-    if isinstance(given, dict | list):
-        for name, each in given.items() if isinstance(given, dict) else enumerate(given):
-            yield from _faults(each, (*place, name))
-    elif isinstance(given, str):
-        if found := _NOT_SHOWN.search(given.strip()):
-            yield _fault(
-                place, given, f"without control characters, not with U+{ord(found[0]):04X} as in {given!r:.100}"
-            )
-    elif isinstance(given, int | float) and abs(given) > LARGEST_NUMBER:
-        yield _fault(place, given, f"a number within ±{LARGEST_NUMBER:g}, not {given!r:.60}")
-
-
-def _fault(place: Place, value: object, right: str) -> InitErrorDetails:
-    # Braces in a template would be read.
-    kind = PydanticCustomError("value_error", "{message}", {"message": f"must be {right}"})
-    return InitErrorDetails(type=kind, loc=place, input=value)

@@ -11,10 +11,11 @@ from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape, TrueAxis
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape, TrueAxis, fault_of_outline
 
-# The smallest body that can be drawn, and the largest density against wood's.
-SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2, LARGEST_DENSITY = 0.1, 0.01, 1000.0
+# The smallest body that can be drawn, and the least and the largest density against wood's: the science squares them.
+SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2 = 0.1, 0.01
+SMALLEST_DENSITY, LARGEST_DENSITY = 1e-6, 1000.0
 # The least sum of density times area, against the largest single shape's, that is more than rounding.
 ROUNDING = 1e-9
 
@@ -96,6 +97,8 @@ class PhantomAsk(PhantomDrawing, Given):
             if (fault := _fault(shape)) is not None:
                 msg = f"shape {number}, counted from 0, {fault}"
                 raise ValueError(msg)
+        if (outside := _hole_outside(shapes)) is not None:
+            raise ValueError(outside)
         masses = [shape.density * shape.area_mm2 for shape in shapes]
         if sum(masses) <= ROUNDING * max(masses):
             msg = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
@@ -107,14 +110,36 @@ def _fault(shape: Shape) -> str | None:
     """Why a shape cannot be drawn, and what would be right."""
     if abs(shape.density) > LARGEST_DENSITY:
         return f"has density {shape.density:.4g}: give one within ±{LARGEST_DENSITY:g}, wood being 1"
+    if 0.0 < abs(shape.density) < SMALLEST_DENSITY:
+        return f"has density {shape.density:.4g}: give 0 or one of at least {SMALLEST_DENSITY:g}, wood being 1"
     if isinstance(shape, Disc):
-        if shape.radius_mm < SMALLEST_RADIUS_MM:
-            return f"is a disc of radius {shape.radius_mm:.4g} mm: give at least {SMALLEST_RADIUS_MM:g} mm"
-    elif shape.area_mm2 < SMALLEST_AREA_MM2:
+        small = shape.radius_mm < SMALLEST_RADIUS_MM
+        return (
+            f"is a disc of radius {shape.radius_mm:.4g} mm: give at least {SMALLEST_RADIUS_MM:g} mm" if small else None
+        )
+    if shape.area_mm2 < SMALLEST_AREA_MM2:
         return (
             f"is a polygon that encloses {shape.area_mm2:.4g} mm²: give corners that enclose at least "
             f"{SMALLEST_AREA_MM2:g} mm², not all on one line"
         )
+    fault = fault_of_outline(shape.vertices_mm)
+    return None if fault is None else f"is a polygon that {fault}"
+
+
+def _hole_outside(shapes: list[DrawnShape]) -> str | None:
+    """A sentence on a shape that takes wood away beyond the extent of all that give it."""
+    wood = [shape.extent_mm for shape in shapes if shape.density > 0.0]
+    for number, shape in enumerate(shapes):
+        if shape.density >= 0.0 or not wood:
+            continue
+        for axis, name in enumerate("xy"):
+            low, high = min(each[axis] for each in wood), max(each[axis + 2] for each in wood)
+            first, last = shape.extent_mm[axis], shape.extent_mm[axis + 2]
+            if first < low - SMALLEST_RADIUS_MM or last > high + SMALLEST_RADIUS_MM:
+                return (
+                    f"shape {number}, counted from 0, is a hole from {name} = {first:g} to {last:g} mm: the wood is "
+                    f"from {low:g} to {high:g} mm, and nothing can be taken away beside it"
+                )
     return None
 
 

@@ -6,7 +6,7 @@ from typing import Literal
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
-from sawmill_worker.contracts.calibrations import CalibrationOptions
+from sawmill_worker.contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
 from sawmill_worker.contracts.given import Given
 
 
@@ -24,6 +24,8 @@ class ScheduleSpec(Contract):
 
 class ScheduleAsk(ScheduleSpec, Given):
     """A schedule that is to be kept."""
+
+    options: GivenCalibrationOptions = GivenCalibrationOptions()
 
 
 class ScheduleRun(Contract):

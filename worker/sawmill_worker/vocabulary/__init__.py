@@ -29,7 +29,7 @@ from sawmill_worker.vocabulary.choices import (
     Weighting,
     WitnessTaken,
 )
-from sawmill_worker.vocabulary.exact import Exact, exactly
+from sawmill_worker.vocabulary.exact import Exact, exactly, rewritten
 from sawmill_worker.vocabulary.geometry import (
     LARGEST_MM,
     TAU,
@@ -41,6 +41,7 @@ from sawmill_worker.vocabulary.geometry import (
     angle_difference,
     wrap_angle,
 )
+from sawmill_worker.vocabulary.outlines import fault_of_outline
 from sawmill_worker.vocabulary.phantoms import (
     BUILT_IN_OUTLINES,
     LARGEST_ASSUMED_LOG_RADIUS_MM,
@@ -100,5 +101,7 @@ __all__ = [
     "WitnessTaken",
     "angle_difference",
     "exactly",
+    "fault_of_outline",
+    "rewritten",
     "wrap_angle",
 ]

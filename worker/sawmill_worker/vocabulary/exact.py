@@ -56,25 +56,38 @@ _LOOKED_AT: dict[str, Callable[[object], object]] = {
 _PARTS = ("schema", "fields", "items_schema", "choices", "values_schema", "lax_schema", "strict_schema")
 
 
-def exactly(schema: Any) -> Any:  # noqa: ANN401 - pydantic's nested dictionaries, or a list of them
+Schema = Any  # pydantic's nested dictionaries, or a list of them
+
+
+def exactly(schema: Schema) -> Schema:
     """The schema with a look at each number, truth value and day before pydantic reads it."""
-    if isinstance(schema, list | tuple):
-        return type(schema)(exactly(part) for part in schema)
-    if not isinstance(schema, dict):
-        return schema
+    return rewritten(schema, _with_a_look)
+
+
+def _with_a_look(schema: Schema) -> Schema | None:
     look = _LOOKED_AT.get(schema.get("type", ""))
     if look is not None:
         return {"type": "function-before", "function": {"type": "no-info", "function": look}, "schema": schema}
-    if schema.get("function", {}).get("function") in _LOOKED_AT.values():
+    return schema if schema.get("function", {}).get("function") in _LOOKED_AT.values() else None
+
+
+def rewritten(schema: Schema, rewrite: Callable[[Schema], Schema | None]) -> Schema:
+    """A copy in which every schema for which `rewrite` has another is that one."""
+    if isinstance(schema, list | tuple):
+        return type(schema)(rewritten(part, rewrite) for part in schema)
+    if not isinstance(schema, dict):
         return schema
-    return schema | {key: _within(schema[key]) for key in _PARTS if key in schema}
+    new = rewrite(schema)
+    if new is not None:
+        return new
+    return schema | {key: _rewritten_within(schema[key], rewrite) for key in _PARTS if key in schema}
 
 
-def _within(part: Any) -> Any:  # noqa: ANN401 - as above
+def _rewritten_within(part: Schema, rewrite: Callable[[Schema], Schema | None]) -> Schema:
     """Fields and choices by name, or one schema."""
     if isinstance(part, dict) and not isinstance(part.get("type"), str):
-        return {name: exactly(each) for name, each in part.items()}
-    return exactly(part)
+        return {name: rewritten(each, rewrite) for name, each in part.items()}
+    return rewritten(part, rewrite)
 
 
 class Exact:

@@ -51,6 +51,12 @@ class Polygon(Exact):
         corners = [(x - x0, y - y0) for x, y in self.vertices_mm]
         return 0.5 * abs(sum(xa * yb - xb * ya for (xa, ya), (xb, yb) in pairwise([*corners, corners[0]])))
 
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Least x and y, largest x and y."""
+        x, y = zip(*self.vertices_mm, strict=True)
+        return min(x), min(y), max(x), max(y)
+
 
 @dataclass(frozen=True)
 class Disc(Exact):
@@ -65,6 +71,12 @@ class Disc(Exact):
     def area_mm2(self) -> float:
         """Enclosed area, mm²."""
         return math.pi * self.radius_mm**2
+
+    @property
+    def extent_mm(self) -> tuple[float, float, float, float]:
+        """Least x and y, largest x and y."""
+        (x, y), r = self.center_mm, self.radius_mm
+        return x - r, y - r, x + r, y + r
 
 
 Shape = Polygon | Disc
