@@ -5,6 +5,7 @@ from enum import StrEnum
 from pydantic import AwareDatetime, Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Name, Stamped, Time
+from sawmill_worker.contracts.given import Given
 
 
 class Scope(StrEnum):
@@ -25,7 +26,7 @@ class Scope(StrEnum):
         return order.index(self) >= order.index(needed)
 
 
-class KeyAsk(Contract):
+class KeyAsk(Given):
     """A key that is to be made."""
 
     name: Name = Field(description="Whose it is: a person or a program.", examples=["scanner software of line 2"])
@@ -66,7 +67,7 @@ class NewKey(Key):
     secret: str = Field(repr=False, description="To be sent as `Authorization: Bearer SECRET`.")
 
 
-class Rotation(Contract):
+class Rotation(Given):
     """How a key's secret is replaced."""
 
     grace_s: int = Field(
