@@ -17,6 +17,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from sawmill_service.callers import network_of
 from sawmill_service.listening import is_loopback
 from sawmill_service.problems import problem_response
+from sawmill_service.request_ids import HEADER, named_request
 from sawmill_service.settings import ServiceSettings
 
 # h11 bounds a head of which a part has come, but not one that comes whole: it is given parts of this many bytes.
@@ -233,7 +234,9 @@ class ClientConnection(H11Protocol):
 
     def _refuse(self, status: int, code: str, detail: str) -> None:
         """Answer without the application, which knows of no request."""
-        answer = problem_response("", status, code, detail, headers={"Connection": "close", "Retry-After": "5"})
+        with named_request() as request_id:
+            headers = {"Connection": "close", "Retry-After": "5", HEADER: request_id}
+            answer = problem_response("", status, code, detail, headers=headers)
         head = b"".join(b"%s: %s\r\n" % header for header in answer.raw_headers)
         self.transport.write(b"HTTP/1.1 %d \r\n%s\r\n%s" % (status, head, answer.body))
         self.transport.close()

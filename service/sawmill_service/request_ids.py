@@ -1,6 +1,8 @@
 """The id under which a request is found again: in its answer, in its problem, and in every line of the log about it."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from uuid import uuid4
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -27,18 +29,25 @@ class RequestIds:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        request_id = _given(Headers(scope=scope)) or uuid4().hex
-        scope.setdefault("state", {})["request_id"] = request_id
+        with named_request(_given(Headers(scope=scope))) as request_id:
+            scope.setdefault("state", {})["request_id"] = request_id
 
-        async def send_named(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                MutableHeaders(scope=message)[HEADER] = request_id
-            await send(message)
+            async def send_named(message: Message) -> None:
+                if message["type"] == "http.response.start":
+                    MutableHeaders(scope=message)[HEADER] = request_id
+                await send(message)
 
-        # A request that came on the heels of another one is begun in that one's context.
-        clear_contextvars()
-        with bound_contextvars(request_id=request_id):
             await self.app(scope, receive, send_named)
+
+
+@contextmanager
+def named_request(given: str | None = None) -> Iterator[str]:
+    """Within the block all lines of the log, and problems, have this id, or a new one."""
+    request_id = given or uuid4().hex
+    # A request that came on the heels of another one is begun in that one's context.
+    clear_contextvars()
+    with bound_contextvars(request_id=request_id):
+        yield request_id
 
 
 def _given(headers: Headers) -> str | None:

@@ -1,6 +1,7 @@
 """Which connection gives way to another, and what a head may be: on transports without a network."""
 
 import asyncio
+import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -116,6 +117,8 @@ def test_a_head_that_is_too_large_is_refused_though_it_comes_at_once(doorway):
     transport = doorway().open("192.0.2.2", head)
     assert transport.closed
     assert transport.written.startswith(b"HTTP/1.1 400 ")
+    head, _, body = transport.written.partition(b"\r\n\r\n")
+    assert f"x-request-id: {json.loads(body)['request_id']}".encode() in head
 
 
 def test_networks_are_those_of_subscribers():
