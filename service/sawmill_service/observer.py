@@ -54,7 +54,7 @@ class Observer:
         except ClientDisconnect:
             status = CLIENT_GONE
         except Exception:
-            log.exception("request-failed", method=_method(scope), route=_route(scope))
+            log.exception("request-failed", method=_method(scope), route=_route(scope), **_who_and_what(scope))
             if status is not None:
                 raise  # half an answer is out: only a broken connection tells the client
             status = 500
@@ -68,11 +68,14 @@ class Observer:
         self.seconds.labels(method, route).observe(seconds)
         if route in QUIET_ROUTES and status == HTTPStatus.OK:
             return
-        known = {
-            name: value for name in ("key_id", "job_id") if (value := scope.get("state", {}).get(name)) is not None
-        }
         log.info(
-            "request", method=method, route=route, status=status, seconds=round(seconds, 4), bytes=sent_bytes, **known
+            "request",
+            method=method,
+            route=route,
+            status=status,
+            seconds=round(seconds, 4),
+            bytes=sent_bytes,
+            **_who_and_what(scope),
         )
 
 
@@ -83,6 +86,13 @@ def _route(scope: Scope) -> str:
 
 def _method(scope: Scope) -> str:
     return scope["method"] if scope["method"] in METHODS else "other"
+
+
+def _who_and_what(scope: Scope) -> dict[str, str]:
+    """The caller's key and the job that was queued, where there are such."""
+    state = scope["state"]
+    known = {"key_id": getattr(state.get("caller"), "key_id", None), "job_id": state.get("job_id")}
+    return {name: value for name, value in known.items() if value is not None}
 
 
 def _internal_error(scope: Scope) -> ASGIApp:

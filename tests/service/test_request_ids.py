@@ -72,6 +72,8 @@ def test_each_request_is_one_line(seeded, log_lines):
         "bytes": len(asked.content),
         "job_id": asked.json()["job_id"],
     }
+    job = seeded.get(f"/v1/jobs/{line['job_id']}").json()
+    assert (job["request_id"], job["key_id"]) == ("mine", None)
     assert (other["method"], other["route"], other["status"]) == ("other", "unmatched", 404)
 
 

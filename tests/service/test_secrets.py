@@ -3,9 +3,13 @@
 import json
 
 import pytest
+from sqlalchemy import insert
+from sqlalchemy.exc import IntegrityError
+from sqlalchemy.orm import Session
 
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.tables import JobRow
 
 TOKEN = "sesame-of-the-service-0123456789abcdef"  # noqa: S105 - it guards nothing
 # Each would be a secret where it stands; none may be in the log.
@@ -29,6 +33,8 @@ REQUESTS = [
     ("POST", "/v1/scanners", b"sesame" * 10_000),
     ("PUT", "/v1/scanners/example", b'{"name": 7, "constants": "sesame-body"}'),
     ("POST", "/v1/jobs/example/cancel", b"sesame-body"),
+    ("POST", "/v1/scans?scanner_id=sesame-query", b"sesame-body"),
+    ("POST", "/v1/keys", b'{"name": "sesame-name", "scope": "sesame-scope"}'),
     ("BREW-SESAME", "/v1/scanners", None),
 ]
 
@@ -48,6 +54,25 @@ class Failing:
 def guarded(client, store):
     client.app = create_app(ServiceSettings(token=TOKEN, max_json_bytes=20_000), store, print)
     return client
+
+
+def test_a_new_key_is_in_its_answer_alone(guarded, log_text):
+    log = log_text("json")
+    asked = {"name": "line 2", "scope": "submit"}
+    made = guarded.post("/v1/keys", json=asked, headers={"Authorization": f"Bearer {TOKEN}"}).json()
+    for secret in (made["secret"], made["secret"][:-1]):
+        guarded.get("/v1/scanners", headers={"Authorization": f"Bearer {secret}"})
+    *_, right, wrong = [json.loads(line) for line in log.getvalue().splitlines()]
+    assert (right["status"], right["key_id"], wrong["status"]) == (200, made["id"], 401)
+    assert "key_id" not in wrong
+    assert made["secret"][-20:-1] not in log.getvalue()
+
+
+def test_what_a_database_refuses_is_not_repeated(store):
+    without_state = {"id": "sesame", "created_at": store._database.now(), "kind": "plan", "subject_id": "sesame-value"}
+    with pytest.raises(IntegrityError) as refused, Session(store._database.engine) as session:
+        session.execute(insert(JobRow), [without_state])
+    assert SECRET not in str(refused.value)
 
 
 @pytest.mark.parametrize("log_format", ["json", "console"])

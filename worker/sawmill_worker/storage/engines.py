@@ -29,11 +29,12 @@ def make_engine(url: str) -> Engine:
         The URL is none of a database that is supported, or there is no driver for it.
     """
     parsed = _parsed(url)
-    pool = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S}
+    # A statement's values, other people's data among them, are kept out of what errors say, and so out of the log.
+    options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
-        return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), pool)
+        return _on_postgresql(parsed.set(drivername="postgresql+psycopg"), options)
     # Without a limit of its own, the pool has one connection at most for each of the process's threads.
-    engine = create_engine(parsed, max_overflow=-1, **pool)
+    engine = create_engine(parsed, max_overflow=-1, **options)
     event.listen(engine, "connect", _configure_sqlite)
     event.listen(engine, "begin", _begin_sqlite)
     return engine
@@ -50,13 +51,13 @@ def _parsed(url: str) -> URL:
     return parsed
 
 
-def _on_postgresql(url: URL, pool: dict[str, Any]) -> Engine:
+def _on_postgresql(url: URL, options: dict[str, Any]) -> Engine:
     try:
         from sawmill_worker.storage.postgresql import make_patient  # noqa: PLC0415 - the driver is an extra
     except ImportError as error:
         msg = f"PostgreSQL needs its driver ({error}): pip install 'sawmill-calibration[postgresql]'"
         raise StorageMisconfigured(msg) from error
-    engine = create_engine(url, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **pool)
+    engine = create_engine(url, max_overflow=_MOST_CONNECTIONS - _KEPT_CONNECTIONS, **options)
     make_patient(engine)
     return engine
 
