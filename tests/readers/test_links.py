@@ -163,6 +163,24 @@ def test_filters_of_other_files_are_counted_too(folder, stack):
     assert refusal(folder, follow_links=True)[0] == "unsupported-storage"
 
 
+def test_more_files_than_may_be_open_are_refused_with_the_remedy(folder, stack, monkeypatch):
+    virtual(folder, stack)
+    monkeypatch.setattr("resource.getrlimit", lambda _: (65, 65))  # 64 are kept free
+    code, sentence = refusal(folder, follow_links=True)
+    assert code == "too-large"
+    assert "leads to 2 files and 1 may be open at once" in sentence
+    assert "ulimit -n" in sentence
+
+
+def test_fields_apart_may_be_linked_too(folder, stack):
+    linked(folder, stack)
+    np.save(folder / "scan.npy", stack)
+    given = {"counts": True, "angles_deg": STEPS, "flats": folder / "master.h5"}
+    with reading_scan(folder / "scan.npy", follow_links=True, **given) as scan:
+        np.testing.assert_array_equal(scan.flats, stack)
+        assert [path.name for path in scan.others] == ["master.h5", "a.h5", "b.h5"]
+
+
 def test_a_device_is_no_file(folder):
     with h5py.File(folder / "master.h5", "w") as file:
         file.create_dataset("data", shape=SHAPE, dtype="u2", external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)])
