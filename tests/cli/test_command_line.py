@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from sawmill_service.cli import main
 from sawmill_worker.commands.from_contract import Bounds
@@ -111,16 +112,23 @@ def test_a_name_that_is_near_to_nothing_gets_no_suggestion(wrong_use, scan):
     assert "Did you mean" not in wrong_use("calibrate", scan, "--data", "x")
 
 
-def completed(shell: str, line: str) -> set[str]:
-    """What the installed command answers to a shell's question for the last word of a line."""
-    words = line.split(" ")
-    bash = {"COMP_WORDS": line, "COMP_CWORD": str(len(words) - 1)}
+def question(shell: str, line: str) -> dict[str, str]:
+    """The variables in which a shell asks for the last word of a line."""
+    bash = {"COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
     asked = {"bash": bash, "zsh": {"_TYPER_COMPLETE_ARGS": line}}[shell]
-    environment = os.environ | asked | {"_SAWMILL_COMPLETE": f"complete_{shell}"}
-    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    return asked | {"_SAWMILL_COMPLETE": f"complete_{shell}"}
+
+
+def answer(shell: str, line: str) -> str:
+    done = CliRunner().invoke(main, prog_name="sawmill", env=question(shell, line))
+    assert done.exit_code == 0
+    return done.stdout
+
+
+def choices_in(shell: str, answered: str) -> set[str]:
     if shell == "bash":
-        return set(done.stdout.split())
-    return {line.split('"')[1] for line in done.stdout.splitlines() if '"' in line}
+        return set(answered.split())
+    return {line.split('"')[1] for line in answered.splitlines() if '"' in line}
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh"])
@@ -137,13 +145,18 @@ def completed(shell: str, line: str) -> set[str]:
     ],
 )
 def test_a_shell_completes_commands_flags_values_and_phantoms(shell, line, choices):
-    assert completed(shell, line) == choices
+    assert choices_in(shell, answer(shell, line)) == choices
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh"])
+def test_the_installed_command_answers_a_shell(shell):
+    environment = os.environ | question(shell, "sawmill phantom draw rect")
+    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
+    assert choices_in(shell, done.stdout) == {"rectangle-with-hole"}
 
 
 def test_zsh_offers_files_where_nothing_else_fits():
-    environment = os.environ | {"_SAWMILL_COMPLETE": "complete_zsh", "_TYPER_COMPLETE_ARGS": "sawmill calibrate sc"}
-    done = subprocess.run([SAWMILL], env=environment, capture_output=True, text=True, timeout=60, check=True)
-    assert done.stdout.strip() == "_files"
+    assert answer("zsh", "sawmill calibrate sc").strip() == "_files"
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash here")

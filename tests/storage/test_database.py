@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -7,6 +5,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from databases import sqlite_alone
+from racing import race
 from sqlalchemy import text
 
 from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
@@ -62,18 +61,18 @@ def test_a_commit_is_durable_and_references_are_checked(store):
 
 
 def test_several_processes_may_open_a_new_store_at_once(tmp_path, empty_url):
-    program = (
-        "import sys; from pathlib import Path; from threading import Event;"
-        "from sawmill_worker.execution.opening import open_store;"
-        "from sawmill_worker.storage.settings import StorageSettings;"
-        "store = open_store(StorageSettings(data_folder=Path(sys.argv[1]), database_url=sys.argv[2]), Event());"
-        "sys.stdout.write(str(len(store.phantoms.page().items)))"
+    imports = (
+        "from pathlib import Path\nfrom threading import Event\nimport alembic.command\n"
+        "from sawmill_worker.execution.opening import open_store\n"
+        "from sawmill_worker.storage.settings import StorageSettings"
     )
-    command = [sys.executable, "-c", program, str(tmp_path / "data"), empty_url]
-    processes = [subprocess.Popen(command, stdout=subprocess.PIPE) for _ in range(4)]
-    # What waits for the others is logged before.
-    answers = [process.communicate(timeout=60)[0][-1:] for process in processes]
-    assert answers == [b"2"] * 4
+    program = (
+        f"settings = StorageSettings(data_folder=Path({str(tmp_path / 'data')!r}), database_url={empty_url!r})\n"
+        "print('phantoms', len(open_store(settings, Event()).phantoms.page().items))"
+    )
+    # What waits for the others is logged as well.
+    answers = [line for line in race(4, imports, program).splitlines() if line.startswith("phantoms")]
+    assert answers == ["phantoms 2"] * 4
 
 
 def test_a_database_that_is_no_database_is_reported_in_a_sentence(tmp_path):

@@ -1,11 +1,10 @@
-import subprocess
-import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
 import pytest
 from pydantic import ValidationError
+from racing import race
 from results import reading
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -57,13 +56,14 @@ def test_each_job_is_claimed_once_by_threads(store, upload):
 @pytest.mark.slow
 def test_each_job_is_claimed_once_by_processes(store, upload):
     jobs = {upload(store).job_id for _ in range(24)}
+    imports = (
+        "from sawmill_worker.storage.settings import StorageSettings\nfrom sawmill_worker.storage.store import Store"
+    )
     program = (
-        "from sawmill_worker.storage.settings import StorageSettings; from sawmill_worker.storage.store import Store\n"
         f"store = Store(StorageSettings.model_validate_json({store.settings.model_dump_json()!r}))\n"
         "while (claimed := store.jobs.claim('racer')) is not None: print(claimed.job_id)"
     )
-    racers = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(3)]
-    taken = [job_id for racer in racers for job_id in racer.communicate(timeout=60)[0].split()]
+    taken = race(3, imports, program).split()
     assert len(taken) == 24
     assert set(taken) == jobs
 

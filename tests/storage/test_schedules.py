@@ -1,9 +1,8 @@
-import subprocess
-import sys
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 
 import pytest
+from racing import race
 
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import ScanSpec
@@ -148,13 +147,15 @@ def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
 
 @pytest.mark.slow
 def test_each_due_time_runs_once_however_many_processes_look(store, schedule):
-    program = (
+    imports = (
         "from datetime import UTC, datetime\n"
-        "from sawmill_worker.storage.settings import StorageSettings; from sawmill_worker.storage.store import Store\n"
+        "from sawmill_worker.storage.settings import StorageSettings\n"
+        "from sawmill_worker.storage.store import Store"
+    )
+    program = (
         f"settings = StorageSettings.model_validate_json({store.settings.model_dump_json()!r})\n"
         "moments = [datetime(2026, 3, 2, hour, tzinfo=UTC) for hour in (6, 7, 8)]\n"
         "print(sum(len(Store(settings, clock=lambda: moment).schedules.run_due()) for moment in moments))"
     )
-    lookers = [subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) for _ in range(3)]
-    ran = sum(int(looker.communicate(timeout=60)[0]) for looker in lookers)
+    ran = sum(map(int, race(3, imports, program).split()))
     assert_each_time_ran_once(store, schedule, ran)
