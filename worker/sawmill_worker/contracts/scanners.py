@@ -1,8 +1,8 @@
 """Scanners: known constants, search bounds, tolerances, the active calibration."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants
@@ -56,6 +56,14 @@ class ScannerAsk(ScannerSpec, Given):
     bounds: GivenThetaBounds | None = Field(
         None, description="Where theta is searched; null: wherever the phantom can be seen."
     )
+
+    @model_validator(mode="after")
+    def _no_log_holds_the_source(self) -> Self:
+        radius_mm, source_mm = self.log_radius_mm, self.constants.source_to_cor_mm
+        if radius_mm is not None and radius_mm >= source_mm:
+            msg = f"log_radius_mm {radius_mm:g} must be less than constants.source_to_cor_mm {source_mm:g}"
+            raise ValueError(msg)
+        return self
 
 
 class StoredScanner(Stamped, ScannerSpec):

@@ -20,6 +20,7 @@ from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.paging import narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import looked_up
+from sawmill_worker.storage.scan_extent import refuse_beyond_scan
 from sawmill_worker.storage.tables import Answered, JobRow, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
@@ -68,6 +69,8 @@ class Asked(Generic[Ask, Answer]):
             There is nothing that a reference names.
         Conflict
             What a reference names cannot be used, nothing is named where something must be, or an id is taken.
+        Invalid
+            The scan has been read, and lacks rows or views that are asked for.
         """
         with self._database.write() as session:
             row = queue_asked(
@@ -80,6 +83,7 @@ class Asked(Generic[Ask, Answer]):
                 priority=priority,
                 given=given,
             )
+            refuse_beyond_scan(session, row, ask)
             return self._read(row)
 
     def get(self, identifier: str) -> Answer:

@@ -11,7 +11,7 @@ from sawmill_worker.tomography.calibration.covariance import frame_deviation, th
 from sawmill_worker.tomography.calibration.elimination import reduce
 from sawmill_worker.tomography.calibration.scale import ScaleUncertainty, scale_uncertainty
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
-from sawmill_worker.tomography.log_radius import counted_radius_mm
+from sawmill_worker.tomography.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_worker.tomography.phantom import Phantom, PhantomError
 from sawmill_worker.tomography.ray_error import PredictedRayError, predicted_ray_error
 
@@ -71,11 +71,12 @@ def plan(geometry: FanBeamGeometry, phantom: Phantom, *, noise: float, log_radiu
     PhantomError
         If the scan leaves a parameter undetermined: the phantom is too symmetric, or casts no shadow.
     GeometryError
-        If the phantom reaches the source, or the noise is not positive.
+        If the phantom reaches the source, the log's radius holds it, or the noise is not positive.
     """
     if not (math.isfinite(noise) and noise > 0.0):
         raise GeometryError(f"noise must be a positive fraction of the sinogram's RMS, as 0.02, not {noise}")
     scanner, frame = geometry.scanner, geometry.frame
+    refuse_log_beyond_source(log_radius_mm, scanner)
     cells = DetectorCells.of(scanner)
     sinogram = analytic.project(phantom, cells, frame, geometry.angles_rad)
     sigma = noise * float(np.sqrt(np.mean(sinogram * sinogram)))

@@ -24,6 +24,7 @@ from sawmill_worker.tomography.drift import (
     seen_vector,
 )
 from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
 from sawmill_worker.tomography.present_rows import rows_of_all
 from sawmill_worker.use_cases.failures import refused
 
@@ -78,6 +79,7 @@ def run_drift(given: DriftInput) -> DriftResult:
     started = time.perf_counter()
     known = given.calibration
     scanner, calibrated = known.scanner, known.source_frame
+    refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
     fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)

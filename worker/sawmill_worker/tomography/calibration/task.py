@@ -13,7 +13,7 @@ from sawmill_worker.tomography.calibration.faults.screening import Screening, sc
 from sawmill_worker.tomography.calibration.refusals import refuse_unusable
 from sawmill_worker.tomography.calibration.sinogram_data import SinogramData
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, ThetaBounds
-from sawmill_worker.tomography.log_radius import counted_radius_mm
+from sawmill_worker.tomography.log_radius import counted_radius_mm, refuse_log_beyond_source
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation, TrueAxis
 
@@ -78,6 +78,7 @@ class CalibrationTask:
         sinogram = np.ascontiguousarray(self.sinogram, np.float64)
         angles = np.ascontiguousarray(self.angles_rad, np.float64)
         refuse_unusable(self.scanner, sinogram, angles)
+        refuse_log_beyond_source(self.log_radius_mm, self.scanner)
         object.__setattr__(self, "sinogram", sinogram)
         object.__setattr__(self, "angles_rad", angles)
 

@@ -1,0 +1,36 @@
+"""Requests whose values are each possible, and not together."""
+
+import pytest
+
+ROWS, VIEWS = 4, 12  # of the example scan
+CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("path", "asked", "code", "sentence"),
+    [
+        ("calibrations", {"rows": "2:5"}, "rows-outside", "rows is 2:5, but scan 'example' has rows 0:4 only"),
+        ("calibrations", {"log_rows": "0:9"}, "rows-outside", "log_rows is 0:9, but scan 'example' has rows 0:4 only"),
+        ("calibrations", {"views": 13}, "views-too-many", "views is 13, but scan 'example' has 12"),
+        ("reconstructions", {"rows": "0:100:9"}, "rows-outside", "rows is 0:100:9, but"),
+        ("drifts", {"rows": "4:5"}, "rows-outside", "rows is 4:5, but"),
+    ],
+)
+def test_what_a_scan_that_has_been_read_lacks_is_refused_at_once(seeded, store, path, asked, code, sentence):
+    before = len(store.jobs.page(limit=200).items)
+    answer = seeded.post(f"/v1/{path}", json={"scan_id": "example", **asked})
+    assert (answer.status_code, answer.json()["code"]) == (422, code)
+    assert answer.json()["detail"].startswith(sentence)
+    assert len(store.jobs.page(limit=200).items) == before
+
+
+def test_all_that_a_scan_has_may_be_asked_for(seeded):
+    asked = {"scan_id": "example", "rows": f"0:{ROWS}", "views": VIEWS}
+    assert seeded.post("/v1/calibrations", json=asked).status_code == 202
+
+
+@pytest.mark.parametrize("radius_mm", [859.46, 1e5])
+def test_a_log_that_holds_the_source_is_a_problem(client, radius_mm):
+    answer = client.post("/v1/scanners", json={"name": "Line 2", "constants": CONSTANTS, "log_radius_mm": radius_mm})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
+    assert f"log_radius_mm {radius_mm:g} must be less than constants.source_to_cor_mm 859.46" in answer.json()["detail"]
