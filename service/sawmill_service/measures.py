@@ -21,7 +21,7 @@ from sawmill_service.scanner_measures import scanner_measures
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
-from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
 
@@ -76,7 +76,7 @@ def _database(store: Store) -> Iterator[Metric]:
         tally, conditions = store.tallies.read(), conditions_of(store)
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
         scanners = list(scanner_measures(store, conditions, tally.at))
-    except StorageUnavailable:
+    except (StorageUnavailable, StorageMisconfigured):
         yield gauge("sawmill_database_up", "Whether the database answers.", 0)
         return
     yield gauge("sawmill_database_up", "Whether the database answers.", 1)

@@ -1,9 +1,12 @@
 """How each scanner stands, as the store has it: for the operator's page, and for whoever watches from outside."""
 
+from contextlib import suppress
+
 from sawmill_service.operator_page import ScannerCondition
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
 
 SHOWN_SCANNERS = 200  # more than any mill has
@@ -11,7 +14,11 @@ SHOWN_SCANNERS = 200  # more than any mill has
 
 def conditions_of(store: Store) -> list[ScannerCondition]:
     """The newest scanners first."""
-    return [_condition(store, scanner) for scanner in store.scanners.page(limit=SHOWN_SCANNERS).items]
+    conditions = []
+    for scanner in store.scanners.page(limit=SHOWN_SCANNERS).items:
+        with suppress(NotFound):  # deleted a moment ago
+            conditions.append(_condition(store, scanner))
+    return conditions
 
 
 def _condition(store: Store, scanner: StoredScanner) -> ScannerCondition:
