@@ -1,7 +1,6 @@
 """Checks that hold for an array of any format, most of them made before its data are read."""
 
 import math
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -19,13 +18,6 @@ MAX_BYTES = 8 * 2**30
 # No measurement packs so well; what a file declares below the second does no harm.
 LARGEST_RATIO = 200
 HARMLESS_BYTES = 64 * 2**20
-# Deflate unpacks to at most this many times what is stored (RFC 1951: 258 bytes of two bits).
-MOST_DEFLATE = 1032
-# Data that cannot be packed grow by less than this in every packing that is read.
-MOST_GROWTH = 1.01
-PACKING_BYTES = 1024
-# Of what is deflated, at a time, where only its size is wanted.
-STEP_BYTES = 2**14
 
 
 @dataclass(frozen=True)
@@ -76,25 +68,6 @@ def check_size(what: str, shape: Sequence[int], itemsize: int, *, stored_bytes: 
             f"{what} declares {declared} bytes of data while the file stores only {stored_bytes} of them; above "
             f"{HARMLESS_BYTES >> 20} MiB it may be at most {LARGEST_RATIO} times as many",
         )
-
-
-def check_packed(what: str, stored_bytes: int, declared_bytes: int) -> None:
-    """Refuse what is stored in more bytes than packing makes of those declared, and so unpacks to more: `too-large`."""
-    if stored_bytes > MOST_GROWTH * declared_bytes + PACKING_BYTES:
-        raise UnreadableScan(
-            "too-large", f"{what} declares {declared_bytes} bytes of data while the file stores {stored_bytes} for them"
-        )
-
-
-def check_inflates(what: str, deflated: bytes, declared_bytes: int) -> None:
-    """Refuse deflated data that unpack to more than is declared; nothing of them is kept: `too-large`."""
-    inflater, inflated = zlib.decompressobj(), 0
-    for start in range(0, len(deflated), STEP_BYTES):
-        inflated += len(inflater.decompress(deflated[start : start + STEP_BYTES]))
-        if inflated > MOST_GROWTH * declared_bytes + PACKING_BYTES:
-            raise UnreadableScan(
-                "too-large", f"{what} declares {declared_bytes} bytes of data and unpacks to more; export it again"
-            )
 
 
 def check_scan_dimensions(what: str, shape: Sequence[int]) -> None:

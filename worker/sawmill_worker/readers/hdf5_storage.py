@@ -1,23 +1,20 @@
 """What is decided of a dataset from how it is stored, before the library reads, allocates or unpacks anything of it."""
 
 import math
+from dataclasses import dataclass
 
 import h5py
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
-from sawmill_worker.readers.arrays import (
-    HARMLESS_BYTES,
-    MOST_DEFLATE,
-    Bounds,
-    check_inflates,
-    check_number_type,
-    check_packed,
-    check_size,
-)
+from sawmill_worker.readers.arrays import Bounds, check_number_type, check_size
+from sawmill_worker.readers.unpacking import DEFLATE, LZF, SZIP, Packing, check_packed, check_unpacks
 
 # Filters of the library itself and of h5py; any other would be looked for as a plug-in on this machine.
-PACKINGS = {h5py.h5z.FILTER_DEFLATE: "deflate", h5py.h5z.FILTER_SZIP: "szip", h5py.h5z.FILTER_LZF: "lzf"}
-FILTERS = {**PACKINGS, h5py.h5z.FILTER_SHUFFLE: "shuffle", h5py.h5z.FILTER_FLETCHER32: "checksum"}
+PACKINGS = {h5py.h5z.FILTER_DEFLATE: DEFLATE, h5py.h5z.FILTER_SZIP: SZIP, h5py.h5z.FILTER_LZF: LZF}
+FILTERS = {code: packing.name for code, packing in PACKINGS.items()} | {
+    h5py.h5z.FILTER_SHUFFLE: "shuffle",
+    h5py.h5z.FILTER_FLETCHER32: "checksum",
+}
 # Shuffle, one packing, a checksum.
 MOST_FILTERS = 3
 
@@ -51,7 +48,8 @@ def _is_elsewhere(dataset: h5py.Dataset) -> bool:
 
 def check_chunks(where: str, dataset: h5py.Dataset) -> None:
     """Refuse a dataset of which chunks are missing, or unpack to more than they declare."""
-    stored = _Chunks(_deflates(dataset))
+    packed = _packed(dataset)
+    stored = _Chunks(packed)
     dataset.id.chunk_iter(stored.add)
     declared = math.prod(-(-length // of_chunk) for length, of_chunk in zip(dataset.shape, dataset.chunks, strict=True))
     if stored.count < declared:
@@ -61,23 +59,40 @@ def check_chunks(where: str, dataset: h5py.Dataset) -> None:
         )
     what, chunk_bytes = f"a chunk of {where}", math.prod(dataset.chunks) * dataset.dtype.itemsize
     check_packed(what, stored.largest, chunk_bytes)
+    if packed is None:
+        return
+    if packed.claimed_bytes > chunk_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} declares {chunk_bytes} bytes of data and its filter {packed.claimed_bytes}; export it again",
+        )
     for offset in stored.suspects:
-        check_inflates(what, dataset.id.read_direct_chunk(offset)[1], chunk_bytes)
+        check_unpacks(what, packed.packing, dataset.id.read_direct_chunk(offset)[1], chunk_bytes)
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """The packing of a dataset, its place among the filters, and how many bytes it claims to need for each chunk."""
+
+    packing: Packing
+    place: int
+    claimed_bytes: int
 
 
 class _Chunks:
-    """The chunks of a dataset, counted, and where those are that could inflate to what does harm."""
+    """The chunks of a dataset, counted, and where those are that could unpack to what does harm."""
 
-    def __init__(self, deflate: int | None) -> None:
+    def __init__(self, packed: _Packed | None) -> None:
         self.count = self.largest = 0
         self.suspects: list[tuple[int, ...]] = []
-        self._deflate = deflate
+        self._packed = packed
 
     def add(self, chunk: h5py.h5d.StoreInfo) -> None:
         self.count += 1
         self.largest = max(self.largest, chunk.size)
-        deflated = self._deflate is not None and not chunk.filter_mask >> self._deflate & 1
-        if deflated and chunk.size * MOST_DEFLATE > HARMLESS_BYTES:
+        if self._packed is None or chunk.filter_mask >> self._packed.place & 1:
+            return
+        if not self._packed.packing.harmless(chunk.size):
             self.suspects.append(chunk.chunk_offset)
 
 
@@ -92,10 +107,15 @@ def filter_names(dataset: h5py.Dataset) -> list[str]:
     return [FILTERS.get(code) or f"{quoted(repr(name))} ({code})" for code, name in _filters(dataset)]
 
 
-def _deflates(dataset: h5py.Dataset) -> int | None:
-    """Which of the dataset's filters deflates."""
-    codes = [code for code, _ in _filters(dataset)]
-    return codes.index(h5py.h5z.FILTER_DEFLATE) if h5py.h5z.FILTER_DEFLATE in codes else None
+def _packed(dataset: h5py.Dataset) -> _Packed | None:
+    layout = dataset.id.get_create_plist()
+    for place in range(layout.get_nfilters()):
+        code, _, values, _ = layout.get_filter(place)
+        if code in PACKINGS:
+            # The third number of LZF is what it allocates for a chunk.
+            claimed = values[2] if code == h5py.h5z.FILTER_LZF and len(values) > 2 else 0
+            return _Packed(PACKINGS[code], place, claimed)
+    return None
 
 
 def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False) -> None:
@@ -111,7 +131,7 @@ def check_storage(where: str, dataset: h5py.Dataset, *, elsewhere: bool = False)
                 "unsupported-storage",
                 f"{where} is stored with the filter {quoted(repr(name))} ({code}); repack it with gzip or without",
             )
-    packings = [PACKINGS[code] for code, _ in filters if code in PACKINGS]
+    packings = [PACKINGS[code].name for code, _ in filters if code in PACKINGS]
     if len(packings) > 1:
         raise UnreadableScan("unsupported-storage", f"{where} is packed twice ({', '.join(packings)}); pack it once")
     if len(filters) > MOST_FILTERS:

@@ -13,22 +13,19 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import (
-    HARMLESS_BYTES,
-    MOST_DEFLATE,
     Bounds,
     as_float32,
-    check_inflates,
     check_number_type,
-    check_packed,
     check_size,
 )
 from sawmill_worker.readers.contents import FileContents, Projections, held
 from sawmill_worker.readers.tiff_chain import check_chain
+from sawmill_worker.readers.unpacking import DEFLATE, PACKBITS, PACKBITS_MEMORY, check_packed, check_unpacks
 from sawmill_worker.readers.wanted import Wanted
 
 UNCOMPRESSED = 1
-DEFLATES = frozenset({8, 32946})
-READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *DEFLATES, 32773})  # none, both deflates, PackBits
+PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
+READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +45,7 @@ class TiffPages:
         block = np.empty((pages.stop - pages.start, rows.stop - rows.start, self.shape[2]), dtype=np.float32)
         for index, image in enumerate(block, pages.start):
             page = self.tiff.pages[index]
-            _check_inflated(page, f"a strip or tile of page {index}")
+            _check_unpacked(page, f"a strip or tile of page {index}")
             image[:] = as_float32(page.asarray(maxworkers=1)[rows])
         return block
 
@@ -161,15 +158,23 @@ def _check_strips(
     page: tifffile.TiffPage | tifffile.TiffFrame, what: str, itemsize: int, size_bytes: int, most_bytes: int
 ) -> None:
     check_size(what, page.chunks, itemsize, stored_bytes=size_bytes, max_bytes=most_bytes)
-    check_packed(what, max(page.databytecounts, default=0), math.prod(page.chunks) * itemsize)
+    declared = math.prod(page.chunks) * itemsize
+    if PACKINGS[int(page.compression)] is PACKBITS and declared * PACKBITS_MEMORY > most_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"{what} needs {declared * PACKBITS_MEMORY} bytes while PackBits is unpacked and at most {most_bytes} are "
+            "allowed or free; use deflate or no compression",
+        )
+    check_packed(what, max(page.databytecounts, default=0), declared)
 
 
-def _check_inflated(page: tifffile.TiffPage | tifffile.TiffFrame, what: str) -> None:
-    """Refuse a page of which a strip or tile inflates to more than it declares; the library keeps all of it."""
-    if int(page.compression) not in DEFLATES or page.dtype is None:
+def _check_unpacked(page: tifffile.TiffPage | tifffile.TiffFrame, what: str) -> None:
+    """Refuse a page of which a strip or tile unpacks to more than it declares; the library keeps all of it."""
+    packing = PACKINGS.get(int(page.compression))
+    if packing is None or page.dtype is None:
         return
     declared = math.prod(page.chunks) * page.dtype.itemsize
     for offset, stored in zip(page.dataoffsets, page.databytecounts, strict=True):
-        if stored * MOST_DEFLATE > HARMLESS_BYTES:
+        if not packing.harmless(stored):
             page.parent.filehandle.seek(offset)
-            check_inflates(what, page.parent.filehandle.read(stored), declared)
+            check_unpacks(what, packing, page.parent.filehandle.read(stored), declared)
