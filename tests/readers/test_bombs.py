@@ -8,6 +8,11 @@ import pytest
 from hostile import MEBIBYTE, Outcome, archive_of, checkers, chunk_of, deflated, deflated_twice, outcome, pages_of
 from PIL import Image
 
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.readers.picture import BYTES_A_PIXEL, read_picture
+from sawmill_worker.readers.reading import reading_scan
+
 # What the refusals may take beyond the idle process. Most take a thousandth; a 64-million-pixel picture is the largest.
 MOST_MEBIBYTES = 600
 MOST_SECONDS = 10.0
@@ -65,6 +70,36 @@ class TestHdf5:
         chunk_of(file, stored, (20, 70, 768))
         assert len(stored) <= 4 * 20 * 70 * 768
         refused(file, "too-large", "a chunk of 'data' declares 4300800 bytes of data and unpacks to more")
+
+    def test_lzf_that_unpacks_to_380_mb_and_is_unpacked_88_times(self, file):
+        """The library unpacks into as much as was stored, then into twice as much, each time from the beginning."""
+        chunk_of(file, b"\0\0" + b"\xe0\xff\0" * 1_433_598, (20, 70, 768), packing=h5py.h5z.FILTER_LZF)
+        refused(file, "too-large", "a chunk of 'data' declares 4300800 bytes of data and unpacks to more (LZF)")
+
+    def test_lzf_whose_filter_claims_4_gib(self, file):
+        shape = (20, 1, 768)
+        chunk_of(file, bytes(1000), shape, packing=h5py.h5z.FILTER_LZF)
+        declared = struct.pack("<I", 4 * 20 * 768)
+        stored = file.read_bytes()
+        at = stored.index(declared, stored.index(b"lzf\0"))
+        file.write_bytes(stored[:at] + struct.pack("<I", 2**32 - 1) + stored[at + 4 :])
+        refused(file, "too-large", "a chunk of 'data' declares 61440 bytes of data and its filter 4294967295")
+
+    def test_szip_that_claims_2_gib(self, file):
+        stored = struct.pack("<I", 2**31 - 1) + bytes(1000)
+        chunk_of(file, stored, (20, 70, 768), packing=h5py.h5z.FILTER_SZIP)
+        refused(file, "too-large", "a chunk of 'data' declares 4300800 bytes of data and unpacks to more (szip)")
+
+    @pytest.mark.parametrize("packing", ["lzf", "szip", "gzip"])
+    def test_large_chunks_that_unpack_to_what_they_declare_are_read(self, file, packing):
+        """Beyond what is harmless however it unpacks, 0.7 MB of LZF; szip is looked at in any size."""
+        data = np.random.default_rng(3).integers(0, 9, (20, 300, 768)).astype(np.uint16)
+        options = {"compression_opts": ("nn", 8)} if packing == "szip" else {}
+        with h5py.File(file, "w") as h5:
+            h5.create_dataset("data", data=data, chunks=data.shape, compression=packing, **options)
+        with reading_scan(file, counts=False, angles_deg=AngleSteps(0.0, 18.0)) as scan:
+            (block,) = scan.blocks(2**26)
+            np.testing.assert_array_equal(block.samples, data)
 
     def test_flats_of_5_gb_as_float32(self, file):
         data, chunk = np.ones((20, 100, 768), np.float32), (1024, 1, 1024)
@@ -125,7 +160,15 @@ class TestPictures:
         drawing.paste(1, (500, 500, 3000, 3500))
         picture = file.with_suffix(".png")
         drawing.save(picture)
-        assert outcome(picture).code == "read"
+        found = outcome(picture)
+        assert found.code == "read"
+        # With the 130 MiB of the libraries that find outlines.
+        assert found.mebibytes < 150 + BYTES_A_PIXEL * 4000**2 / MEBIBYTE, found
+
+    def test_more_than_fits_into_the_memory_is_refused_before_it_is_read(self, file):
+        Image.new("1", (4000, 4000)).save(file, "PNG")
+        with pytest.raises(UnreadableScan, match=r"4000 x 4000 pixels, .* needs 288000000 bytes .* 300000000 are free"):
+            read_picture(file, free_bytes=300_000_000)
 
 
 class TestArchives:
@@ -192,6 +235,18 @@ class TestTiff:
     def test_a_strip_stored_in_what_it_declares_that_inflates_to_4_gib(self, file):
         pages_of(file, deflated(b"", 2**32), (2048, 2100), 1)
         refused(file, "too-large", "a strip or tile of page 0 declares 4300800 bytes of data and unpacks to more")
+
+    def test_packbits_that_unpack_to_275_mb(self, file):
+        pages_of(file, b"\x81\0" * 2_150_400, (2048, 2100), 1, compression=32773)
+        refused(file, "too-large", "page 0 declares 4300800 bytes of data and unpacks to more (PackBits)")
+
+    def test_packbits_whose_decoder_takes_nine_times_the_memory(self, file):
+        pages_of(file, b"\x81\0" * 2**20, (2**14, 2**13), 1, compression=32773)
+        refused(file, "too-large", "needs 1207959552 bytes while PackBits is unpacked", "use deflate")
+
+    def test_packbits_that_unpack_to_what_they_declare_are_read(self, file):
+        pages_of(file, b"\x81\7" * 1_600, (20, 10_240), 1, compression=32773)
+        assert outcome(file).code == "read"
 
     def test_pages_that_share_a_long_text(self, file):
         pages_of(file, bytes(4 * MEBIBYTE), (2, 8), 20_000, description=4 * MEBIBYTE)

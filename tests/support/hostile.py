@@ -113,12 +113,19 @@ def _png_part(kind: bytes, data: bytes) -> bytes:
     return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
 
-def chunk_of(path: Path, stored: bytes, shape: tuple[int, ...], *, deflates: int = 1) -> None:
-    """HDF5 with one chunk, stored as those bytes whatever its shape declares."""
+def chunk_of(
+    path: Path, stored: bytes, shape: tuple[int, ...], *, deflates: int = 1, packing: int = h5py.h5z.FILTER_DEFLATE
+) -> None:
+    """HDF5 with one chunk, stored as those bytes whatever its shape declares, packed so often or by another filter."""
     layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     layout.set_chunk(shape)
-    for _ in range(deflates):
-        layout.set_deflate(9)
+    if packing == h5py.h5z.FILTER_LZF:
+        layout.set_filter(packing, h5py.h5z.FLAG_OPTIONAL, (0,))
+    elif packing == h5py.h5z.FILTER_SZIP:
+        layout.set_szip(h5py.h5z.SZIP_NN_OPTION_MASK, 8)
+    else:
+        for _ in range(deflates):
+            layout.set_deflate(9)
     with h5py.File(path, "w") as file:
         space = h5py.h5s.create_simple(shape)
         dataset = h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_FLOAT, space, layout)
@@ -142,10 +149,12 @@ def archive_of(path: Path, name: str, zlib_stream: bytes, size: int) -> None:
     path.write_bytes(local + packed + directory + end)
 
 
-def pages_of(path: Path, strip: bytes, shape: tuple[int, int], pages: int, *, description: int = 0) -> None:
-    """A TIFF of pages of bytes that are all stored as the one deflated strip."""
+def pages_of(
+    path: Path, strip: bytes, shape: tuple[int, int], pages: int, *, description: int = 0, compression: int = 8
+) -> None:
+    """A TIFF of pages of bytes that are all stored as the one strip, deflated if nothing else is said."""
     rows, cells = shape
-    tags = {256: cells, 257: rows, 258: 8, 259: 8, 262: 1, 273: 8, 277: 1, 278: rows, 279: len(strip)}
+    tags = {256: cells, 257: rows, 258: 8, 259: compression, 262: 1, 273: 8, 277: 1, 278: rows, 279: len(strip)}
     entries = b"".join(struct.pack("<2H2L", tag, 4, 1, value) for tag, value in tags.items())
     if description:
         entries += struct.pack("<2H2L", 270, 2, description, 8)

@@ -6,6 +6,7 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
 from sawmill_worker.readers.picture import read_picture
 from sawmill_worker.tomography.tracing import trace
+from sawmill_worker.use_cases.capacity import memory_available
 from sawmill_worker.use_cases.conversion import from_phantom
 
 
@@ -14,7 +15,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
     store, phantom_id = attempt.store, attempt.job.subject_id
     asked = store.phantoms.picture(phantom_id)
     attempt.report_stage(0.1, "trace")
-    picture = read_picture(store.files.upload(attempt.job.kind, phantom_id))
+    picture = read_picture(store.files.upload(attempt.job.kind, phantom_id), free_bytes=memory_available())
     traced = trace(picture, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
     return from_phantom(traced).model_dump(mode="json")
 

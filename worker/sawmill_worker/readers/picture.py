@@ -16,24 +16,50 @@ from sawmill_worker.readers.parts import Part, PartKind
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 LARGEST_PICTURE_PIXELS = 64 * 2**20
+# What reading and tracing take at most (tests/readers/test_bombs.py): grey values and their copy with a border as
+# float32, and as the float64 that contours are found in.
+BYTES_A_PIXEL = 18
+MEMORY_SHARE = 0.9
 # Of those bits deep; everything else has one byte for each of its bands.
 BITS = {"1": 1, "I;16": 16, "I;16B": 16, "I": 16}
 
 
-def read_picture(path: Path) -> NDArray[np.float32]:
+def read_picture(path: Path, free_bytes: int | None = None) -> NDArray[np.float32]:
     """Read a PNG as grey values (rows, columns) float32; transparency is ignored.
+
+    Parameters
+    ----------
+    path : Path
+    free_bytes : int, optional
+        The free memory, which reading and tracing must fit into.
 
     Raises
     ------
     UnreadableScan
-        The file is no PNG, is damaged, or has more than 64 million pixels.
+        The file is no PNG, is damaged, or has more pixels than are read or fit into the memory.
     """
     if not is_picture(path):
         raise UnreadableScan("unknown-format", "the phantom's picture is not a PNG file; export it as one")
     with opened_picture(path) as picture:
-        # A 16-bit picture has no transparency; every other kind goes by way of RGB, which drops it.
-        grey = picture if picture.mode.startswith("I") else picture.convert("RGB").convert("L")
-        return np.asarray(grey, np.float32)
+        _check_memory(*picture.size, free_bytes)
+        return np.asarray(_grey(picture), np.float32)
+
+
+def _grey(picture: Image.Image) -> Image.Image:
+    """Without transparency: a picture of one band has none, every other kind loses it on its way by RGB."""
+    if picture.mode in {"1", "L", "RGB"}:
+        return picture.convert("L")
+    return picture if picture.mode in BITS else picture.convert("RGB").convert("L")
+
+
+def _check_memory(width: int, height: int, free_bytes: int | None) -> None:
+    needed = BYTES_A_PIXEL * width * height
+    if needed > HARMLESS_BYTES and free_bytes is not None and needed > MEMORY_SHARE * free_bytes:
+        raise UnreadableScan(
+            "too-large",
+            f"the picture has {width} x {height} pixels, and tracing them needs {needed} bytes of memory while "
+            f"{free_bytes} are free; save it smaller",
+        )
 
 
 def is_picture(path: Path) -> bool:
