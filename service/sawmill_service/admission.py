@@ -55,7 +55,9 @@ class Admission:
     def __init__(self, app: ASGIApp, *, settings: ServiceSettings) -> None:
         self.app = app
         self._all, self._changes = Rates(settings.rate_limit), Rates(settings.change_rate_limit)
-        self._at_once, self._streams = settings.max_requests_at_once, settings.max_streams
+        at_once = settings.max_requests_at_once
+        self._at_once = {"requests": at_once, "streams": at_once, "uploads": settings.max_bodies_at_once}
+        self._streams = settings.max_streams
         self._places = Places()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -69,7 +71,7 @@ class Admission:
                 self._check_rates(scope)
                 self._take_places(scope, headers, place)
             except Refused as refused:
-                await _answer(scope, headers, refused)(scope, receive, send)
+                await _answer(scope, refused)(scope, receive, send)
                 return
 
             async def send_started(message: Message) -> None:
@@ -93,8 +95,8 @@ class Admission:
         if kind == "streams":
             detail = f"{self._streams} streams of events are open: ask for the job itself now and then"
             place.enter_context(self._places.one("all streams", self._streams, detail))
-        detail = f"{self._at_once} {kind} of {caller} are being answered: wait for one of them"
-        place.enter_context(self._places.one(f"{kind} {caller}", self._at_once, detail))
+        detail = f"{self._at_once[kind]} {kind} of {caller} are being answered: wait for one of them"
+        place.enter_context(self._places.one(f"{kind} {caller}", self._at_once[kind], detail))
 
 
 def _has_body(headers: Headers) -> bool:
@@ -105,8 +107,7 @@ def _is_stream(scope: Scope) -> bool:
     return str(scope["path"]).endswith("/events")
 
 
-def _answer(scope: Scope, headers: Headers, refused: Refused) -> ASGIApp:
-    # Whoever still sends a body would have to be listened to until its end.
-    closing = {"Connection": "close"} if _has_body(headers) else {}
-    given = {**(refused.headers or {}), **closing}
-    return problem_response(scope["path"], refused.status_code, refused.code, refused.detail, headers=given)
+def _answer(scope: Scope, refused: Refused) -> ASGIApp:
+    # What follows on the connection, the rest of a body or more requests, would have to be listened to.
+    headers = {**(refused.headers or {}), "Connection": "close"}
+    return problem_response(scope["path"], refused.status_code, refused.code, refused.detail, headers=headers)

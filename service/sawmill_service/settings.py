@@ -126,9 +126,10 @@ class ServiceSettings(BaseSettings):
         "20/minute", description="Wrong keys of one address; beyond it none is looked at."
     )
     max_requests_at_once: Annotated[int, Field(ge=1)] = Field(
-        32,
-        description="Of one key or address, until their answers begin: the API has 40 threads. Those with a body and "
-        "streams of events are counted apart.",
+        32, description="Of one key or address, until their answers begin: the API has 40 threads."
+    )
+    max_bodies_at_once: Annotated[int, Field(ge=1)] = Field(
+        128, description="The same for requests with a body, which hold no thread until it has come."
     )
     max_streams: Annotated[int, Field(ge=1)] = Field(
         64, description="Streams of events in all; each looks at its job several times a second."

@@ -9,6 +9,7 @@ import uvicorn
 from starlette.types import Message, Receive
 
 from sawmill_service.connections import Connections
+from sawmill_service.listening import expect_floods
 from sawmill_service.problems import Refused
 
 # From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
@@ -19,11 +20,8 @@ _ANSWERS_S = 9
 _LOOK_S = 0.25
 # Of uvicorn's ticks of a tenth of a second, between two looks at slow clients.
 _TICKS = 5
-# Connections that the system keeps until they are accepted, a few at a time so that requests are answered between them.
-_QUEUE = 2048
+# More would keep the requests of open connections waiting while a flood of new ones is accepted.
 _ACCEPTED_AT_ONCE = 64
-# Of an answer, in the system's memory for each connection: it would keep 4 MB for a client that does not read.
-_UNSENT_BYTES = 2**18
 
 
 class Stopping:
@@ -98,9 +96,7 @@ class Server(uvicorn.Server):
         """Listen with a long queue; asyncio would accept all of it between two looks at open connections."""
         await super().startup(sockets)
         for listening in sockets or ():
-            # Connections inherit it.
-            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NOTSENT_LOWAT, _UNSENT_BYTES)
-            listening.listen(_QUEUE)
+            expect_floods(listening, self._connections.patience.silence_s)
 
     async def on_tick(self, counter: int) -> bool:
         """Look at slow clients now and then."""

@@ -139,7 +139,7 @@ def all_at_once(app: Any, *requests: tuple[str, str], body: bytes | None = None)
 
 
 def test_one_caller_has_a_bounded_number_of_requests_at_once(limited):
-    client = limited(max_requests_at_once=2)
+    client = limited(max_bodies_at_once=2)
     answers = all_at_once(client.app, *[("POST", "/v1/scanners")] * 3, body=b"{}")
     assert sorted(answer.status_code for answer in answers) == [422, 422, 429]
     refused = next(answer for answer in answers if answer.status_code == 429)
