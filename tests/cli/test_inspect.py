@@ -58,7 +58,9 @@ def test_what_would_be_read_is_what_is_read(inspect, stack):
     reading = answer["reading"]
     assert reading["shape"] == {"views": 60, "rows": 4, "detector": 256}
     assert (reading["flats"], reading["darks"]) == (10, 10)
-    assert reading["angles"] == {"first_deg": pytest.approx(3.0), "last_deg": pytest.approx(357.0), "from_file": True}
+    angles = reading["angles"]
+    assert (angles["first_deg"], angles["last_deg"]) == (pytest.approx(3.0), pytest.approx(357.0))
+    assert (angles["from_file"], angles["file_unit"]) == (True, "deg")
     assert reading["detector_pitch_mm"] == pytest.approx(4.508593749)
 
 

@@ -83,7 +83,7 @@ def _reading_table(reading: InspectedReading) -> Table:
     )
     shape, angles = reading.shape, reading.angles
     turn = "" if angles is None else f"{angles.first_deg:.7g} to {angles.last_deg:.7g} degrees"
-    origin = "" if angles is None else f", {'from the file' if angles.from_file else 'as given'}"
+    origin = "" if angles is None else f", from the file in {angles.file_unit}" if angles.from_file else ", as given"
     rows = {
         "numbers": "not known" if reading.data is None else f"{reading.data.value}, as given",
         "projections": f"{shape.views} views x {shape.rows} rows x {shape.detector} cells",

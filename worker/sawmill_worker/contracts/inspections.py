@@ -38,6 +38,7 @@ class ViewAngles(Contract):
     first_deg: float
     last_deg: float
     from_file: bool = Field(description="Whether the file carries them; else they are those given.")
+    file_unit: str | None = Field(None, description="That in which the file carries them.")
 
 
 class InspectedReading(Contract):

@@ -37,6 +37,25 @@ def held(array: NDArray[np.float32]) -> Projections:
 
 
 @dataclass(frozen=True, eq=False)
+class FileAngles:
+    """The angles that a file carries.
+
+    Attributes
+    ----------
+    deg : (n,) float64, degrees, or None
+        None where there are none, or they cannot be used.
+    unit : str or None
+        That in which the file has them.
+    unusable : str or None
+        Why they cannot be used, where there are some.
+    """
+
+    deg: NDArray[np.float64] | None = None
+    unit: str | None = None
+    unusable: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class FileContents:
     """The reading of one file.
 
@@ -48,6 +67,8 @@ class FileContents:
         As stored: counts or line integrals, which no file states reliably.
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
     angles_deg : (views,) float64, degrees
+    angles_unit : str or None
+        That in which the file has its angles.
     angles_unusable : str or None
         Why the angles in the file cannot be used, where it has some.
     detector_pitch_mm, row_pitch_mm : float or None
@@ -65,6 +86,7 @@ class FileContents:
     flats: NDArray[np.float32] | None = None
     darks: NDArray[np.float32] | None = None
     angles_deg: NDArray[np.float64] | None = None
+    angles_unit: str | None = None
     angles_unusable: str | None = None
     detector_pitch_mm: float | None = None
     row_pitch_mm: float | None = None

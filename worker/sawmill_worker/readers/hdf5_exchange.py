@@ -43,7 +43,7 @@ def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:
         raise UnreadableScan(
             "wrong-shape", f"{DATA} has the axes {quoted(axes)!r}; store it as theta:y:x, one view after the other"
         )
-    angles_deg, problem = read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
+    angles = read_angles(file, "exchange/theta", bounds.whole, default_unit="deg")
     detector_pitch_mm, remarks_x = read_pitch(file, f"{DETECTOR}/x_pixel_size", bounds.whole)
     row_pitch_mm, remarks_y = read_pitch(file, f"{DETECTOR}/y_pixel_size", bounds.whole)
     return FileContents(
@@ -51,8 +51,9 @@ def read_exchange(file: h5py.File, bounds: Bounds) -> FileContents:
         projections=all_views(dataset),
         flats=_optional(file, "exchange/data_white", bounds.whole),
         darks=_optional(file, "exchange/data_dark", bounds.whole),
-        angles_deg=angles_deg,
-        angles_unusable=problem,
+        angles_deg=angles.deg,
+        angles_unit=angles.unit,
+        angles_unusable=angles.unusable,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
         remarks=(*remarks_x, *remarks_y),

@@ -6,32 +6,26 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import Bounds
+from sawmill_worker.readers.contents import FileAngles
 from sawmill_worker.readers.hdf5_guard import Node, numbers
 from sawmill_worker.readers.hdf5_texts import attribute_text
 from sawmill_worker.readers.units import LARGEST_PITCH_MM, LEAST_PITCH_MM, length_of, to_degrees
 
 
-def read_angles(
-    start: Node, path: str, bounds: Bounds, *, default_unit: str | None
-) -> tuple[NDArray[np.float64] | None, str | None]:
-    """Angles in degrees, or None and the reason why they cannot be used.
-
-    Returns
-    -------
-    (n,) float64 in degrees or None, and a sentence or None
-        Both None where the file has no angles at all.
-    """
+def read_angles(start: Node, path: str, bounds: Bounds, *, default_unit: str | None) -> FileAngles:
+    """Angles (n,) float64 in degrees, or the reason why those in the file cannot be used."""
     dataset = numbers(start, path, bounds)
     if dataset is None:
-        return None, None
+        return FileAngles()
     values = _read_vector(dataset, path)
     unit = attribute_text(dataset, "units") or default_unit
     if unit is None:
-        return None, f"the angles in {path} have no units attribute"
+        return FileAngles(unusable=f"the angles in {path} have no units attribute")
     angles_deg = to_degrees(values, unit)
     if angles_deg is None:
-        return None, f"the unit {quoted(unit)!r} of the angles in {path} is not a known unit of angle"
-    return angles_deg, None
+        why = f"the unit {quoted(unit)!r} of the angles in {path} is not a known unit of angle"
+        return FileAngles(unusable=why)
+    return FileAngles(angles_deg, quoted(unit))
 
 
 def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tuple[str, ...]]:

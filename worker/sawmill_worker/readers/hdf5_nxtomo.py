@@ -56,10 +56,10 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
         raise UnreadableScan("dataset-missing", f"the NXtomo entry {name_of(entry)} has no {DATA}")
     check_scan_dimensions(DATA, dataset.shape)
     keys = _read_image_key(entry, len(dataset), bounds.whole)
-    angles_deg, problem = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
-    if angles_deg is not None and len(angles_deg) != len(dataset):
+    angles = read_angles(entry, ANGLES, bounds.whole, default_unit=None)
+    if angles.deg is not None and len(angles.deg) != len(dataset):
         raise UnreadableScan(
-            "angles-mismatch", f"{ANGLES} has {len(angles_deg)} angles for {len(dataset)} images; each image needs one"
+            "angles-mismatch", f"{ANGLES} has {len(angles.deg)} angles for {len(dataset)} images; each image needs one"
         )
     detector_pitch_mm, remarks_x = read_pitch(entry, CELL_PITCH, bounds.whole)
     row_pitch_mm, remarks_y = read_pitch(entry, ROW_PITCH, bounds.whole)
@@ -68,8 +68,9 @@ def read_nxtomo(entry: h5py.Group, bounds: Bounds) -> FileContents:
         projections=chosen_views(dataset, np.flatnonzero(keys.values == PROJECTION)),
         flats=_fields(dataset, keys.values, FLAT, bounds),
         darks=_fields(dataset, keys.values, DARK, bounds),
-        angles_deg=None if angles_deg is None else angles_deg[keys.values == PROJECTION],
-        angles_unusable=problem,
+        angles_deg=None if angles.deg is None else angles.deg[keys.values == PROJECTION],
+        angles_unit=angles.unit,
+        angles_unusable=angles.unusable,
         detector_pitch_mm=detector_pitch_mm,
         row_pitch_mm=row_pitch_mm,
         remarks=(*keys.remarks, *remarks_x, *remarks_y),

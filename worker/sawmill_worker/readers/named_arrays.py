@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan, quoted
 from sawmill_worker.readers.arrays import as_float32, check_scan_dimensions
-from sawmill_worker.readers.contents import FileContents, Projections
+from sawmill_worker.readers.contents import FileAngles, FileContents, Projections
 from sawmill_worker.readers.units import to_degrees
 from sawmill_worker.readers.wanted import Wanted
 
@@ -72,8 +72,8 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
     check_scan_dimensions(repr(quoted(name)), shape)
     if wanted.fields is not None:
         return FileContents(format=arrays.format, projections=arrays.projections(name))
-    angles_deg = _angles(arrays)
-    lists = [] if angles_deg is not None else _could_serve(arrays, name, ANGLES, shape[0])
+    angles = _angles(arrays)
+    lists = [] if angles.deg is not None else _could_serve(arrays, name, ANGLES, shape[0])
     values = _could_serve(arrays, name, LENGTHS, 1)
     unused = ", ".join(values) if values else None
     return FileContents(
@@ -81,7 +81,8 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
-        angles_deg=angles_deg,
+        angles_deg=angles.deg,
+        angles_unit=angles.unit,
         angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
         unused=unused,
         remarks=remarks if unused is None else (*remarks, f"No name states meaning and unit of {unused}: not used."),
@@ -144,10 +145,10 @@ def _optional(arrays: NamedArrays, name: str) -> NDArray[np.float32] | None:
     return as_float32(arrays.load(name)) if name in arrays.infos else None
 
 
-def _angles(arrays: NamedArrays) -> NDArray[np.float64] | None:
+def _angles(arrays: NamedArrays) -> FileAngles:
     given = [name for name in ("angles_deg", "angles_rad") if name in arrays.infos]
     if not given:
-        return None
+        return FileAngles()
     if len(given) == 2:
         raise UnreadableScan("contradiction", "the file holds angles_deg and angles_rad; leave one of them out")
     values = np.asarray(arrays.load(given[0]), dtype=np.float64)
@@ -155,7 +156,8 @@ def _angles(arrays: NamedArrays) -> NDArray[np.float64] | None:
         raise UnreadableScan(
             "wrong-shape", f"{given[0]} has the shape {values.shape}; it must be a list with one angle for each view"
         )
-    return to_degrees(values.reshape(-1), given[0].removeprefix("angles_"))
+    unit = given[0].removeprefix("angles_")
+    return FileAngles(to_degrees(values.reshape(-1), unit), unit)
 
 
 def _could_serve(arrays: NamedArrays, projections: str, meant: re.Pattern[str], size: int) -> list[str]:

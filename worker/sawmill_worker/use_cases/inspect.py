@@ -194,7 +194,7 @@ def _reading(contents: FileContents, given: GivenBeside, scan: CanonicalScan | N
         shape=ScanShape(views=views, rows=rows[0] if rows else 1, detector=detector),
         flats=fields[0],
         darks=fields[1],
-        angles=None if scan is None else _angles(scan, from_file=contents.angles_deg is not None),
+        angles=None if scan is None else _angles(scan, contents),
         detector_pitch_mm=contents.detector_pitch_mm or given.detector_pitch_mm,
         row_pitch_mm=contents.row_pitch_mm or given.row_pitch_mm,
         unused=contents.unused,
@@ -203,9 +203,11 @@ def _reading(contents: FileContents, given: GivenBeside, scan: CanonicalScan | N
     )
 
 
-def _angles(scan: CanonicalScan, *, from_file: bool) -> ViewAngles:
+def _angles(scan: CanonicalScan, contents: FileContents) -> ViewAngles:
     first, last = np.rad2deg(scan.angles_rad[[0, -1]]).tolist()
-    return ViewAngles(first_deg=first, last_deg=last, from_file=from_file)
+    return ViewAngles(
+        first_deg=first, last_deg=last, from_file=contents.angles_deg is not None, file_unit=contents.angles_unit
+    )
 
 
 def _missing(contents: FileContents, reading: InspectedReading, kind: OwnKind | None) -> Iterator[MissingPart]:
