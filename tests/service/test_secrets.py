@@ -1,6 +1,7 @@
 """No secret and no local variable is in the log, whatever becomes of a request."""
 
 import json
+import re
 
 import pytest
 from sqlalchemy import insert
@@ -73,6 +74,24 @@ def test_what_a_database_refuses_is_not_repeated(store):
     with pytest.raises(IntegrityError) as refused, Session(store._database.engine) as session:
         session.execute(insert(JobRow), [without_state])
     assert SECRET not in str(refused.value)
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_no_operation_logs_what_it_was_given(guarded, store, log_text, broken):
+    log = log_text("json")
+    if broken:
+        store.scanners = store.jobs = store.scans = store.calibrations = store.phantoms = store.schedules = Failing()
+    paths = guarded.app.openapi()["paths"]
+    asked = [(method.upper(), re.sub(r"{\w+}", "sesame", path)) for path, item in paths.items() for method in item]
+    for method, path in asked:
+        body = None if method == "GET" else b'{"name": "sesame", "scan_id": "sesame", "spec": "sesame"}'
+        headers = {**HEADERS, "Content-Type": "application/json"}
+        guarded.request(method, f"{path}?after=sesame", content=body, headers=headers)
+    assert (
+        log.getvalue().count('"event": "request"') >= len(asked) - 3
+    )  # health and metrics are none where they succeed
+    assert ("exc_type" in log.getvalue()) == broken
+    assert SECRET not in log.getvalue()
 
 
 @pytest.mark.parametrize("log_format", ["json", "console"])
