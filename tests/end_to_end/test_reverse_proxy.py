@@ -1,0 +1,229 @@
+"""The service behind a real nginx and a real Caddy with TLS, set up as `examples/proxy/` has it."""
+
+import shutil
+import socket
+import ssl
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import httpx
+import pytest
+
+pytestmark = pytest.mark.slow
+
+EXAMPLES = Path(__file__).parents[2] / "examples/proxy"
+NAME, BACKEND = "calibration.mill.example", "127.0.0.1:8000"
+CERTIFICATE, SECRET_KEY = f"/etc/ssl/certs/{NAME}.pem", f"/etc/ssl/private/{NAME}.key"
+START_S, STOP_S = 60.0, 25.0
+# Another address of this machine: what a proxy on 127.0.0.1 sees is then not its own.
+CLIENT = "127.0.0.7"
+NGINX_MAIN = """\
+daemon off; pid {folder}/nginx.pid; error_log {folder}/nginx.log;
+events {{}}
+http {{
+  access_log off;
+  client_body_temp_path {folder}/a; proxy_temp_path {folder}/b; fastcgi_temp_path {folder}/c;
+  uwsgi_temp_path {folder}/d; scgi_temp_path {folder}/e;
+  {site}
+}}
+"""
+# What Debian's nginx does with a bare proxy_pass: no header shows that it was there.
+BARE_SITE = "server {{ listen 127.0.0.1:{port}; location / {{ proxy_pass http://127.0.0.1:{backend}; }} }}"
+
+
+def program(name: str) -> str:
+    found = shutil.which(name) or shutil.which(name, path="/usr/sbin")
+    if found is None:
+        pytest.skip(f"needs Debian's {name}: apt-get install {name}")
+    return found
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        return taken.getsockname()[1]
+
+
+def wait_until_listening(process: "subprocess.Popen[bytes]", port: int) -> None:
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        assert process.poll() is None
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+        except ConnectionRefusedError:
+            time.sleep(0.05)
+        else:
+            return
+    raise AssertionError(f"nothing listens on {port}")
+
+
+@contextmanager
+def running(command: list[str], port: int, **options: object) -> Iterator[None]:
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, **options)
+    try:
+        wait_until_listening(process, port)
+        yield
+    finally:
+        process.terminate()
+        process.wait(STOP_S)
+
+
+@dataclass
+class Mill:
+    """A service, what its settings say of its proxy, and the certificate of that."""
+
+    folder: Path
+    variables: dict[str, str]
+    port: int
+    backend: int
+
+    @property
+    def data(self) -> Path:
+        return self.folder / "data"
+
+    def sawmill(self, *arguments: str) -> list[str]:
+        return [str(Path(sys.executable).with_name("sawmill")), *arguments, "--data", str(self.data)]
+
+    def administrator(self) -> dict[str, str]:
+        """The headers of the first administrator, whose key is made before the service starts."""
+        made = self.sawmill("key", "create", "--name", "anna", "--scope", "admin")
+        secret = subprocess.run(made, env=self.variables, capture_output=True, text=True, check=True).stdout.strip()
+        return {"Authorization": f"Bearer {secret}"}
+
+    @contextmanager
+    def serving(self, **variables: str) -> Iterator[None]:
+        serve = self.sawmill("serve", "--port", str(self.backend), "--workers", "0", "--no-examples")
+        with (
+            (self.folder / "service.log").open("ab") as log,
+            running(serve, self.backend, env=self.variables | variables, stderr=log),
+        ):
+            yield
+
+    def example(self, name: str) -> str:
+        text = (EXAMPLES / name).read_text()
+        for line in (CERTIFICATE, SECRET_KEY, NAME, BACKEND):
+            assert line in text
+        text = text.replace(CERTIFICATE, f"{self.folder}/certificate.pem").replace(SECRET_KEY, f"{self.folder}/key.pem")
+        return text.replace(BACKEND, f"127.0.0.1:{self.backend}")
+
+    @contextmanager
+    def nginx(self, site: str) -> Iterator[None]:
+        configuration = self.folder / "nginx.conf"
+        configuration.write_text(NGINX_MAIN.format(folder=self.folder, site=site))
+        with running([program("nginx"), "-c", str(configuration), "-e", f"{self.folder}/nginx.log"], self.port):
+            yield
+
+    @contextmanager
+    def caddy(self) -> Iterator[None]:
+        options = "{\n\tadmin off\n\tgrace_period 2s\n\tauto_https disable_redirects\n\tdefault_bind 127.0.0.1\n}\n"
+        file = self.folder / "Caddyfile"
+        file.write_text(options + self.example("Caddyfile").replace(f"{NAME} {{", f"https://{NAME}:{self.port} {{"))
+        homes = {"HOME": str(self.folder), "XDG_DATA_HOME": str(self.folder), "XDG_CONFIG_HOME": str(self.folder)}
+        with running(
+            [program("caddy"), "run", "--config", str(file)],
+            self.port,
+            env=self.variables | homes,
+            stderr=subprocess.DEVNULL,
+        ):
+            yield
+
+    @contextmanager
+    def client(self, scheme: str = "https") -> Iterator[httpx.Client]:
+        """Calls the proxy by its name, from another address of this machine."""
+        trusted = ssl.create_default_context(cafile=f"{self.folder}/certificate.pem")
+        transport = httpx.HTTPTransport(verify=trusted, local_address=CLIENT)
+        with httpx.Client(
+            transport=transport,
+            base_url=f"{scheme}://127.0.0.1:{self.port}",
+            headers={"Host": f"{NAME}:{self.port}"},
+            timeout=30.0,
+        ) as client:
+            yield client
+
+
+@pytest.fixture
+def mill(tmp_path: Path, offline) -> Mill:
+    subprocess.run(
+        [
+            program("openssl"), "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
+            "-keyout", "key.pem", "-out", "certificate.pem", "-days", "1", "-subj", f"/CN={NAME}",
+            "-addext", f"subjectAltName=DNS:{NAME},IP:127.0.0.1",
+        ],
+        cwd=tmp_path, capture_output=True, check=True,
+    )  # fmt: skip
+    return Mill(tmp_path, offline.variables, free_port(), free_port())
+
+
+@contextmanager
+def in_front(mill: Mill, proxy: str) -> Iterator[None]:
+    site = mill.example("nginx.conf").replace("listen 443 ssl", f"listen 127.0.0.1:{mill.port} ssl")
+    with mill.nginx(site) if proxy == "nginx" else mill.caddy():
+        yield
+
+
+SCANNER = {
+    "name": "Line 2",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
+}
+
+
+@pytest.mark.parametrize("proxy", ["nginx", "caddy"])
+def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_address(mill, proxy):
+    program(proxy)
+    behind = {
+        "SAWMILL_PUBLIC_URL": f"https://{NAME}",
+        "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]',
+        "SAWMILL_LOG_FORMAT": "json",
+    }
+    admin = mill.administrator()
+    with mill.serving(**behind), in_front(mill, proxy), mill.client() as client:
+        assert client.get("/health/live").status_code == 200
+        assert client.get("/v1/scanners").status_code == 401
+        forged = {"X-Forwarded-For": "127.0.0.1"}
+        assert client.get("/v1/scanners", headers=forged).status_code == 401
+        made = client.post("/v1/keys", json={"name": "line 2", "scope": "submit"}, headers=admin).json()
+        submit = {"Authorization": f"Bearer {made['secret']}"}
+        assert client.post("/v1/scanners", json=SCANNER, headers=submit).status_code == 403
+        scanner = client.post("/v1/scanners", json=SCANNER, headers=admin | forged).json()["id"]
+        entry = client.get("/v1/audit", params={"limit": 1}, headers=admin).json()["items"][0]
+        assert (entry["action"], entry["who"], entry["address"]) == ("scanner-created", "anna", CLIENT)
+        # Three megabytes, which pass through as they come.
+        upload = client.post(
+            "/v1/scans",
+            params={"scanner_id": scanner, "data": "counts"},
+            content=(bytes(2**16) for _ in range(48)),
+            headers=submit,
+        )
+        assert (upload.status_code, upload.json()["size_bytes"]) == (202, 3 * 2**20)
+        with client.stream("GET", f"/v1/jobs/{upload.json()['job_id']}/events", headers=submit) as stream:
+            # No worker runs: the first event arrives while the stream goes on.
+            assert next(stream.iter_lines()).startswith("event: job")
+    secret = admin["Authorization"].partition(" ")[2]
+    assert secret not in (mill.folder / "service.log").read_text()
+
+
+def test_a_service_that_knows_of_no_proxy_is_not_open_through_one(mill):
+    program("nginx")
+    site = BARE_SITE.format(port=mill.port, backend=mill.backend)
+    with mill.serving(), mill.nginx(site), mill.client("http") as client:
+        assert httpx.get(f"http://127.0.0.1:{mill.backend}/v1/scanners", trust_env=False).status_code == 200
+        answer = client.get("/v1/scanners")
+        assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+        assert "came through a proxy (HTTP/1.0)" in answer.json()["detail"]
+        assert client.get("/health/live").status_code == 200
+
+
+def test_behind_a_proxy_it_does_not_start_without_a_key(mill):
+    variables = {"SAWMILL_PUBLIC_URL": f"https://{NAME}"}
+    serve = mill.sawmill("serve", "--port", str(mill.backend), "--workers", "0", "--no-examples")
+    done = subprocess.run(
+        serve, env=mill.variables | variables, capture_output=True, text=True, timeout=START_S, check=False
+    )
+    assert done.returncode == 1
+    assert "so each must bring a key: make one with sawmill key create" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not mill.data.exists()
