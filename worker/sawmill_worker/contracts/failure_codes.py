@@ -22,6 +22,7 @@ FILES = frozenset(
         "empty-file",
         "external-storage",
         "flats-missing",
+        "linked-file-missing",
         "no-signal",
         "not-finite",
         "out-of-range",
