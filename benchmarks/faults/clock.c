@@ -1,7 +1,7 @@
 /* A wall clock that can be stepped while a process runs.
 
    Preloaded, it moves CLOCK_REALTIME for its process alone, by the seconds (a double) at the start of the file
-   $FAULTS_CLOCKS/<process id>. The file begins as a copy of $FAULTS_CLOCKS/start, and that of a forked child with what
+   $PYTHON_FAULTS_CLOCKS/<process id>. The file begins as a copy of $PYTHON_FAULTS_CLOCKS/start, and that of a forked child with what
    its parent's holds. No other clock is moved, as none moves when somebody sets a machine's time. */
 
 #define _GNU_SOURCE
@@ -20,7 +20,7 @@ static volatile double *offset_s = NULL;
 static void open_own_file(double start)
 {
     char path[4096];
-    snprintf(path, sizeof path, "%s/%d", getenv("FAULTS_CLOCKS"), (int)getpid());
+    snprintf(path, sizeof path, "%s/%d", getenv("PYTHON_FAULTS_CLOCKS"), (int)getpid());
     int file = open(path, O_RDWR | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     if (file < 0)
         return;
@@ -38,7 +38,7 @@ static void go_on_in_child(void)
 
 __attribute__((constructor)) static void begin(void)
 {
-    const char *folder = getenv("FAULTS_CLOCKS");
+    const char *folder = getenv("PYTHON_FAULTS_CLOCKS");
     char path[4096];
     double start = 0.0;
     if (folder == NULL)

@@ -31,7 +31,7 @@ class Clocks:
         library = folder / "clock.so"
         source = Path(__file__).with_name("clock.c")
         subprocess.run([compiler, "-O2", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)  # noqa: S603
-        self.variables = {"LD_PRELOAD": str(library), "FAULTS_CLOCKS": str(folder)}
+        self.variables = {"LD_PRELOAD": str(library), "PYTHON_FAULTS_CLOCKS": str(folder)}
 
     def step(self, process_id: int, offset_s: float) -> None:
         """Put one process's clock off by this from now on."""

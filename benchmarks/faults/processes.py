@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-MARK = "FAULTS_WORLD"
+# Named so that it reaches the attempts too: of a worker's environment they have what Python and its libraries look at.
+MARK = "PYTHON_FAULTS_WORLD"
 _PARTS = {
     "sawmill_service": "api",
     "sawmill_worker.execution.poller": "worker",

@@ -22,6 +22,7 @@ from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind
 
 HERE = Path(__file__).parent
+WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
 
 
 @pytest.fixture
@@ -97,6 +98,15 @@ def stop() -> threading.Event:
 @pytest.fixture
 def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, command: list[str]) -> Iterator[Runner]:
     made = Runner(store, settings, stop, command=command)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def reader(store: Store, settings: ExecutionSettings, stop: threading.Event) -> Iterator[Runner]:
+    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
+    by_default = settings.model_copy(update={"memory_limit_bytes": None})
+    made = Runner(store, by_default, stop, command=[sys.executable, "-c", WITHOUT_KERNELS])
     yield made
     made.close()
 

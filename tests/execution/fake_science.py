@@ -1,6 +1,6 @@
 """The real process of an attempt over tasks without science: what it does stands in the uploaded file.
 
-For jobs without one, in the file that the environment variable FAKE_BEHAVIOUR names.
+For jobs without one, in the name of its phantom or its scanner.
 """
 
 import errno
@@ -9,6 +9,7 @@ import os
 import resource
 import signal
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
@@ -17,9 +18,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
-from sawmill_worker.storage.store import Store
+from reaching import endings
+
+from sawmill_worker.contracts.handed_over import HandedOver
+from sawmill_worker.contracts.jobs import FailureKind, Job
+from sawmill_worker.storage.files import checkpoints_of
 from sawmill_worker.vocabulary import Progress
+
+LIMITS = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
 
 
 class JobFailure(Exception):  # noqa: N818 - the name of the real one
@@ -31,14 +37,14 @@ class JobFailure(Exception):  # noqa: N818 - the name of the real one
 @dataclass(frozen=True)
 class Attempt:
     job: Job
-    store: Store
+    given: HandedOver
     output: Path
     report: Callable[[Progress], None]
     announce: Callable[[list[str]], None]
 
     @property
     def checkpoints(self) -> Path:
-        return self.store.files.checkpoints(self.output)
+        return checkpoints_of(self.output)
 
 
 def succeed(attempt: Attempt) -> dict[str, Any]:
@@ -51,7 +57,7 @@ def succeed(attempt: Attempt) -> dict[str, Any]:
 
 def wait_for_leave(attempt: Attempt) -> dict[str, Any]:
     (attempt.output / "waiting").touch()
-    while not (attempt.store.files.folder / "leave").exists():
+    while not (attempt.output.parents[1] / "leave").exists():
         time.sleep(0.05)
     return succeed(attempt)
 
@@ -77,7 +83,7 @@ def outlast(attempt: Attempt) -> dict[str, Any]:
 
 def work_on_and_die(attempt: Attempt) -> dict[str, Any]:
     """One step further than the last attempt that was killed, until five are done."""
-    kept = attempt.store.files.kept_with(attempt.job.id, "steps")
+    kept = attempt.given.kept / "steps"
     done = int(kept.read_text()) if kept.exists() else 0
     if done == 5:
         return succeed(attempt)
@@ -153,11 +159,26 @@ def start_a_thread(_: Attempt) -> dict[str, Any]:
 
 
 def tell_limits(attempt: Attempt) -> dict[str, Any]:
-    names = ("DATA", "CPU", "FSIZE", "NOFILE", "CORE")
     reported = succeed(attempt)
-    limits = {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}")) for name in names}
+    limits = {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}")) for name in LIMITS}
     (attempt.output / "scan.h5").write_text(json.dumps(limits))
     return reported
+
+
+def tell_all(attempt: Attempt) -> dict[str, Any]:
+    """Limits, surroundings, and how far it can reach, in the sentence of a refusal."""
+    with tempfile.NamedTemporaryFile() as scratch:
+        told = {
+            "limits": {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}"))[0] for name in LIMITS},
+            "folder": str(Path.cwd()),
+            "in folder": [path.name for path in Path().iterdir() if path.name != Path(scratch.name).name],
+            "scratch": scratch.name,
+            "home": str(Path.home()),
+            "environment": [*os.environ.values(), Path("/proc/self/environ").read_text()],
+            "open": [str(Path(f"/proc/self/fd/{number}").readlink()) for number in range(3, scratch.fileno())],
+            "tries": endings(attempt.output),
+        }
+    raise JobFailure(FailureKind.INPUT, "told", json.dumps(told))
 
 
 def talk(attempt: Attempt) -> dict[str, Any]:
@@ -243,6 +264,7 @@ BEHAVIOURS = {
         open_many,
         start_a_thread,
         tell_limits,
+        tell_all,
         *map(end_by, (signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGABRT, signal.SIGKILL)),
     )
 }
@@ -258,13 +280,11 @@ def needs_of(_: Attempt) -> Needs:
 
 
 def run(attempt: Attempt) -> dict[str, Any]:
-    if attempt.job.kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
-        reported = attempt.store.files.upload(attempt.job.kind, attempt.job.subject_id)
-    elif "FAKE_BEHAVIOUR" in os.environ:
-        reported = Path(os.environ["FAKE_BEHAVIOUR"])
-    else:
-        return refuse(attempt)
-    return BEHAVIOURS[reported.read_text()](attempt)
+    given = attempt.given
+    if given.asked_json is None:
+        return BEHAVIOURS[given.file.read_text()](attempt)
+    named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
+    return BEHAVIOURS[next(named, "refuse")](attempt)
 
 
 def install() -> None:
@@ -272,7 +292,13 @@ def install() -> None:
     fakes: dict[str, dict[str, Any]] = {
         "sawmill_worker.jobs": {},
         "sawmill_worker.use_cases": {},
-        "sawmill_worker.jobs.running": {"Attempt": Attempt, "needs_of": needs_of, "run": run, "warm_up": lambda: None},
+        "sawmill_worker.jobs.running": {
+            "Attempt": Attempt,
+            "make_ready": lambda _: None,
+            "needs_of": needs_of,
+            "run": run,
+            "warm_up": lambda: None,
+        },
         "sawmill_worker.use_cases.failures": {"JobFailure": JobFailure},
     }
     for name, contents in fakes.items():

@@ -3,10 +3,11 @@
 import os
 
 from sawmill_worker.execution import attempt
+from sawmill_worker.execution.settings import ExecutionSettings
 
 
 def test_an_attempt_whose_supervisor_was_killed_ends_without_a_word():
     reading, writing = os.pipe()
     os.close(reading)
     with open(writing, "wb", buffering=0) as channel:  # noqa: PTH123 - a descriptor, not a path
-        attempt._attempt(channel, memory_limit_bytes=None)
+        attempt._attempt(channel, ExecutionSettings())

@@ -1,6 +1,5 @@
 """Small files that unpack to gigabytes, read by the product's own processes."""
 
-import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -16,12 +15,9 @@ from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.execution.limits import DATA_BYTES
-from sawmill_worker.execution.runner import Runner
 from sawmill_worker.vocabulary import DataKind
 
 pytestmark = pytest.mark.slow
-
-WITHOUT_KERNELS = "from sawmill_worker.execution import attempt; attempt.warm_up = lambda: None; attempt.main()"
 
 
 def packed_zeros(path: Path, samples: int = 20 * 768 * 15_000) -> None:
@@ -86,16 +82,7 @@ def watch():
     thread.ended.set()
 
 
-@pytest.fixture
-def runner(store, settings):
-    """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
-    by_default = settings.model_copy(update={"memory_limit_bytes": None})
-    made = Runner(store, by_default, threading.Event(), command=[sys.executable, "-c", WITHOUT_KERNELS])
-    yield made
-    made.close()
-
-
-def test_small_files_that_unpack_to_gigabytes_are_refused_once_before_they_are_unpacked(store, runner, watch, tmp_path):
+def test_small_files_that_unpack_to_gigabytes_are_refused_once_before_they_are_unpacked(store, reader, watch, tmp_path):
     constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
     scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=constants)).id
     spec = ScanSpec(scanner_id=scanner, data=DataKind.LINE_INTEGRALS, angles_deg="0:18")
@@ -109,7 +96,7 @@ def test_small_files_that_unpack_to_gigabytes_are_refused_once_before_they_are_u
     scans = [store.scans.accept(spec, upload(make)) for make in (deflated_twice, packed_zeros)]
     picture = store.phantoms.accept_picture(PhantomPicture(name="checkers", width_mm=400), upload(checkers))
     good = store.scans.accept(spec, upload(small_scan))
-    states = [runner.run_next() for _ in range(5)]
+    states = [reader.run_next() for _ in range(5)]
     assert states == [JobState.FAILED] * 3 + [JobState.SUCCEEDED, None]
     codes = [store.jobs.get(job_id).failure.code for job_id in (*(scan.job_id for scan in scans), picture.job_id)]
     assert codes == ["unsupported-storage", "too-large", "phantom"]

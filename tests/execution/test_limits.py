@@ -53,21 +53,30 @@ def test_an_upload_that_crashes_its_reader_is_refused_once(store, start, queue):
     assert "reading the picture crashed the reader (SIGABRT)" in store.phantoms.get(phantom.id).reason
 
 
-def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, start, monkeypatch, tmp_path):
-    body = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
+def test_a_crash_that_no_file_is_to_blame_for_is_a_defect_reported_once(store, start):
     five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
     theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
     ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
-    phantom = store.phantoms.create(body).id
-    monkeypatch.setenv("FAKE_BEHAVIOUR", str(behaviour := tmp_path / "behaviour"))
     runner = start()
     for crash in ("SIGSEGV", "SIGFPE", "SIGILL"):
-        plan = store.plans.accept(ask, given={"phantom_id": phantom})
-        behaviour.write_text(f"end-by-{crash.lower()}")
+        body = PhantomDrawing(name=f"end-by-{crash.lower()}", shapes=[Disc(center_mm=(0, 0), radius_mm=50)])
+        plan = store.plans.accept(ask, given={"phantom_id": store.phantoms.create(body).id})
         assert runner.run_next() is JobState.FAILED
         failure = store.jobs.get(plan.job_id).failure
         assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
         assert f"crashed ({crash}), which is a defect; please report it" in failure.detail
+
+
+def test_a_job_whose_phantom_was_deleted_meanwhile_is_refused(store, start):
+    five = {"initial_angle_rad": 0, "detector_to_cor_mm": 700, "source_shift_mm": 0}
+    theta = Theta(**five, detector_shift_mm=0, detector_tilt=0)
+    phantom = store.phantoms.create(PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)]))
+    ask = PlanAsk(scanner_id=store.scanners.create(SCANNER).id, theta=theta)
+    plan = store.plans.accept(ask, given={"phantom_id": phantom.id})
+    store.phantoms.delete(phantom.id)
+    assert start().run_next() is JobState.FAILED
+    failure = store.jobs.get(plan.job_id).failure
+    assert (failure.kind, failure.code) == (FailureKind.INPUT, "phantom-not-found")
 
 
 @both_ways

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from sawmill_service.settings import ServiceSettings
-from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.environment import environment_of_attempts, environment_with
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.variables import (
     KNOWN,
@@ -36,6 +36,24 @@ def test_the_service_s_token_stays_with_the_service(monkeypatch):
     monkeypatch.setenv("SAWMILL_TOKEN", "t" * 32)
     monkeypatch.setenv("SAWMILL_TOKEN_FILE", "/run/secrets/token")
     assert not {"SAWMILL_TOKEN", "SAWMILL_TOKEN_FILE"} & set(environment_with(ExecutionSettings()))
+
+
+def test_attempts_have_no_secret_in_their_environment(monkeypatch):
+    secrets = (
+        "SAWMILL_TOKEN",
+        "SAWMILL_TOKEN_FILE",
+        "SAWMILL_DATABASE_URL",
+        "SAWMILL_BROKER_URL",
+        "PGPASSWORD",
+        "AWS_SECRET_ACCESS_KEY",
+        "ANYTHING_ELSE",
+    )
+    for name in secrets:
+        monkeypatch.setenv(name, "redis://:canary@broker/0")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "/var/cache/sawmill")
+    environment = environment_of_attempts(ExecutionSettings(lease_s=77))
+    assert "canary" not in "".join(environment.values())
+    assert (environment["NUMBA_CACHE_DIR"], environment["SAWMILL_LEASE_S"]) == ("/var/cache/sawmill", "77.0")
 
 
 def test_a_lease_shorter_than_two_heartbeats_is_refused():

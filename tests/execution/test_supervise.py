@@ -14,12 +14,15 @@ from sawmill_worker.contracts import kinds
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.supervise import WorkerSupervisor
+from sawmill_worker.storage.settings import StorageSettings
 
 pytestmark = pytest.mark.slow
 
 HERE = Path(__file__).parent
 IDLE = [sys.executable, "-c", "import os; os.read(0, 1)"]
 WORKER = [sys.executable, str(HERE / "fake_worker.py")]
+# Named so that it reaches attempts: of the environment they have what Python looks at.
+MARK = "PYTHON_MARK_OF_A_TEST"
 
 
 @pytest.fixture
@@ -47,8 +50,14 @@ def test_waking_workers_that_have_ended_does_no_harm(storage, settings):
     supervisor.wake("nothing")
 
 
+@pytest.fixture(autouse=True)
+def mark(storage: StorageSettings, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the data folder, which an attempt's environment does not name."""
+    monkeypatch.setenv(MARK, str(storage.data_folder))
+
+
 def processes_of(folder: Path) -> list[int]:
-    """Every live process whose environment names this data folder."""
+    """Every live process whose environment has this data folder's mark."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and int(entry.name) != os.getpid():
@@ -56,7 +65,7 @@ def processes_of(folder: Path) -> list[int]:
                 environment = (entry / "environ").read_bytes()
             except OSError:
                 continue
-            if f"SAWMILL_DATA_FOLDER={folder}".encode() in environment.split(b"\0"):
+            if f"{MARK}={folder}".encode() in environment.split(b"\0"):
                 found.append(int(entry.name))
     return found
 

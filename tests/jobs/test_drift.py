@@ -13,6 +13,7 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs.running import run
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
@@ -154,12 +155,12 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     wider = replace(scanner.constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
     with pytest.raises(JobFailure, match=r"384 cells of 3 mm and the scan of 384 of 3\.1 mm") as failure:
-        run(looking)
+        run(replace(looking, given=given_to(store, looking.job)))
     assert failure.value.code == "contradiction"
 
 
 def test_a_calibration_that_was_cancelled_is_refused(asked, log_scan, store, attempt):
-    scan = store.scans.get(asked(log_scan()[:, None]).store.scans.page().items[0].id)
+    scan = store.scans.get(asked(log_scan()[:, None]).given.scan.id)
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
     store.drifts.accept(DriftAsk(scan_id=scan.id, calibration_id=calibration.id), identifier="late")
     store.jobs.request_cancel(calibration.job_id)

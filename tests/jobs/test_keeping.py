@@ -13,6 +13,7 @@ import pytest
 from sawmill_worker.contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
@@ -111,7 +112,7 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
 
     with pytest.raises(Killed):
         run(replace(job, announce=die))
-    path = store.files.kept_with(job.job.id, "search")
+    path = store.files.kept_with(job.job.id) / "search"
     if damage == "truncated":
         path.write_bytes(path.read_bytes()[:-7])
     elif damage == "another version":
@@ -121,7 +122,7 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
         store.scanners.update("line-2", spec().model_copy(update={"constants": constants}))
     log = []
     monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(log))
-    run(replace(job, announce=lambda _: None))
+    run(replace(job, given=given_to(store, job.job), announce=lambda _: None))
     assert ("checkpoint-passed-over", "search") in log
 
 
@@ -170,7 +171,7 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_kill
     volume(150, method="fbp")
     job = attempt(JobKind.RECONSTRUCT)
     whole = run(job)
-    folder = store.files.kept_with(job.job.id, "settings").parent
+    folder = store.files.kept_with(job.job.id)
     announced = []
 
     def take(names):
@@ -185,18 +186,18 @@ def test_blocks_that_are_damaged_are_made_again(volume, store, attempt, run_kill
 
 
 @pytest.mark.usefixtures("hours_go_by")
-def test_checkpoints_leave_room_for_the_volume(volume, attempt, store, monkeypatch):
+def test_checkpoints_leave_room_for_the_volume(volume, attempt, monkeypatch):
     volume(150, method="fbp")
     job = attempt(JobKind.RECONSTRUCT)
-    free = job.store.files.check_room
+    free = keeping.check_room
 
-    def nearly_full(needed, *, needed_by):
+    def nearly_full(folder, needed, *, needed_by):
         if "checkpoint" in needed_by:
             assert needed > 150 * 32 * 32 * 4
             raise StorageFull("the disk is full")
-        free(needed, needed_by=needed_by)
+        free(folder, needed, needed_by=needed_by)
 
-    monkeypatch.setattr(store.files, "check_room", nearly_full)
+    monkeypatch.setattr(keeping, "check_room", nearly_full)
     announced = []
     assert run(replace(job, announce=announced.append))["shape"] == [150, 32, 32]
     assert announced == []

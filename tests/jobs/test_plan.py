@@ -4,6 +4,7 @@ from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk, PlanResult
 from sawmill_worker.jobs.running import run
+from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.planning import plan
@@ -41,10 +42,9 @@ def test_a_phantom_that_cannot_calibrate_is_the_asker_s_to_mend(asked, attempt, 
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom")
 
 
-def test_a_phantom_deleted_meanwhile_is_reported(asked, attempt, store):
+def test_with_a_phantom_deleted_meanwhile_there_is_nothing_to_hand_over(asked, attempt, store):
     phantom = store.phantoms.create(store.phantoms.get("l-shape").drawing)
     asked(phantom.id)
     store.phantoms.delete(phantom.id)
-    with pytest.raises(JobFailure, match="there is no phantom") as failure:
-        run(attempt(JobKind.PLAN))
-    assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "phantom-not-found")
+    with pytest.raises(NotFound, match="there is no phantom"):
+        attempt(JobKind.PLAN)

@@ -7,6 +7,7 @@ from results import reading
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.storage.errors import LeaseLost, NotFound
+from sawmill_worker.storage.files import checkpoints_of
 from sawmill_worker.storage.jobs import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
@@ -20,14 +21,14 @@ def begin(store, content=None):
     claim = store.jobs.claim("test")
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     if content is not None:
-        folder = store.files.checkpoints(output)
+        folder = checkpoints_of(output)
         folder.mkdir()
         (folder / "search").write_text(content)
     return claim, output
 
 
 def kept(store, claim):
-    path = store.files.kept_with(claim.job_id, "search")
+    path = store.files.kept_with(claim.job_id) / "search"
     return path.read_text() if path.is_file() else None
 
 
@@ -62,8 +63,8 @@ def test_a_late_attempt_keeps_nothing(store, upload):
     store.jobs.release(late)
     newer = store.jobs.claim("newer")
     output = store.files.folder / "newer"
-    store.files.checkpoints(output).mkdir(parents=True)
-    (store.files.checkpoints(output) / "search").write_text("newer")
+    checkpoints_of(output).mkdir(parents=True)
+    (checkpoints_of(output) / "search").write_text("newer")
     store.jobs.keep(newer, output, ["search"])
     with pytest.raises(LeaseLost, match="attempt 1 no longer holds"):
         store.jobs.keep(late, late_output, ["search"])

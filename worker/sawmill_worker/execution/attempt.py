@@ -1,7 +1,8 @@
 """The process of one attempt at a job, and the template of such: `python -m sawmill_worker.execution.attempt`.
 
 It imports the science and loads its kernels. An attempt then reports that it is ready, waits for its assignment, runs
-it within its limits and ends (see `protocol`, `limits`); a template forks attempts that begin there (see `forking`).
+it within its limits (`limits`), with its own files alone (`confinement`), and ends (see `protocol`); a template forks
+attempts that begin there (see `forking`).
 """
 
 import os
@@ -17,6 +18,7 @@ from typing import BinaryIO
 import structlog
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.execution.confinement import confine_to, installation, move_into
 from sawmill_worker.execution.failures import failure_of
 from sawmill_worker.execution.forking import REQUESTS, TBB, serve
 from sawmill_worker.execution.limits import keep_to, limits_of, peak_memory_bytes
@@ -24,10 +26,8 @@ from sawmill_worker.execution.logs import about_attempt, configure_logs
 from sawmill_worker.execution.protocol import CHANNEL, Assignment, Failed, Kept, ProgressMade, Ready, Succeeded, to_line
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.threading_layer import load
-from sawmill_worker.jobs.running import Attempt, needs_of, run, warm_up
-from sawmill_worker.storage.files import flush_tree
-from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.storage.store import Store
+from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
+from sawmill_worker.storage.files import flush_tree, work_of
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import Progress
 
@@ -36,7 +36,8 @@ def main() -> None:
     """Run one attempt, or none when the supervisor goes away first; as a template, fork as many as are asked for."""
     settings = ExecutionSettings()
     configure_logs(settings.log_format)
-    attempt = partial(_attempt, memory_limit_bytes=settings.memory_limit_bytes)
+    attempt = partial(_attempt, settings=settings)
+    installation()
     if REQUESTS in os.environ:
         load(Path(os.environ[TBB]))
         warm_up()
@@ -47,22 +48,29 @@ def main() -> None:
             attempt(channel)
 
 
-def _attempt(channel: BinaryIO, memory_limit_bytes: int | None) -> None:
+def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     """Wait for the assignment on standard input, and answer it."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
         channel.write(to_line(Ready()))
     except BrokenPipeError:  # the supervisor was killed meanwhile
         return
-    line = supervisor.readline()
+    line = _line_from(supervisor)
     if line:
-        threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
         assignment = Assignment.model_validate_json(line)
         with about_attempt(assignment.job):
-            answer, error = _answer(assignment, channel, memory_limit_bytes)
+            answer, error = _answer(_attempt_at(assignment, channel), settings, supervisor)
             measured = answer.model_copy(update={"peak_memory_bytes": peak_memory_bytes()})
             channel.write(to_line(measured))  # before it is logged: a log that cannot be written must not take it away
             _log(answer, error)
+
+
+def _line_from(supervisor: BinaryIO) -> bytes:
+    """All that comes before the supervisor falls silent is one line; empty where it went away instead."""
+    line = b""
+    while not line.endswith(b"\n") and (part := supervisor.read(65_536)):
+        line += part
+    return line if line.endswith(b"\n") else b""
 
 
 def _end_with(supervisor: BinaryIO) -> None:
@@ -71,11 +79,11 @@ def _end_with(supervisor: BinaryIO) -> None:
 
 
 def _answer(
-    assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None
+    attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO
 ) -> tuple[Succeeded | Failed, Exception | None]:
     """The attempt's answer, and the exception that nobody foresaw."""
     try:
-        return Succeeded(result=_run(assignment, channel, memory_limit_bytes)), None
+        return Succeeded(result=_run(attempt, settings, supervisor)), None
     except JobFailure as error:
         return Failed(failure=Failure(kind=error.kind, code=error.code, detail=error.detail)), None
     except MemoryError as error:
@@ -94,22 +102,35 @@ def _log(answer: Succeeded | Failed, error: Exception | None) -> None:
         log.info("job-failed", code=answer.failure.code, detail=answer.failure.detail)
 
 
-def _run(assignment: Assignment, channel: BinaryIO, memory_limit_bytes: int | None) -> dict[str, object]:
+def _attempt_at(assignment: Assignment, channel: BinaryIO) -> Attempt:
     def report(progress: Progress) -> None:
         channel.write(to_line(ProgressMade(progress=progress)))
 
     def announce(names: Sequence[str]) -> None:
         channel.write(to_line(Kept(names=list(names))))
 
-    store = Store(StorageSettings(data_folder=assignment.data_folder, database_url=assignment.database_url))
-    attempt = Attempt(job=assignment.job, store=store, output=assignment.output, report=report, announce=announce)
+    return Attempt(
+        job=assignment.job, given=assignment.given, output=assignment.output, report=report, announce=announce
+    )
+
+
+def _run(attempt: Attempt, settings: ExecutionSettings, supervisor: BinaryIO) -> dict[str, object]:
     # Only now: the process was started before anybody knew which job it would run.
-    keep_to(limits_of(assignment.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=memory_limit_bytes))
+    limits = limits_of(attempt.job.kind, **needs_of(attempt)._asdict(), memory_limit_bytes=settings.memory_limit_bytes)
+    keep_to(limits)
+    make_ready(attempt)
+    move_into(work_of(attempt.output))
+    if settings.confine_attempts:
+        confine_to(attempt.given, attempt.output)
+    # Not before: it confines the threads that are started from then on.
+    threading.Thread(target=_end_with, args=(supervisor,), daemon=True).start()
     result = run(attempt)
-    # Its supervisor may be taking some of them; none is needed any more, and none is a result.
-    shutil.rmtree(attempt.checkpoints, ignore_errors=True)
+    os.chdir(attempt.output)
+    # Its supervisor may be taking checkpoints; none is needed any more, and none of this is a result.
+    for folder in (attempt.checkpoints, work_of(attempt.output)):
+        shutil.rmtree(folder, ignore_errors=True)
     attempt.report(Progress(fraction=1.0, stage="store"))  # of gigabytes, on a slow disk, that takes minutes
-    flush_tree(assignment.output)
+    flush_tree(attempt.output)
     return result
 
 

@@ -22,6 +22,7 @@ from kombu.entity import Queue
 from kombu.exceptions import OperationalError
 from redis.exceptions import RedisError
 
+from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
@@ -173,6 +174,7 @@ class _Engine:
         slots = 1 if "solo" in pool else int(sender.concurrency)
         self._settings = self._settings.model_copy(update={"workers": slots})
         say_if_crowded(self._settings)
+        say_if_unconfined(self._settings)
         self._store = self._opened()
         self._wake = Waker(self._app, self._store.jobs.is_short)
         self._runner = Runner(

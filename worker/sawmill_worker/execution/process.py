@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from fcntl import F_SETPIPE_SZ, fcntl
 from typing import IO, Protocol
 
 import structlog
@@ -25,6 +26,8 @@ from sawmill_worker.execution.protocol import (
 
 # From SIGKILL until a process that still runs is given up.
 UNDYING_S = 10.0
+# What a pipe holds by default.
+PIPE_BYTES = 2**16
 
 
 class AttemptNotStarted(Exception):  # noqa: N818 - an outcome's name
@@ -93,8 +96,11 @@ class AttemptProcess:
         """Hand over the one attempt; `receive` finds out where the process has died by now."""
         if self._process.stdin is None:
             raise AssertionError("standard input is a pipe")
+        line = to_line(assignment)
+        with suppress(OSError):  # it reads by itself; but one that is stopped must not stop its supervisor
+            fcntl(self._process.stdin.fileno(), F_SETPIPE_SZ, max(len(line), PIPE_BYTES))
         try:
-            self._process.stdin.write(to_line(assignment))
+            self._process.stdin.write(line)
         except BrokenPipeError:
             self.hung_up = True
 

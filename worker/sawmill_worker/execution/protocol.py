@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import Failure, Job
 from sawmill_worker.vocabulary import Progress
 
@@ -21,8 +22,7 @@ class Assignment(Contract):
     """Run this attempt."""
 
     job: Job
-    data_folder: Path
-    database_url: str | None
+    given: HandedOver
     output: Path
 
 

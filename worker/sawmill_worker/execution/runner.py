@@ -12,8 +12,9 @@ from pydantic import ValidationError
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution import sharing
-from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.environment import environment_of_attempts
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
+from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.execution.logs import about_attempt
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
@@ -21,14 +22,15 @@ from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, 
 from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
-from sawmill_worker.storage.errors import LeaseLost, StorageFull, StorageUnavailable
+from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import Progress
 
 # What a library may have failed to write at once, and so what a full disk may have left free.
 BUFFER_BYTES = 16 * 2**20
-ATTEMPT_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.attempt")
+# Without the folder that the worker was started in on the path for imports.
+ATTEMPT_COMMAND = (sys.executable, "-P", "-m", "sawmill_worker.execution.attempt")
 
 
 class Runner:
@@ -231,17 +233,10 @@ class _Supervision:
         self._last_look = self._last_beat
 
     def run(self, output: Path) -> JobState:
-        storage = self._store.settings
-        self._process.assign(
-            Assignment(
-                job=self._claim.job,
-                data_folder=storage.data_folder.absolute(),
-                database_url=storage.database_url,
-                output=output,
-            )
-        )
+        answer: Succeeded | Failed | JobState | None = self._assign(output)
         try:
-            answer = self._watch(output)
+            if answer is None:
+                answer = self._watch(output)
             if isinstance(answer, Succeeded):
                 self._publish(answer, output)
                 return JobState.SUCCEEDED
@@ -256,6 +251,18 @@ class _Supervision:
                 peak_memory_bytes=answer.peak_memory_bytes,
             )
         return answer
+
+    def _assign(self, output: Path) -> Failed | None:
+        """Hand the job over, or the failure of one that cannot be."""
+        try:
+            given = given_to(self._store, self._claim.job)
+        except NotFound as error:
+            return Failed(failure=Failure(kind=FailureKind.INPUT, code=error.code, detail=str(error)))
+        except ValidationError as error:
+            structlog.get_logger().exception("row-not-read")
+            return Failed(failure=failure_of(error))
+        self._process.assign(Assignment(job=self._claim.job, given=given, output=output))
+        return None
 
     def _publish(self, answer: Succeeded, output: Path) -> None:
         """Publish as soon as the database answers: what was computed is not computed again for an outage."""
@@ -365,7 +372,7 @@ def _ways_to_start(
 
 
 def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str, str]:
-    environment = environment_with(settings)
+    environment = environment_of_attempts(settings)
     # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))

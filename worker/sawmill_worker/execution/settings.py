@@ -75,6 +75,11 @@ class ExecutionSettings(BaseSettings):
         description="Fork attempts from a process that has imported everything, where TBB is installed and the system "
         "allows it; otherwise each starts afresh, which costs a second or more of processor time.",
     )
+    confine_attempts: bool = Field(
+        default=True,
+        description="Keep the process of each attempt to its own files and off the network, where the kernel has "
+        "Landlock.",
+    )
     workers: Annotated[int, Field(ge=1, le=64)] = Field(
         1, description="Embedded worker processes, or jobs at once of a Celery worker; they share the cores."
     )

@@ -12,6 +12,7 @@ from typing import Self
 
 import structlog
 
+from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -70,6 +71,7 @@ class WorkerSupervisor:
 
     def __enter__(self) -> Self:
         say_if_crowded(self._settings)
+        say_if_unconfined(self._settings)
         for worker in self._general:
             worker.start()
         self._thread.start()

@@ -3,10 +3,16 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
+from sawmill_worker.contracts.base import Contract
+from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import Job
-from sawmill_worker.storage.store import Store
+from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.files import checkpoints_of
 from sawmill_worker.vocabulary import Progress, ProgressCallback
+
+Asked = TypeVar("Asked", bound=Contract)
 
 
 @dataclass(frozen=True)
@@ -17,8 +23,8 @@ class Attempt:
     ----------
     job : Job
         As it was claimed.
-    store : Store
-        To load from; results go through `output` and the return value.
+    given : HandedOver
+        What it works on; results go through `output` and the return value.
     output : Path
         An empty folder: the files in it become the subject's.
     report : callable
@@ -28,7 +34,7 @@ class Attempt:
     """
 
     job: Job
-    store: Store
+    given: HandedOver
     output: Path
     report: ProgressCallback
     announce: Callable[[Sequence[str]], None]
@@ -36,7 +42,24 @@ class Attempt:
     @property
     def checkpoints(self) -> Path:
         """The folder for checkpoints, which are no results."""
-        return self.store.files.checkpoints(self.output)
+        return checkpoints_of(self.output)
+
+    @property
+    def file(self) -> Path:
+        """What the job reads."""
+        assert self.given.file is not None  # noqa: S101 - of a kind that reads one
+        return self.given.file
+
+    @property
+    def scanner(self) -> StoredScanner:
+        """Of the scan, or of the ask."""
+        assert self.given.scanner is not None  # noqa: S101 - of a kind that has one
+        return self.given.scanner
+
+    def asked(self, contract: type[Asked]) -> Asked:
+        """The job's own row, of the contract that its kind answers with while it is unfinished."""
+        assert self.given.asked_json is not None  # noqa: S101 - of a kind that is asked for
+        return contract.model_validate_json(self.given.asked_json)
 
     def report_stage(self, fraction: float, stage: str) -> None:
         """Report progress."""

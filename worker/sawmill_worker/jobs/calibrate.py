@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded
+from sawmill_worker.contracts.calibrations import CalibrationOptions, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.phantoms import PhantomDrawing
-from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanShape, ScanState
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import Needs, of_averaged_rows
-from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.calibration_files import calibration_arrays, write_result
@@ -31,26 +29,24 @@ from sawmill_worker.vocabulary import DataKind
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Write result.h5, which the pictures are drawn from, and answer with everything known."""
-    store = attempt.store
-    asked = store.calibrations.get(attempt.job.subject_id)
-    scanner = store.scanners.get(asked.scanner_id)
+    asked, scanner = attempt.asked(CalibrationUnfinished), attempt.scanner
     options = asked.options.model_copy(
         update={
             "handedness": asked.options.handedness or scanner.handedness,
             "rotation": asked.options.rotation or scanner.rotation,
         }
     )
-    scan = usable_scan(store, asked.scan_id)
+    scan = usable_scan(attempt)
     attempt.report_stage(0.0, "read")
-    given, stack = _load(store, scan, options, scanner, drawing_of(store, asked.phantom_id))
+    given, stack = _load(attempt, scan, options)
     given, calibration = run_calibration(
         given, options, attempt.report, stack=stack, keeper=_keeper(attempt, given, options)
     )
     usable = scan.usable_rows or (0, shape_of(scan).rows)
     attempt.report_stage(0.96, "log")
-    read = _row_reader(store, scan, options)
+    read = _row_reader(attempt, scan, options)
     given, calibration = hear_log(calibration, given, asked=options.log_rows, rows=usable, read=read)
-    active = _active(store, scanner)
+    active = _active(attempt)
     comparison = None if active is None else compared(active, calibration.geometry, scanner)
     attempt.report_stage(0.97, "result")
     log = log_row_beside(given, usable, read)
@@ -64,16 +60,16 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 def needs(attempt: Attempt) -> Needs:
     """Of the rows that are averaged."""
-    asked = attempt.store.calibrations.get(attempt.job.subject_id)
-    scan = usable_scan(attempt.store, asked.scan_id)
-    return of_averaged_rows(shape_of(scan), asked.options.rows or scan.phantom_rows, scan.usable_rows)
+    scan, options = usable_scan(attempt), attempt.asked(CalibrationUnfinished).options
+    return of_averaged_rows(shape_of(scan), options.rows or scan.phantom_rows, scan.usable_rows)
 
 
-def usable_scan(store: Store, scan_id: str) -> Scan:
+def usable_scan(attempt: Attempt) -> Scan:
     """A scan that is ready; the job that reads it may have refused it since it was asked for."""
-    scan = store.scans.get(scan_id)
+    scan = attempt.given.scan
+    assert scan is not None  # noqa: S101 - of a kind that refers to one
     if scan.state is not ScanState.READY or scan.shape is None:
-        raise refused("scan-refused", f"scan {scan_id!r} cannot be used: {scan.reason or scan.state.value}")
+        raise refused("scan-refused", f"scan {scan.id!r} cannot be used: {scan.reason or scan.state.value}")
     return scan
 
 
@@ -83,33 +79,33 @@ def shape_of(scan: Scan) -> ScanShape:
     return scan.shape
 
 
-def usable_calibration(store: Store, calibration_id: str, purpose: str) -> CalibrationSucceeded:
+def usable_calibration(attempt: Attempt, purpose: str) -> CalibrationSucceeded:
     """A calibration with an answer; the sentence of its refusal ends with what its geometry was to be used for."""
-    calibration = store.calibrations.get(calibration_id)
+    calibration = attempt.given.calibration
+    assert calibration is not None  # noqa: S101 - of an ask that refers to one
     if not isinstance(calibration, CalibrationSucceeded):
         raise refused(
             "calibration-without-result",
-            f"calibration {calibration_id!r} is {calibration.state} and has no geometry to {purpose}",
+            f"calibration {calibration.id!r} is {calibration.state} and has no geometry to {purpose}",
         )
     return calibration
 
 
-def drawing_of(store: Store, phantom_id: str) -> PhantomDrawing:
+def drawing_of(attempt: Attempt) -> PhantomDrawing:
     """A phantom's drawing; the job that traces its picture may have refused it since it was asked for."""
-    phantom = store.phantoms.get(phantom_id)
+    phantom = attempt.given.phantom
+    assert phantom is not None  # noqa: S101 - of a kind that refers to one
     if phantom.drawing is None:
-        raise refused("phantom-refused", f"phantom {phantom_id!r} has no drawing: {phantom.reason}")
+        raise refused("phantom-refused", f"phantom {phantom.id!r} has no drawing: {phantom.reason}")
     return phantom.drawing
 
 
-def _load(
-    store: Store, scan: Scan, options: CalibrationOptions, scanner: StoredScanner, drawing: PhantomDrawing
-) -> tuple[CalibrationInput, Stack | None]:
+def _load(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> tuple[CalibrationInput, Stack | None]:
     """The input, and the stack of its rows where it is not known which of them show the phantom."""
-    shape = shape_of(scan)
+    shape, scanner = shape_of(scan), attempt.scanner
     rows = chosen_rows(options.rows or scan.phantom_rows, shape.rows, scan.usable_rows)
     views = chosen_views(options.views, shape.views)
-    stored = read_stored_scan(store.files.scan(scan.id), rows, views)
+    stored = read_stored_scan(attempt.file, rows, views)
     mean = mean_of_rows(stored.line_integrals)
     given = CalibrationInput(
         sinogram=mean.sinogram,
@@ -117,7 +113,7 @@ def _load(
         rows=(rows.start, rows.stop),
         scanner=scanner.constants,
         bounds=scanner.bounds,
-        drawing=drawing,
+        drawing=drawing_of(attempt),
         input_sha256=scan.sha256,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.predicted_ray_error_mm,
@@ -142,18 +138,16 @@ def _keeper(attempt: Attempt, given: CalibrationInput, options: CalibrationOptio
     return AttemptKeeper(attempt, origin)
 
 
-def _active(store: Store, scanner: StoredScanner) -> CalibrationSucceeded | None:
-    if scanner.active_calibration_id is None:
-        return None
-    active = store.calibrations.get(scanner.active_calibration_id)
+def _active(attempt: Attempt) -> CalibrationSucceeded | None:
+    active = attempt.given.active
     return active if isinstance(active, CalibrationSucceeded) else None
 
 
-def _row_reader(store: Store, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
+def _row_reader(attempt: Attempt, scan: Scan, options: CalibrationOptions) -> Callable[[int], NDArray[np.float32]]:
     """Reads any row of the scan, (views, detector); NaN in views that lack it."""
     views = chosen_views(options.views, shape_of(scan).views)
 
     def read(row: int) -> NDArray[np.float32]:
-        return read_stored_scan(store.files.scan(scan.id), slice(row, row + 1), views).line_integrals[:, 0]
+        return read_stored_scan(attempt.file, slice(row, row + 1), views).line_integrals[:, 0]
 
     return read

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from sawmill_worker.contracts.drifts import Drift
 from sawmill_worker.files.scan_reader import read_stored_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
@@ -13,11 +14,9 @@ from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Answer with what moved since the calibration; there are no files."""
-    store = attempt.store
-    asked = store.drifts.get(attempt.job.subject_id)
-    calibration = usable_calibration(store, asked.calibration_id, "compare with")
-    scanner = store.scanners.get(asked.scanner_id)
-    scan = usable_scan(store, asked.scan_id)
+    asked, scanner = attempt.asked(Drift), attempt.scanner
+    calibration = usable_calibration(attempt, "compare with")
+    scan = usable_scan(attempt)
     shape = shape_of(scan)
     known, now = calibration.scanner, scanner.constants
     if (known.num_detector_pixels, known.detector_pitch_mm) != (shape.detector, now.detector_pitch_mm):
@@ -29,7 +28,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         )
     rows = chosen_rows(asked.options.rows, shape.rows, scan.usable_rows)
     attempt.report_stage(0.1, "read")
-    stored = read_stored_scan(store.files.scan(scan.id), rows, chosen_views(None, shape.views))
+    stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views))
     attempt.report_stage(0.5, "pair rays")
     mean = mean_of_common_rows(stored.line_integrals, rows.start)
     given = DriftInput(
@@ -48,6 +47,5 @@ def run(attempt: Attempt) -> dict[str, Any]:
 
 def needs(attempt: Attempt) -> Needs:
     """Of the rows that are averaged."""
-    asked = attempt.store.drifts.get(attempt.job.subject_id)
-    scan = usable_scan(attempt.store, asked.scan_id)
-    return of_averaged_rows(shape_of(scan), asked.options.rows, scan.usable_rows)
+    scan = usable_scan(attempt)
+    return of_averaged_rows(shape_of(scan), attempt.asked(Drift).options.rows, scan.usable_rows)

@@ -19,12 +19,11 @@ from sawmill_worker.vocabulary import DataKind, RowAlignment
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Write scan.h5 and answer with what the file turned out to be."""
-    store = attempt.store
-    scan = store.scans.get(attempt.job.subject_id)
-    constants = store.scanners.get(scan.scanner_id).constants
+    scan, constants = attempt.given.scan, attempt.scanner.constants
+    assert scan is not None  # noqa: S101 - of the one kind that reads uploaded scans
     attempt.report_stage(0.0, "read")
     reading = reading_scan(
-        store.files.upload(attempt.job.kind, scan.id),
+        attempt.file,
         counts=scan.data is DataKind.COUNTS,
         dataset=scan.dataset,
         angles_deg=None if scan.angles_deg is None else parse_angles(scan.angles_deg),

@@ -11,6 +11,7 @@ import structlog
 from sawmill_worker.files.checkpoint import UnusableCheckpoint, read_checkpoint, write_checkpoint
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.errors import StorageFull, disk_full_reported
+from sawmill_worker.storage.files import check_room
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
 
 # Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
@@ -58,9 +59,9 @@ class AttemptKeeper:
     def keep(self, name: str, arrays: Arrays, made_with: MadeWith | None = None) -> None:
         """Write a checkpoint; it is announced with others, when the pause is over."""
         needed = self._still_to_write_bytes + sum(array.nbytes for array in arrays.values())
-        files, folder = self._attempt.store.files, self._attempt.checkpoints
+        folder = self._attempt.checkpoints
         try:
-            files.check_room(needed, needed_by="a checkpoint beside the result")
+            check_room(self._attempt.output, needed, needed_by="a checkpoint beside the result")
             with disk_full_reported("a checkpoint"):
                 folder.mkdir(exist_ok=True)
                 write_checkpoint(folder / name, {**self._origin, "made_with": made_with}, arrays)
@@ -80,7 +81,7 @@ class AttemptKeeper:
 
     def kept(self, name: str, made_with: MadeWith | None = None) -> Arrays | None:
         """What an earlier attempt wrote; what cannot be used is passed over, with a line in the log."""
-        path = self._attempt.store.files.kept_with(self._attempt.job.id, name)
+        path = self._attempt.given.kept / name
         try:
             arrays = read_checkpoint(path, {**self._origin, "made_with": made_with})
         except FileNotFoundError:

@@ -6,19 +6,19 @@ from typing import Any
 import numpy as np
 from numba import get_num_threads
 
-from sawmill_worker.contracts.reconstructions import ReconstructionAsked
+from sawmill_worker.contracts.reconstructions import Reconstruction, ReconstructionAsked
 from sawmill_worker.contracts.scans import ScanShape
 from sawmill_worker.files.scan_reader import open_scan
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.calibrate import shape_of, usable_calibration, usable_scan
 from sawmill_worker.jobs.keeping import AttemptKeeper
 from sawmill_worker.jobs.needs import FILE_BYTES, FILE_SHARE, PROCESS_BYTES, Needs
-from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography import cost
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.object_extent import seen_radius_mm
 from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
+from sawmill_worker.tomography.warm_up import load_iterative_methods
 from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER, MOST_FITTED_IMAGES, may_fit
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
@@ -31,22 +31,19 @@ LINES_A_SLICE = 40
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Write volume.h5 and return the result."""
-    store = attempt.store
-    asked = store.reconstructions.get(attempt.job.subject_id)
-    options = asked.options
-    scan = usable_scan(store, asked.scan_id)
+    options = attempt.asked(Reconstruction).options
+    scan = usable_scan(attempt)
     shape = shape_of(scan)
     rows = range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)]
     views = chosen_views(options.views, shape.views)
-    theta, rotation, handedness = _geometry_of(store, options)
-    constants = store.scanners.get(asked.scanner_id).constants
-    with open_scan(store.files.scan(scan.id)) as stored:
+    theta, rotation, handedness = _geometry_of(attempt, options)
+    with open_scan(attempt.file) as stored:
         given = ReconstructionInput(
             read=lambda start, stop: stored.rows(rows[start:stop], views),
             angles_rad=stored.angles_rad[views],
             rows=(rows.start, rows.stop),
             row_step=rows.step,
-            scanner=replace(constants, row_pitch_mm=stored.row_pitch_mm),
+            scanner=replace(attempt.scanner.constants, row_pitch_mm=stored.row_pitch_mm),
             theta=theta,
             rotation=rotation,
             handedness=handedness,
@@ -74,26 +71,30 @@ def _keeper(attempt: Attempt, given: ReconstructionInput, options: Reconstructio
     return AttemptKeeper(attempt, origin, still_to_write_bytes=cost.volume_bytes(options.size, slices))
 
 
+def make_ready(attempt: Attempt) -> None:
+    """Compile what a fitted method needs and nobody has compiled yet: the attempt could not keep it later."""
+    if may_fit(attempt.asked(Reconstruction).options.method):
+        load_iterative_methods()
+
+
 def needs(attempt: Attempt) -> Needs:
     """Of the rows that are reconstructed together, the images that are fitted together, and the volume."""
-    asked = attempt.store.reconstructions.get(attempt.job.subject_id)
-    options, scan = asked.options, usable_scan(attempt.store, asked.scan_id)
+    options, scan = attempt.asked(Reconstruction).options, usable_scan(attempt)
     shape = shape_of(scan)
     slices = len(range(shape.rows)[chosen_rows(options.rows, shape.rows, scan.usable_rows)])
     file_bytes = int(FILE_SHARE * cost.volume_bytes(options.size, slices)) + FILE_BYTES
     at_work = max(
         cost.MEMORY_BYTES,
         cost.block_bytes(shape.views, shape.detector, options.size, 1),
-        _fitting(attempt, options, asked.scanner_id, shape) if may_fit(options.method) else 0,
+        _fitting(attempt, options, shape) if may_fit(options.method) else 0,
     )
     return Needs(PROCESS_BYTES + int(at_work / MEMORY_SHARE), file_bytes)
 
 
-def _fitting(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, shape: ScanShape) -> int:
+def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -> int:
     """Of the method that needs most, on a grid that holds all that the detector can see."""
-    constants = attempt.store.scanners.get(scanner_id).constants
-    theta, _, _ = _geometry_of(attempt.store, options)
-    geometry = FanBeamGeometry(constants, theta, np.zeros(1))
+    theta, _, _ = _geometry_of(attempt, options)
+    geometry = FanBeamGeometry(attempt.scanner.constants, theta, np.zeros(1))
     grid, _ = ImageGrid(options.size, options.field_mm, options.field_centre_mm).around(seen_radius_mm(geometry))
     # A larger grid is refused.
     pixels = min(grid.size, LARGEST_SIZE) ** 2
@@ -102,11 +103,11 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, scanner_id: str, sh
     return 4 * (images * pixels + lines)
 
 
-def _geometry_of(store: Store, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
+def _geometry_of(attempt: Attempt, options: ReconstructionAsked) -> tuple[Theta, Rotation, Handedness]:
     """The theta that was given, or the calibration's; refused where it has none."""
     if options.theta is not None:
         return options.theta, options.rotation or Rotation.AS_GIVEN, options.handedness or Handedness.AS_DRAWN
-    if options.calibration_id is None:
+    if attempt.given.calibration is None:
         raise refused("no-active-calibration", "neither calibration_id nor theta names a geometry")
-    calibration = usable_calibration(store, options.calibration_id, "use")
+    calibration = usable_calibration(attempt, "use")
     return calibration.theta, calibration.rotation, calibration.handedness

@@ -10,12 +10,14 @@ from types import MappingProxyType
 from typing import Any, Protocol, cast
 
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.jobs import reconstruct
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.needs import Needs
+from sawmill_worker.tomography.kernel_cache import only_read
 from sawmill_worker.tomography.warm_up import warm_up
 from sawmill_worker.use_cases.failures import input_errors_translated
 
-__all__ = ["Attempt", "Needs", "needs_of", "run", "warm_up"]
+__all__ = ["Attempt", "Needs", "make_ready", "needs_of", "run", "warm_up"]
 
 
 class _JobModule(Protocol):
@@ -42,6 +44,13 @@ def run(attempt: Attempt) -> dict[str, Any]:
     """
     with input_errors_translated():
         return _MODULES[attempt.job.kind].run(attempt)
+
+
+def make_ready(attempt: Attempt) -> None:
+    """Compile what `run` needs beyond what is warm: from then on the process may not write to the cache of kernels."""
+    if attempt.job.kind is JobKind.RECONSTRUCT:
+        reconstruct.make_ready(attempt)
+    only_read()
 
 
 def needs_of(attempt: Attempt) -> Needs:

@@ -12,10 +12,10 @@ from sawmill_worker.use_cases.conversion import from_phantom
 
 def run(attempt: Attempt) -> dict[str, Any]:
     """Answer with the drawing."""
-    store, phantom_id = attempt.store, attempt.job.subject_id
-    asked = store.phantoms.picture(phantom_id)
+    asked = attempt.given.picture
+    assert asked is not None  # noqa: S101 - of the one kind that traces
     attempt.report_stage(0.1, "trace")
-    picture = read_picture(store.files.upload(attempt.job.kind, phantom_id), free_bytes=memory_available())
+    picture = read_picture(attempt.file, free_bytes=memory_available())
     traced = trace(picture, asked.width_mm, name=asked.name, size_tolerance=asked.size_tolerance)
     return from_phantom(traced).model_dump(mode="json")
 

@@ -9,6 +9,7 @@ reconstructions/<id>/           volume.h5
 <plural>/<id>/                  of every other kind, by its plural (`contracts/kinds.py`)
 attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
 attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
+attempts/<…>/work/              where its process works: what libraries write beside results; never published
 kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
 removed/                        what is being deleted
 
@@ -37,6 +38,7 @@ from sawmill_worker.storage.errors import (
     means_disk_full,
 )
 
+SCAN_FILE = "scan.h5"
 _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
 _TRIAL_BYTES = 4096
@@ -118,7 +120,7 @@ class FileStore:
 
     def scan(self, scan_id: str) -> Path:
         """The canonical file of a scan, which `ingest` wrote."""
-        return self.result(JobKind.INGEST, scan_id, "scan.h5")
+        return self.result(JobKind.INGEST, scan_id, SCAN_FILE)
 
     def volume(self, reconstruction_id: str) -> Path:
         """The volume of a reconstruction."""
@@ -131,27 +133,23 @@ class FileStore:
             path.mkdir()
         return path
 
-    def checkpoints(self, output: Path) -> Path:
-        """The folder in an attempt's own where it leaves checkpoints: they are no results."""
-        return output / _KEPT
-
-    def kept_with(self, job_id: str, name: str) -> Path:
-        """Where a checkpoint of earlier attempts at a job lies, if they kept one of this name."""
-        return self.folder / _KEPT / _checked(job_id) / _checked(name)
+    def kept_with(self, job_id: str) -> Path:
+        """The folder with the checkpoints of earlier attempts at a job, if they kept any."""
+        return self.folder / _KEPT / _checked(job_id)
 
     def keep(self, output: Path, job_id: str, names: Sequence[str]) -> None:
         """Move an attempt's checkpoints to its job, in place of older ones; one that is gone was moved before."""
-        folder = self.folder / _KEPT / _checked(job_id)
+        folder = self.kept_with(job_id)
         with disk_full_reported("keeping a job's progress"):
             folder.mkdir(exist_ok=True)
             for name in names:
                 with suppress(FileNotFoundError):
-                    (self.checkpoints(output) / _checked(name)).rename(folder / name)
+                    (checkpoints_of(output) / _checked(name)).rename(folder / name)
             _flush(folder)
 
     def forget_kept(self, job_id: str) -> None:
         """Remove the checkpoints of a job."""
-        self.remove(self.folder / _KEPT / _checked(job_id))
+        self.remove(self.kept_with(job_id))
 
     def publish(self, output: Path, final: Path) -> None:
         """Rename an attempt's flushed output folder to its final name; an older folder of that name goes."""
@@ -198,31 +196,8 @@ class FileStore:
         return Room(free_bytes=usage.free, size_bytes=usage.total)
 
     def check_room(self, reserve_bytes: int, *, needed_by: str) -> None:
-        """Check that files can be written, by writing one.
-
-        Parameters
-        ----------
-        reserve_bytes, needed_by
-            What must be free, and what needs it, for the sentence.
-
-        Raises
-        ------
-        StorageFull
-            Less than `reserve_bytes` is free, or no room for a small file.
-        """
-        free = self.room().free_bytes
-        if free < reserve_bytes:
-            msg = (
-                f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
-                "free some space"
-            )
-            raise StorageFull(msg)
-        trial = self.folder / "incoming" / uuid4().hex
-        try:
-            with disk_full_reported("a trial"):
-                trial.write_bytes(bytes(_TRIAL_BYTES))
-        finally:
-            trial.unlink(missing_ok=True)
+        """As the function, where uploads arrive."""
+        check_room(self.folder / "incoming", reserve_bytes, needed_by=needed_by)
 
     def keep_upload(self, received: Received, kind: JobKind, subject_id: str) -> None:
         """Give an upload its owner.
@@ -325,6 +300,44 @@ class _Upload:
         self._file.flush()
         os.fsync(self._file.fileno())
         return Received(self._path, self._size, self._hash.hexdigest())
+
+
+def checkpoints_of(output: Path) -> Path:
+    """The folder in an attempt's own where it leaves checkpoints: they are no results."""
+    return output / _KEPT
+
+
+def work_of(output: Path) -> Path:
+    """The folder in an attempt's own where its process works: what libraries write there is no result."""
+    return output / "work"
+
+
+def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
+    """Check that files can be written into a folder of ours, by writing one.
+
+    Parameters
+    ----------
+    reserve_bytes, needed_by
+        What must be free, and what needs it, for the sentence.
+
+    Raises
+    ------
+    StorageFull
+        Less than `reserve_bytes` is free, or no room for a small file.
+    """
+    free = shutil.disk_usage(folder).free
+    if free < reserve_bytes:
+        msg = (
+            f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
+            "free some space"
+        )
+        raise StorageFull(msg)
+    trial = folder / uuid4().hex
+    try:
+        with disk_full_reported("a trial"):
+            trial.write_bytes(bytes(_TRIAL_BYTES))
+    finally:
+        trial.unlink(missing_ok=True)
 
 
 def flush_tree(folder: Path) -> None:

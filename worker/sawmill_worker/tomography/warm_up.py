@@ -18,6 +18,7 @@ from sawmill_worker.tomography.calibration.task import CalibrationTask
 from sawmill_worker.tomography.fbp import fbp
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.kernel_cache import holds_all
 from sawmill_worker.tomography.projector import Projector
 
 SCANNER = Scanner(source_to_cor_mm=850.0, num_detector_pixels=640, detector_pitch_mm=1.8)
@@ -81,6 +82,16 @@ def warm_up() -> None:
     """What every job needs, once on a small scan: a fraction of a second cached, some ten seconds compiled."""
     _calibration()
     _slices()
+
+
+def load_iterative_methods() -> None:
+    """Compile the kernels of the methods that fit, where no cache has them: they are loaded when they are called."""
+    # Imported here, as these are not needed by a calibration.
+    from sawmill_worker.tomography import _projector_numba  # noqa: PLC0415
+    from sawmill_worker.tomography.iterative import _descent_numba, _prior_numba  # noqa: PLC0415
+
+    if not holds_all(_projector_numba, _descent_numba, _prior_numba):
+        _iterative_methods()
 
 
 if __name__ == "__main__":

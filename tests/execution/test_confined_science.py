@@ -1,0 +1,77 @@
+"""Every kind of job with its science, in the product's own processes: what they open late they may open."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from small_scanner import CONSTANTS, SCANNER, THETA
+
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution.runner import ATTEMPT_COMMAND, Runner
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
+
+pytestmark = pytest.mark.slow
+VIEWS = 120
+
+
+def stack_of_an_l() -> bytes:
+    angles = (np.arange(VIEWS) + 0.5) * TAU / VIEWS
+    fan = FanBeamGeometry(SCANNER, THETA, angles)
+    sinogram = project(L_SHAPE, DetectorCells.of(SCANNER), fan.frame, angles)
+    buffer = io.BytesIO()
+    np.save(buffer, sinogram[:, None].astype(np.float32))
+    return buffer.getvalue()
+
+
+def picture_of_an_l() -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(np.rint(255 * L_SHAPE.rasterise(400, 400.0)).astype(np.uint8)).save(buffer, format="PNG")
+    return buffer.getvalue()
+
+
+@pytest.fixture
+def asked(store):
+    """One of each kind, and a reconstruction by every method."""
+    store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
+    scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS)).id
+    spec = ScanSpec(scanner_id=scanner, data=DataKind.LINE_INTEGRALS, angles_deg="1.5:3", phantom_id="l-shape")
+    scan = store.scans.accept(spec, store.files.receive([stack_of_an_l()], max_bytes=10**7)).id
+    picture = PhantomPicture(name="ell", width_mm=400)
+    store.phantoms.accept_picture(picture, store.files.receive([picture_of_an_l()], max_bytes=10**7))
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan, activate=True)).id
+    store.plans.accept(PlanAsk(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})
+    for method in ReconstructionMethod:
+        store.reconstructions.accept(ReconstructionAsk(scan_id=scan, theta=THETA, size=32, method=method))
+    store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
+
+
+@pytest.mark.usefixtures("asked")
+def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, settings, stop, capfd):
+    unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
+    runner = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)
+    while runner.run_next() is not None:
+        pass
+    runner.close()
+    jobs = store.jobs.page(limit=50).items
+    assert {job.kind for job in jobs} == set(JobKind)
+    failed = {job.kind: job.failure for job in jobs if job.state is not JobState.SUCCEEDED}
+    # An L is no log: the check of drift finds that when it has read it and paired its rays.
+    assert {kind: failure.code for kind, failure in failed.items()} == {JobKind.DRIFT: "outside-detector"}
+    log = "".join(capfd.readouterr())
+    assert "Permission" not in log
+    assert "kernel-not-kept" not in log
+    assert list((store.files.folder / "attempts").iterdir()) == []
+    assert not list(Path(store.files.folder).glob("*/*/work"))

@@ -1,0 +1,99 @@
+"""What the process of an attempt has and reaches, whatever the job, in real processes over tasks without science."""
+
+import json
+from pathlib import Path
+
+import pytest
+from results import RESULTS, THETA
+
+from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution import landlock
+from sawmill_worker.execution.limits import OPEN_FILES, limits_of, processor_s
+from sawmill_worker.vocabulary import DataKind
+
+pytestmark = pytest.mark.slow
+
+both_ways = pytest.mark.parametrize("settings", [True, False], ids=["forked", "fresh"], indirect=True)
+confined = pytest.mark.skipif(landlock.version() == 0, reason="the kernel has no Landlock")
+
+
+@pytest.fixture
+def finish(store):
+    """Do the oldest job without a process."""
+
+    def do():
+        claim = store.jobs.claim("test")
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        store.jobs.succeed(claim, RESULTS[claim.job.kind](), output)
+
+    return do
+
+
+@pytest.fixture
+def one_of_each(store, finish):
+    """A waiting job of every kind, all of which tell what they have and reach."""
+    store.phantoms.seed_built_in(BUILT_IN_PHANTOMS)
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.5)
+    scanner = store.scanners.create(ScannerSpec(name="tell-all", constants=constants)).id
+    spec = ScanSpec(scanner_id=scanner, data=DataKind.COUNTS, phantom_id="l-shape")
+
+    def upload():
+        return store.files.receive([b"tell-all"], max_bytes=100)
+
+    scan = store.scans.accept(spec, upload()).id
+    finish()
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan, activate=True)).id
+    finish()
+    store.scans.accept(spec, upload(), scan_id="mine")
+    store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), upload())
+    store.calibrations.accept(CalibrationAsk(scan_id=scan))
+    store.reconstructions.accept(ReconstructionAsk(scan_id=scan, calibration_id=calibration))
+    store.plans.accept(PlanAsk(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
+    store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
+
+
+@pytest.fixture
+def told(store, start, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
+    """By kind, what the attempts told, with secrets all around."""
+    for path in (store.files.folder.parent / "canary", store.files.upload(JobKind.INGEST, "other")):
+        path.parent.mkdir(exist_ok=True)
+        path.write_text("canary")
+    monkeypatch.setenv("SAWMILL_TOKEN", "canary")
+    monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill:canary@127.0.0.1/sawmill")
+    monkeypatch.setenv("PGPASSWORD", "canary")
+    runner = start(memory_limit_bytes=None, broker_url="redis://:canary@127.0.0.1/0")
+    assert [runner.run_next() for _ in JobKind] == [JobState.FAILED] * len(JobKind)
+    jobs = {kind: store.jobs.page(kind=kind, limit=1).items[0] for kind in JobKind}
+    assert {job.failure.code for job in jobs.values()} == {"told"}
+    return {kind: json.loads(job.failure.detail) for kind, job in jobs.items()}
+
+
+@confined
+@both_ways
+def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store, told):
+    attempts = store.files.folder / "attempts"
+    for kind, each in told.items():
+        least = limits_of(kind, memory_bytes=0, file_bytes=0, memory_limit_bytes=None)
+        assert each["limits"]["DATA"] == least.data_bytes, kind
+        assert processor_s(kind) <= each["limits"]["CPU"] <= processor_s(kind) + 60, kind
+        assert each["limits"]["FSIZE"] == least.file_bytes, kind
+        assert (each["limits"]["NOFILE"], each["limits"]["CORE"]) == (OPEN_FILES, 0), kind
+        folder = Path(each["folder"])
+        assert (folder.parents[1], folder.name, each["in folder"]) == (attempts, "work", []), kind
+        assert (Path(each["scratch"]).parent, Path(each["home"])) == (folder, folder), kind
+        assert "canary" not in "".join(each["environment"]), kind
+        # Beside the log: pipes from and to its worker, and what the kernel tells of cores and memory.
+        assert not [path for path in each["open"] if not path.startswith(("pipe:", "/proc/"))], kind
+        done = {name: ending for name, ending in each["tries"].items() if ending != "PermissionError"}
+        assert done == {}, kind
+    assert list(attempts.iterdir()) == []
+    assert (store.files.folder.parent / "canary").read_text() == "canary"

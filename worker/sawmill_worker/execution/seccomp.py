@@ -1,0 +1,133 @@
+"""Linux's seccomp: system calls that a process will not need any more fail from now on, for good and in all threads.
+
+It complements `landlock`, which knows TCP alone of all ways to talk to others, and of files not their modes and times.
+Numbers are those of <asm/unistd.h>, the program is classic BPF as in <linux/filter.h> and <linux/seccomp.h>.
+"""
+
+import ctypes
+import errno
+import os
+import platform
+import struct
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+SET_FILTER, ALL_THREADS, NO_SPECULATION_CHANGE = 1, 1, 4
+NO_NEW_PRIVILEGES = 38
+ALLOW, FAIL = 0x7FFF0000, 0x00050000
+# Load a word of the call's description; jump if it equals, or is at least, a number; return.
+LOAD, JUMP_EQUAL, JUMP_AT_LEAST, RETURN = 0x20, 0x15, 0x35, 0x06
+NUMBER, ARCHITECTURE = 0, 4
+# Beyond it x86-64 has the same calls under other numbers, for another ABI.
+OTHER_ABI = 0x40000000
+
+
+class _Machine(NamedTuple):
+    column: int
+    architecture: int
+    seccomp: int
+
+
+_MACHINES = MappingProxyType({"x86_64": _Machine(0, 0xC000003E, 317), "aarch64": _Machine(1, 0xC00000B7, 277)})
+# By architecture; None where it has no such call.
+_CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
+    {
+        # To talk to others.
+        "socket": (41, 198),
+        "connect": (42, 203),
+        "bind": (49, 200),
+        "listen": (50, 201),
+        "accept": (43, 202),
+        "accept4": (288, 242),
+        # To look into other processes.
+        "ptrace": (101, 117),
+        "process_vm_readv": (310, 270),
+        "process_vm_writev": (311, 271),
+        "pidfd_getfd": (438, 438),
+        # To run programs.
+        "execve": (59, 221),
+        "execveat": (322, 281),
+        # To change what a file is beside its content.
+        "chmod": (90, None),
+        "fchmod": (91, 52),
+        "fchmodat": (268, 53),
+        "fchmodat2": (452, 452),
+        "chown": (92, None),
+        "fchown": (93, 55),
+        "lchown": (94, None),
+        "fchownat": (260, 54),
+        "utime": (132, None),
+        "utimes": (235, None),
+        "futimesat": (261, None),
+        "utimensat": (280, 88),
+        "setxattr": (188, 5),
+        "lsetxattr": (189, 6),
+        "fsetxattr": (190, 7),
+        "removexattr": (197, 14),
+        "lremovexattr": (198, 15),
+        "fremovexattr": (199, 16),
+        # What else leads out, or into the kernel.
+        "mount": (165, 40),
+        "unshare": (272, 97),
+        "setns": (308, 268),
+        "io_uring_setup": (425, 425),
+        "bpf": (321, 280),
+        "userfaultfd": (323, 282),
+        "perf_event_open": (298, 241),
+        "add_key": (248, 217),
+        "request_key": (249, 218),
+        "keyctl": (250, 219),
+    }
+)
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_LIBC.syscall.restype = ctypes.c_long
+
+
+class _Program(ctypes.Structure):
+    _fields_ = (("length", ctypes.c_ushort), ("instructions", ctypes.c_char_p))
+
+
+def refuse_calls() -> bool:
+    """Let the calls fail with EACCES, as one that may not be made; those of other architectures too.
+
+    Returns
+    -------
+    bool
+        False where neither the machine nor the kernel is known to know them: then nothing has changed.
+
+    Raises
+    ------
+    OSError
+        The kernel refuses.
+    """
+    machine = _MACHINES.get(platform.machine())
+    if machine is None:
+        return False
+    instructions = _instructions(machine)
+    program = _Program(len(instructions) // 8, instructions)
+    _LIBC.prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    words = (machine.seccomp, SET_FILTER, ALL_THREADS | NO_SPECULATION_CHANGE)
+    if _LIBC.syscall(*map(ctypes.c_long, words), ctypes.byref(program)) == 0:
+        return True
+    number = ctypes.get_errno()
+    if number in {errno.ENOSYS, errno.EINVAL}:  # it is switched off, or older than its flags
+        return False
+    raise OSError(number, f"seccomp: {os.strerror(number)}")
+
+
+def _instructions(machine: _Machine) -> bytes:
+    numbers = sorted(number for each in _CALLS.values() if (number := each[machine.column]) is not None)
+    refusal = FAIL | errno.EACCES
+    # The jumps count the instructions that they leave out.
+    lines = [
+        (LOAD, 0, 0, ARCHITECTURE),
+        (JUMP_EQUAL, 0, len(numbers) + 3, machine.architecture),
+        (LOAD, 0, 0, NUMBER),
+        (JUMP_AT_LEAST, len(numbers) + 1, 0, OTHER_ABI),
+        *((JUMP_EQUAL, len(numbers) - place, 0, number) for place, number in enumerate(numbers)),
+        (RETURN, 0, 0, ALLOW),
+        (RETURN, 0, 0, refusal),
+    ]
+    return b"".join(struct.pack("=HBBI", *line) for line in lines)

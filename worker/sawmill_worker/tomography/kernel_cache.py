@@ -1,0 +1,37 @@
+"""Numba's cache of compiled kernels: what is in it, and how a process goes on that may only read it."""
+
+from types import ModuleType
+from typing import Any
+
+import structlog
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+
+def holds_all(*modules: ModuleType) -> bool:
+    """Whether the cache has a version of every kernel of these modules that is meant to be cached."""
+    return all(_versions(kernel) for module in modules for kernel in vars(module).values() if _is_cached(kernel))
+
+
+def only_read() -> None:
+    """From now on a kernel that is compiled is not kept, where this process may not write, instead of an error."""
+    cached: Any = FunctionCache
+    keep = cached.save_overload
+
+    def keep_if_allowed(cache: Any, signature: object, compiled: object) -> None:  # noqa: ANN401 - Numba has no types
+        try:
+            keep(cache, signature, compiled)
+        except PermissionError as error:
+            structlog.get_logger().warning("kernel-not-kept", kernel=cache._name, reason=str(error))  # noqa: SLF001
+
+    cached.save_overload = keep_if_allowed
+
+
+def _is_cached(kernel: Any) -> bool:  # noqa: ANN401
+    return isinstance(kernel, Dispatcher) and isinstance(getattr(kernel, "_cache", None), FunctionCache)
+
+
+def _versions(kernel: Any) -> dict[Any, Any]:  # noqa: ANN401
+    """By signature and processor; none where the file was changed since."""
+    found: dict[Any, Any] = kernel._cache._cache_file._load_index()  # noqa: SLF001
+    return found
