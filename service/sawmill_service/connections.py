@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from ipaddress import ip_address, ip_network
 from typing import Any
 
 import h11
@@ -61,6 +62,7 @@ class Connections:
 
     def __init__(self, settings: ServiceSettings, registry: CollectorRegistry) -> None:
         self.patience = Patience(settings.head_timeout_s, settings.client_silence_s, settings.min_client_bytes_per_s)
+        self._proxies = [ip_network(proxy, strict=False) for proxy in settings.trusted_proxies]
         self._most, self._most_per_address = settings.max_connections, settings.max_connections_per_address
         # In the order in which they began to wait for a head; those in the middle of a request are among them.
         self._open: dict[ClientConnection, None] = {}
@@ -108,11 +110,16 @@ class Connections:
         return len(self._open) < self._most or self._make_room(self._open)
 
     def _has_room_of_its_own(self, connection: "ClientConnection") -> bool:
-        """Room for one network's connections; a proxy on this machine brings everybody's."""
+        """Room for one network's connections; a proxy's bring everybody's requests."""
         network = connection.network
-        if self._from[network] < self._most_per_address or connection.is_local:
+        if self._from[network] < self._most_per_address or self._may_be_a_proxy(connection.client):
             return True
         return self._make_room([other for other in self._open if other.network == network])
+
+    def _may_be_a_proxy(self, client: tuple[str, int] | None) -> bool:
+        if client is None:
+            return False
+        return is_loopback(client[0]) or any(ip_address(client[0]) in proxy for proxy in self._proxies)
 
     def _make_room(self, among: Collection["ClientConnection"]) -> bool:
         gives_way = next((connection for connection in among if connection.awaits_head), None)
@@ -147,11 +154,6 @@ class ClientConnection(H11Protocol):
     def network(self) -> str:
         """Where its client is; "" where it had gone before it could be asked."""
         return network_of(self.client[0]) if self.client else ""
-
-    @property
-    def is_local(self) -> bool:
-        """Whether its client is on this machine."""
-        return self.client is not None and is_loopback(self.client[0])
 
     @property
     def awaits_head(self) -> bool:

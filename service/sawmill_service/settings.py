@@ -98,8 +98,8 @@ class ServiceSettings(BaseSettings):
     )
     max_connections_per_address: Annotated[int, Field(ge=1)] = Field(
         64,
-        description="Of these, from one address (one /64 of IPv6); loopback, where a proxy's come from, has no bound "
-        "of its own.",
+        description="Of these, from one address (one /64 of IPv6); loopback and trusted proxies have no bound of "
+        "their own.",
     )
     head_timeout_s: Annotated[float, Field(gt=0)] = Field(
         10.0, description="For a request's head to come whole; browsers send theirs at once."
@@ -109,8 +109,7 @@ class ServiceSettings(BaseSettings):
     )
     min_client_bytes_per_s: Annotated[float, Field(ge=0)] = Field(
         1000.0,
-        description="Least mean rate of a body, once it was awaited for `body_grace_s`, and of reading an answer: a "
-        "tenth of a slow line's.",
+        description="Least mean rate of a body, once it was awaited for `body_grace_s`, and of reading an answer.",
     )
     body_grace_s: Annotated[float, Field(ge=0)] = Field(
         30.0, description="A body is awaited for that long before its rate counts."

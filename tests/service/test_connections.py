@@ -44,7 +44,7 @@ class Transport(asyncio.Transport):
 class Doorway:
     """Opens connections to an application that never answers."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, **bounds: int) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, **bounds: Any) -> None:
         self._loop = loop
         self._config = uvicorn.Config(self._busy, log_config=None, ws="none", lifespan="off")
         self._connections = Connections(ServiceSettings(**bounds), CollectorRegistry())
@@ -67,7 +67,7 @@ def doorway() -> Iterator[Callable[..., Doorway]]:
     made = []
     with asyncio.Runner() as runner:
 
-        def make(**bounds: int) -> Doorway:
+        def make(**bounds: Any) -> Doorway:
             made.append(Doorway(runner.get_loop(), **bounds))
             return made[-1]
 
@@ -110,6 +110,12 @@ def test_an_address_has_a_bound_of_its_own(doorway, address, neighbour, bounded)
     first = [door.open(address, WHOLE_HEAD) for _ in range(2)]
     assert not any(transport.closed for transport in first)
     assert door.open(neighbour).closed == bounded
+
+
+def test_a_trusted_proxy_brings_everybody_s_connections(doorway):
+    door = doorway(max_connections_per_address=1, trusted_proxies=["192.0.2.0/24"])
+    assert not any(door.open("192.0.2.2", WHOLE_HEAD).closed for _ in range(3))
+    assert [door.open("198.51.100.2", WHOLE_HEAD).closed for _ in range(2)] == [False, True]
 
 
 def test_a_head_that_is_too_large_is_refused_though_it_comes_at_once(doorway):
