@@ -7,10 +7,16 @@ FileError
 """
 
 import errno
+import re
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 LONGEST_QUOTE = 200
+# What goes wrong in a parser that believed the file: its words are about the parser.
+OF_THE_PROGRAM = (ArithmeticError, AssertionError, AttributeError, LookupError, NameError, TypeError, struct.error)
+OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no addresses
+FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
 
 # The machine's troubles, not the file's: another attempt may do better.
 MACHINE_ERRORS = frozenset({errno.EIO, errno.ESTALE, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT})
@@ -71,9 +77,17 @@ def library_errors_translated(what: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno in MACHINE_ERRORS:
             raise
-        reason = quoted(str(error) or type(error).__name__)
+        reason = _reason(error)
         code = "truncated-file" if "truncated file" in reason else "broken-file"
         raise UnreadableScan(code, f"this {what} file is incomplete or damaged ({reason}); export it again") from error
+
+
+def _reason(error: Exception) -> str:
+    """What a library says of a file, where it speaks of the file: not of itself, of paths or of trust in pickles."""
+    text = str(error)
+    if not text or isinstance(error, OF_THE_PROGRAM) or any(words in text for words in OF_NO_USE):
+        return "its structure makes no sense"
+    return quoted(FULL_PATH.sub("...", text))
 
 
 def quoted(text: str) -> str:

@@ -19,6 +19,18 @@ MAX_BYTES = 8 * 2**30
 LARGEST_RATIO = 200
 HARMLESS_BYTES = 64 * 2**20
 
+# By NumPy's letters: what is no real number.
+OTHER_KINDS = {
+    "O": "texts or objects",
+    "S": "text",
+    "U": "text",
+    "V": "records",
+    "b": "true or false",
+    "c": "complex numbers",
+    "M": "dates",
+    "m": "durations",
+}
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -48,7 +60,9 @@ def check_number_type(what: str, dtype: np.dtype[Any]) -> None:
     """Refuse everything but real numbers: `wrong-type`."""
     if dtype.kind not in "iuf":
         raise UnreadableScan(
-            "wrong-type", f"{what} is of type {dtype.name}; a scan holds integers or floating-point numbers"
+            "wrong-type",
+            f"{what} is of type {dtype.name} ({OTHER_KINDS.get(dtype.kind, 'no numbers')}); a scan holds integers or "
+            "floating-point numbers",
         )
 
 
@@ -87,7 +101,7 @@ def as_float32(array: NDArray[Any]) -> NDArray[np.float32]:
         return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
+def as_fields(name: str, fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float32]:
     """Flat or dark fields as (n, rows, detector), beside projections of 2 or 3 dimensions.
 
     Fields with one dimension less than the projections are a single one.
@@ -97,7 +111,26 @@ def as_fields(fields: NDArray[np.float32], dimensions: int) -> NDArray[np.float3
     if fields.ndim != dimensions:
         raise UnreadableScan(
             "wrong-shape",
-            f"the flat or dark fields have the shape {fields.shape} beside projections of {dimensions} dimensions; "
-            "give (n, rows, detector) or (rows, detector)",
+            f"the {name} fields have the shape {fields.shape}, {fields.ndim} axes, beside projections of {dimensions}; "
+            f"give {'(n, rows, detector) or (rows, detector)' if dimensions == 3 else '(n, detector) or (detector,)'}",
         )
     return fields[:, np.newaxis, :] if dimensions == 2 else fields
+
+
+def check_fields(name: str, shape: tuple[int, ...], of_view: Sequence[int]) -> None:
+    """Refuse fields (n, rows, detector) that are not of the views' (rows, detector): `wrong-shape`."""
+    if not shape[0]:
+        raise UnreadableScan(
+            "wrong-shape", f"the {name} fields have the shape {shape}: there are 0 of them, at least 1 is needed"
+        )
+    wrong = [
+        f"{mine} {what} where the views have {views}"
+        for what, mine, views in zip(("rows", "cells"), shape[1:], of_view, strict=True)
+        if mine != views
+    ]
+    if wrong:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"the {name} fields have the shape {shape} as (n, rows, detector) and the views (rows, detector) = "
+            f"{tuple(of_view)}: {' and '.join(wrong)}; both need the same rows and cells",
+        )

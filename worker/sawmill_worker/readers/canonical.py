@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.arrays import check_fields
 from sawmill_worker.readers.contents import Projections
 from sawmill_worker.readers.plausible import (
     LINE_INTEGRALS,
@@ -186,21 +187,23 @@ def check_scan(scan: CanonicalScan) -> None:
 
 def _check_shapes(scan: CanonicalScan) -> None:
     if 0 in scan.shape:
-        raise UnreadableScan("wrong-shape", f"projections must be (views, rows, detector), not of shape {scan.shape}")
+        none = "" if scan.shape[0] else ": none of its images is a view (in NXtomo those of image_key 0)"
+        raise UnreadableScan(
+            "wrong-shape",
+            f"projections must be (views, rows, detector) and at least 1 of each, not of shape {scan.shape}{none}",
+        )
     views, *of_view = scan.shape
     if views < 3:
         raise UnreadableScan("wrong-shape", f"a scan needs at least 3 views and this one has {views}")
+    if scan.shape[2] < 2:
+        raise UnreadableScan("wrong-shape", f"a view needs at least 2 cells and these have {scan.shape[2]}")
     if scan.angles_rad.shape != (views,):
         raise UnreadableScan(
             "angles-mismatch", f"there are {scan.angles_rad.size} angles for {views} views; each view needs its own"
         )
     for name, fields in (("flat", scan.flats), ("dark", scan.darks)):
-        if fields is not None and (fields.ndim != 3 or not len(fields) or list(fields.shape[1:]) != of_view):
-            raise UnreadableScan(
-                "wrong-shape",
-                f"the {name} fields have the shape {fields.shape} and the views (rows, detector) = {tuple(of_view)}; "
-                "both need the same rows and cells",
-            )
+        if fields is not None:
+            check_fields(name, fields.shape, of_view)
 
 
 def _check_angles(angles_rad: NDArray[np.float64]) -> None:

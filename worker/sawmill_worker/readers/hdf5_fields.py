@@ -52,5 +52,7 @@ def read_pitch(start: Node, path: str, bounds: Bounds) -> tuple[float | None, tu
 
 def _read_vector(dataset: h5py.Dataset, path: str) -> NDArray[np.float64]:
     if dataset.size != max(dataset.shape, default=1):
-        raise UnreadableScan("wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers")
+        raise UnreadableScan(
+            "wrong-shape", f"{path} has the shape {dataset.shape}; it must be a list of numbers, along one axis"
+        )
     return np.asarray(dataset[()], dtype=np.float64).reshape(-1)

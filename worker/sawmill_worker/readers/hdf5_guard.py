@@ -174,7 +174,7 @@ def numbers(start: Node, path: str, bounds: Bounds) -> h5py.Dataset | None:
         return None
     where = repr(quoted(path))
     if not isinstance(node, h5py.Dataset):
-        raise UnreadableScan("wrong-shape", f"{where} must be a dataset of numbers and is something else")
+        raise UnreadableScan("wrong-shape", f"{where} is a group; it must be a dataset of numbers")
     check_dataset(where, node, bounds)
     return node
 

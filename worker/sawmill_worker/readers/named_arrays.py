@@ -18,6 +18,8 @@ from sawmill_worker.readers.wanted import Wanted
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
+# What these are by their names, as words that follow the shape; the others' shapes speak for themselves.
+OF_OTHERS = {"flats": " of flat fields by its name", "darks": " of dark fields by its name"}
 MOST_NAMES_QUOTED = 12
 LONGEST_TEXT = 20
 # What bears such a name could serve, but only one who knows its meaning and unit can say so.
@@ -134,7 +136,7 @@ def _unfit(info: ArrayInfo, least_views: int) -> str:
 
 def _listed(infos: Mapping[str, ArrayInfo], *, reasons: bool = False) -> str:
     names = [
-        f"{quoted(name)} {info.shape}{_unfit(info, 3) if reasons and name not in OTHER_NAMES else ''}"
+        f"{quoted(name)} {info.shape}{(OF_OTHERS.get(name) or _unfit(info, 3)) if reasons else ''}"
         for name, info in islice(infos.items(), MOST_NAMES_QUOTED + 1)
     ]
     more = ", ..." if len(names) > MOST_NAMES_QUOTED else ""

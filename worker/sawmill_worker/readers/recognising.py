@@ -20,6 +20,7 @@ from sawmill_worker.readers.wanted import Wanted
 from sawmill_worker.readers.zipped import read_zip
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+BYTES_SHOWN = 8
 HDF5_OFFSETS = (0, 512, 1024, 2048)  # a user block of such a size may stand before it, as in MATLAB files
 
 
@@ -73,6 +74,6 @@ def recognise(path: Path) -> Format:
             return known
     raise UnreadableScan(
         "unknown-format",
-        "the file is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of TIFFs, NPY, NPZ or MAT; "
-        "export it as one of them",
+        f"the file, which begins with {head[:BYTES_SHOWN]!r}, is none of HDF5 (NXtomo, Data Exchange), TIFF, ZIP of "
+        "TIFFs, NPY, NPZ or MAT; export it as one of them",
     )

@@ -79,7 +79,13 @@ def opened_tiff(source: Path | BinaryIO, name: str, size_bytes: int) -> Iterator
     UnreadableScan
         `wrong-shape`, `truncated-file` or `too-large`.
     """
-    with tifffile.TiffFile(source) as tiff:
+    try:
+        opened = tifffile.TiffFile(source)
+    except tifffile.TiffFileError as error:
+        raise UnreadableScan(
+            "broken-file", f"{name} is incomplete or damaged (it does not begin as a TIFF file does); export it again"
+        ) from error
+    with opened as tiff:
         if not tiff.pages:
             raise UnreadableScan("wrong-shape", f"{name} has 0 pages; a scan has one for each view")
         check_chain(tiff, name, size_bytes)
@@ -137,8 +143,11 @@ def _check_page(
 ) -> None:
     itemsize = _number_type(page, where).itemsize
     if len(page.shape) != 2 or page.shape != shape:
+        other = f" and page 0 {shape}" if page.shape != shape else ""
+        axes = "" if len(page.shape) == 2 else f": this has {len(page.shape)} axes"
         raise UnreadableScan(
-            "wrong-shape", f"{where} has the shape {page.shape}; every page must be (rows, detector), grey, of one size"
+            "wrong-shape",
+            f"{where} has the shape {page.shape}{other}; every page must be (rows, detector), grey, of one size{axes}",
         )
     if int(page.compression) not in READABLE_COMPRESSIONS:
         method = getattr(page.compression, "name", page.compression)

@@ -54,8 +54,15 @@ def _read_tiffs(archive: ZipFile, infos: list[ZipInfo], wanted: Wanted, bounds: 
         kinds[KINDS.get(image_kind(info.filename))].append(file)
     flats, darks = (_fields(kinds[kind], bounds.whole) for kind in FieldKind)
     views = kinds[None] or (kinds[wanted.fields] if wanted.fields else [])
+    if not infos:
+        raise UnreadableScan("unknown-format", "the archive holds no files; pack the views as .tif files")
     if not views:
-        raise UnreadableScan("unknown-format", "the archive holds no TIFF files of views; pack the views as .tif files")
+        fields = len(kinds[FieldKind.FLATS]) + len(kinds[FieldKind.DARKS])
+        raise UnreadableScan(
+            "unknown-format",
+            f"the archive holds no TIFF files of views, but {fields} of flat and dark fields and {len(infos) - fields} "
+            "other files; pack the views as .tif files whose names begin neither with flat nor with dark",
+        )
     checked = checked_files(WHAT, views, bounds, rows_missing=True)
     ignored = len(infos) - len(images)
     remarks = [f"{ignored} files that are no TIFFs were ignored."] if ignored else []

@@ -1,0 +1,251 @@
+"""A table of half-right files and the sentences that refuse them: what is wrong, in which number, and what is right.
+
+The sentences are in refusals.txt: none asks for exactly what the file has. Files that are hostile or damaged are in
+test_refusals.py and test_bombs.py.
+"""
+
+import io
+from pathlib import Path
+from zipfile import ZipFile
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+import tifffile
+from PIL import Image
+
+from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
+from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.readers.reading import reading_scan
+
+STACK = np.random.default_rng(20261122).integers(100, 60_000, (6, 3, 8)).astype(np.uint16)
+VALUES = STACK.astype(np.float64)
+COLOURS = np.ones((8, 8, 3), np.uint8)
+COUNTS = {"counts": True}
+NO_ANGLES = {"angles": None}
+
+
+def raw(data):
+    return lambda path: path.write_bytes(data)
+
+
+def png(path):
+    Image.fromarray(STACK[0].astype(np.uint8)).save(path, "PNG")
+
+
+def npy(array):
+    def write(path):
+        with path.open("wb") as stream:
+            np.save(stream, array, allow_pickle=array.dtype.hasobject)
+
+    return write
+
+
+def npz(**arrays):
+    def write(path):
+        with path.open("wb") as stream:
+            np.savez(stream, **arrays)
+
+    return write
+
+
+def mat(**variables):
+    return lambda path: scipy.io.savemat(path, variables, appendmat=False)
+
+
+def hdf5(members, attributes=()):
+    """A dataset of each value, a group of each None, by their paths; (path, name, value) of attributes."""
+
+    def write(path):
+        with h5py.File(path, "w") as file:
+            for name, value in members.items():
+                if value is None:
+                    file.create_group(name)
+                else:
+                    file[name] = value
+            for member, name, value in attributes:
+                file[member].attrs[name] = value
+
+    return write
+
+
+def nxtomo(**parts):
+    """An entry of six views with their angles in degrees; a part of None is left out."""
+    detector = "entry/instrument/detector/"
+    angles, size = "entry/sample/rotation_angle", detector + "x_pixel_size"
+    members = {
+        "entry/definition": "NXtomo",
+        detector + "data": parts.pop("data", VALUES),
+        detector + "image_key": parts.pop("image_key", [0] * 6),
+        angles: parts.pop("angles", 60.0 * np.arange(6)),
+        size: parts.pop("size", 1.5),
+    } | {detector + name: value for name, value in parts.pop("more", {}).items()}
+    there = {name: value for name, value in members.items() if value is not None or name == parts.get("group")}
+    return hdf5(there, [(angles, "units", "deg"), (size, "units", "mm")])
+
+
+def exchange(attributes=(), **parts):
+    members = {f"exchange/{name}": value for name, value in ({"data": VALUES} | parts).items()}
+    return hdf5(members, attributes)
+
+
+def tiff(*pages):
+    def write(path):
+        with tifffile.TiffWriter(path) as file:
+            for page in pages:
+                file.write(page, contiguous=False, metadata=None)
+
+    return write
+
+
+def zipped(members):
+    def write(path):
+        with ZipFile(path, "w") as archive:
+            for name, content in members.items():
+                stream = io.BytesIO()
+                if isinstance(content, np.ndarray):
+                    tifffile.imwrite(stream, content)
+                archive.writestr(name, stream.getvalue() or content)
+
+    return write
+
+
+# Each with what is given beside it.
+TABLE = {
+    "text": (raw(b"angle,value\n0,1\n"), {}),
+    "a picture": (png, {}),
+    "npy: 1 axis": (npy(VALUES.ravel()), {}),
+    "npy: 4 axes": (npy(VALUES[..., None]), {}),
+    "npy: no views": (npy(VALUES[:0]), {}),
+    "npy: no rows": (npy(VALUES[:, :0]), {}),
+    "npy: 2 views": (npy(VALUES[:2]), {}),
+    "npy: 1 cell": (npy(VALUES[..., :1]), {}),
+    "npy: complex": (npy(VALUES + 0j), {}),
+    "npy: bool": (npy(VALUES > 5.0), {}),
+    "npy: text": (npy(VALUES.astype("U9")), {}),
+    "npy: records": (npy(np.ones((6, 8), [("a", "f4")])), {}),
+    "npy: objects": (npy(np.full((6, 8), None)), {}),
+    "npy: dates": (npy(np.zeros((6, 8), "M8[s]")), {}),
+    "npy: named": (npy(VALUES), {"dataset": "data"}),
+    "npy: header of nonsense": (raw(b"\x93NUMPY\1\0\x10\0" + b"x" * 16), {}),
+    "npy: header without shape": (raw(b"\x93NUMPY\1\0\x10\0{'descr':'<f4'} \n"), {}),
+    "npz: only flats": (npz(flats=VALUES), {}),
+    "npz: only darks and angles": (npz(darks=VALUES, angles_deg=np.arange(6.0)), {}),
+    "npz: 2 views": (npz(data=VALUES[:2]), {}),
+    "npz: complex": (npz(data=VALUES + 0j), {}),
+    "npz: nothing": (npz(), {}),
+    "npz: two of them": (npz(a=VALUES, b=VALUES), {}),
+    "npz: named text": (npz(a=VALUES.astype("U9")), {"dataset": "a"}),
+    "npz: named with 4 axes": (npz(a=VALUES[None]), {"dataset": "a"}),
+    "npz: another name": (npz(a=VALUES), {"dataset": "b"}),
+    "flats: fewer cells": (npz(data=VALUES, flats=VALUES[:2, :, :7]), COUNTS),
+    "flats: fewer rows": (npz(data=VALUES, flats=VALUES[:2, :2]), COUNTS),
+    "flats: no rows": (npz(data=VALUES, flats=VALUES[:, 0]), COUNTS),
+    "flats: 1 axis": (npz(data=VALUES, flats=VALUES[0, 0]), COUNTS),
+    "flats: of a sinogram": (npz(data=VALUES[:, 0], flats=VALUES), COUNTS),
+    "flats: none of them": (npz(data=VALUES, flats=VALUES[:0]), COUNTS),
+    "flats: another name": (npz(data=VALUES, flat=VALUES[:1]), COUNTS),
+    "flats: text": (npz(data=VALUES, flats=VALUES.astype("U9")), COUNTS),
+    "darks: 4 axes": (npz(data=VALUES, flats=VALUES[:1], darks=VALUES[None]), COUNTS),
+    "angles: 2 axes": (npz(data=VALUES, angles_deg=np.ones((2, 3))), NO_ANGLES),
+    "angles: 5 of 6": (npz(data=VALUES, angles_deg=np.arange(5.0)), NO_ANGLES),
+    "angles: text": (npz(data=VALUES, angles_deg=np.array(list("abcdef"))), NO_ANGLES),
+    "angles: complex": (npz(data=VALUES, angles_deg=np.arange(6) + 0j), NO_ANGLES),
+    "mat: struct": (mat(scan={"a": 1.0}), {}),
+    "mat: sparse": (mat(a=scipy.sparse.csc_matrix(VALUES[:, 0])), {}),
+    "mat: logical": (mat(a=VALUES[:, 0] > 5.0), {}),
+    "mat: char": (mat(a="some text"), {}),
+    "mat: cell": (mat(a=np.array([VALUES, "b", 1.0], object)), {}),
+    "mat: 2 views": (mat(data=VALUES[:2, 0]), {}),
+    "hdf5: nothing": (hdf5({}), {}),
+    "hdf5: 4 axes": (hdf5({"data": VALUES[None]}), {}),
+    "hdf5: bool": (hdf5({"data": VALUES > 5.0}), {}),
+    "hdf5: a text": (hdf5({"data": "text"}), {"dataset": "data"}),
+    "hdf5: records": (hdf5({"data": np.ones((6, 8), [("a", "f4"), ("b", "f4")])}), {"dataset": "data"}),
+    "hdf5: a named group": (hdf5({"data": None, "a": VALUES}), {"dataset": "data"}),
+    "hdf5: only darks": (hdf5({"darks": VALUES}), {}),
+    "nxtomo: data are a group": (nxtomo(data=None, group="entry/instrument/detector/data"), {}),
+    "nxtomo: no data": (nxtomo(data=None), {}),
+    "nxtomo: no view": (nxtomo(image_key=[1] * 6), COUNTS | NO_ANGLES),
+    "nxtomo: 2 views": (nxtomo(image_key=[1] * 4 + [0] * 2), COUNTS | NO_ANGLES),
+    "nxtomo: 5 keys": (nxtomo(image_key=[0] * 5), {}),
+    "nxtomo: keys are a text": (nxtomo(image_key="0"), {}),
+    "nxtomo: key 2.5": (nxtomo(image_key=[2.5] * 6), {}),
+    "nxtomo: 4 axes": (nxtomo(data=VALUES[None]), {}),
+    "nxtomo: complex": (nxtomo(data=VALUES + 0j), {}),
+    "nxtomo: angles of 2 axes": (nxtomo(angles=np.ones((2, 3))), {}),
+    "nxtomo: angles are a text": (nxtomo(angles="0 1 2"), {}),
+    "nxtomo: 5 angles": (nxtomo(angles=np.arange(5.0)), NO_ANGLES),
+    "nxtomo: sizes of 2 axes": (nxtomo(size=np.ones((2, 2))), {}),
+    "nxtomo: size is a text": (nxtomo(size="1.5"), {}),
+    "exchange: 1 axis": (exchange(data=VALUES[0, 0]), {}),
+    "exchange: complex": (exchange(data=VALUES + 0j), {}),
+    "exchange: another order": (exchange([("exchange/data", "axes", "y:theta:x")]), {}),
+    "exchange: flats are a group": (exchange(data_white=None), COUNTS),
+    "exchange: flats of fewer cells": (exchange(data_white=VALUES[:1, :, :7]), COUNTS),
+    "exchange: 5 angles": (exchange(theta=np.arange(5.0)), NO_ANGLES),
+    "exchange: angles of 2 axes": (exchange(theta=np.ones((2, 3))), NO_ANGLES),
+    "tiff: colours": (tiff(COLOURS), {}),
+    "tiff: two sizes": (tiff(STACK[0], STACK[0, :, :7], STACK[1]), {}),
+    "tiff: 2 pages": (tiff(*STACK[:2]), {}),
+    "tiff: a sinogram of 2 views": (tiff(STACK[0, :2]), {}),
+    "tiff: complex": (tiff(np.ones((3, 8), np.complex64)), {}),
+    "tiff: named": (tiff(*STACK), {"dataset": "a"}),
+    "zip: nothing": (zipped({}), {}),
+    "zip: only fields": (zipped({"flat1.tif": STACK[0], "dark.tif": STACK[0], "note.txt": b"x"}), {}),
+    "zip: pictures of another kind": (zipped({"a.png": b"x", "b.png": b"x"}), {}),
+    "zip: two sizes": (zipped({"a.tif": STACK[0], "b.tif": STACK[0, :, :7]}), {}),
+    "zip: 2 views": (zipped({"a.tif": STACK[0], "b.tif": STACK[0]}), {}),
+    "zip: a text called .tif": (zipped({"a.tif": b"text"}), {}),
+    "zip: colours": (zipped({"a.tif": COLOURS}), {}),
+    "zip: flats of fewer rows": (
+        zipped({f"{n}.tif": image for n, image in enumerate(STACK)} | {"flat.tif": STACK[0, :2]}),
+        COUNTS,
+    ),
+}
+SENTENCES = Path(__file__).with_name("refusals.txt").read_text("utf-8").splitlines()
+
+
+def test_the_table_is_that_of_the_sentences():
+    assert list(TABLE) == [line.split(" | ")[0] for line in SENTENCES]
+
+
+@pytest.mark.parametrize("line", SENTENCES, ids=[line.split(" | ")[0] for line in SENTENCES])
+def test_the_sentence(tmp_path, line):
+    name, code, sentence = line.split(" | ")
+    write, options = TABLE[name]
+    file = tmp_path / "upload"
+    write(file)
+    given = {"counts": False, "dataset": None, "angles": AngleSteps(0.0, 60.0)} | options
+    with pytest.raises(UnreadableScan) as refusal:
+        read(file, **given)
+    assert str(refusal.value) == sentence
+    assert refusal.value.code == code
+    assert str(tmp_path) not in sentence
+
+
+def read(file, *, counts, dataset, angles):
+    with reading_scan(file, counts=counts, dataset=dataset, angles_deg=angles) as scan:
+        for _ in scan.blocks(2**20):
+            pass
+
+
+NO_USE = "its structure makes no sense"
+
+
+@pytest.mark.parametrize(
+    ("error", "passed_on"),
+    [
+        (ValueError("To allow loading, fully trust the file using `allow_pickle=True`"), NO_USE),
+        (TypeError("'NoneType' object is not subscriptable"), NO_USE),
+        (KeyError("databytecounts"), NO_USE),
+        (ValueError("malformed node <ast.Name object at 0x7f5ed2a1e010>"), NO_USE),
+        (OSError("can't open '/var/lib/sawmill/uploads/1f3a', at 1/2"), "can't open '...', at 1/2"),
+        (ValueError("incorrect data check"), "incorrect data check"),
+    ],
+)
+def test_of_a_parser_only_what_it_says_of_the_file_is_passed_on(error, passed_on):
+    with pytest.raises(UnreadableScan) as refusal, library_errors_translated("NPY"):
+        raise error
+    assert str(refusal.value) == f"this NPY file is incomplete or damaged ({passed_on}); export it again"
