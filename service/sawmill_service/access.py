@@ -1,9 +1,9 @@
-"""Who sends a request, and what that one may do: by the token, by a key, or by sitting at this machine."""
+"""Who sends a request, and what that one may do: by the token, a key, a session, or by sitting at this machine."""
 
 import hmac
 from base64 import b64decode
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fastapi.concurrency import run_in_threadpool
 from pydantic import SecretStr
@@ -13,14 +13,19 @@ from starlette.types import Scope as RequestScope
 
 from sawmill_service.listening import is_loopback
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.keys import Key, Scope
+from sawmill_service.session_cookie import SessionCookie, csrf_token
+from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.storage.acting import Actor
 from sawmill_worker.storage.keys import KeyStore, hash_of
+from sawmill_worker.storage.sessions import Sessions
 
+LOGIN, LOGOUT = "/login", "/logout"
 # One header each: browsers do not look for a second challenge within one.
 CHALLENGES = ('Basic realm="sawmill-calibration", charset="UTF-8"', 'Bearer realm="sawmill-calibration"')
 # Monitoring needs no key: these report the service's state alone.
 OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
+# Nor does a login, with what its page loads.
+LOGIN_PATHS = frozenset({LOGIN, "/static/operator.css", "/static/mark.svg"})
 # What proxies add to the requests that they pass on.
 FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
 # What a route needs where its method does not tell.
@@ -35,6 +40,8 @@ NEEDED = {
     ("DELETE", "/v1/schedules/{schedule_id}"): Scope.ACTIVATE,
     ("POST", "/v1/calibrations/{calibration_id}/activate"): Scope.ACTIVATE,
     ("POST", "/operator/activate/{calibration_id}"): Scope.ACTIVATE,
+    ("POST", LOGIN): Scope.READ,
+    ("POST", LOGOUT): Scope.READ,
 }
 BY_METHOD = {
     "GET": Scope.READ,
@@ -63,11 +70,17 @@ class Caller:
         What it may do.
     key_id : str or None
         None: it came without a key.
+    display : bool
+        Whether its key is that of a display on the wall.
+    csrf_token : str or None
+        What it must bring to change something; None: it came without a session, so no browser added who it is.
     """
 
     name: str
     scope: Scope
     key_id: str | None = None
+    display: bool = False
+    csrf_token: str | None = None
 
     def check(self, needed: Scope) -> None:
         """Refuse what needs more than this caller has.
@@ -98,21 +111,27 @@ class Access:
 
     Parameters
     ----------
-    keys
-        Where keys are looked up.
+    keys, sessions
+        Where they are looked up.
+    cookie
+        In which a browser brings its session.
     token
         The first administrator's key; None: there is none.
     required
         Whether every request must bring a key. Otherwise those from this machine itself need none.
     """
 
-    def __init__(self, keys: KeyStore, *, token: SecretStr | None, required: bool) -> None:
+    def __init__(
+        self, keys: KeyStore, sessions: Sessions, cookie: SessionCookie, *, token: SecretStr | None, required: bool
+    ) -> None:
         self._keys = keys
-        self._token = token
+        self._sessions = sessions
+        self._cookie = cookie
+        self._token_hash = None if token is None else hash_of(token.get_secret_value())
         self._required = required or token is not None
 
     async def caller(self, scope: RequestScope, headers: Headers) -> Caller:
-        """Who sends a request.
+        """Who sends a request: whoever's key it brings, else whoever's session.
 
         Raises
         ------
@@ -121,31 +140,48 @@ class Access:
         StorageUnavailable
             Keys cannot be looked up.
         """
-        secret = presented_secret(headers.get("authorization", ""))
-        if secret:
+        if secret := presented_secret(headers.get("authorization", "")):
             return await self._opened_by(secret)
+        cookie = self._cookie.read(scope, headers)
+        if cookie and (caller := await run_in_threadpool(self._in_session, cookie)):
+            return caller
         if self._required:
-            raise _missing("the key is missing")
+            raise _missing("the session has ended" if cookie else "the key is missing")
         if passed_on := _trace_of_a_proxy(scope, headers):
             raise _missing(f"the request came through a proxy ({passed_on}), and behind one every request needs a key")
         return THIS_MACHINE
 
-    async def _opened_by(self, secret: bytes) -> Caller:
-        if self._token is not None and hmac.compare_digest(secret, self._token.get_secret_value().encode()):
-            return ADMINISTRATOR
-        key = await run_in_threadpool(self._good, secret)
-        if key is None:
-            raise _missing("the key is not one of this service, or has ended")
-        return Caller(key.name, key.scope, key.id)
+    async def holder(self, secret_hash: str) -> Caller | None:
+        """Whose key or token has this hash, if it is good now; its use is noted."""
+        return self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
 
-    def _good(self, secret: bytes) -> Key | None:
-        """The key of a secret, whose use is noted."""
-        if not secret.isascii():
+    async def _opened_by(self, secret: bytes) -> Caller:
+        caller = await self.holder(hash_of(secret.decode("latin-1")))
+        if caller is None:
+            raise _missing("the key is not one of this service, or has ended")
+        return caller
+
+    def _of_token(self, secret_hash: str) -> Caller | None:
+        matches = self._token_hash is not None and hmac.compare_digest(secret_hash, self._token_hash)
+        return ADMINISTRATOR if matches else None
+
+    def _of_key(self, secret_hash: str) -> Caller | None:
+        key = self._keys.good(secret_hash)
+        if key is None:
             return None
-        key = self._keys.good(hash_of(secret.decode()))
-        if key is not None:
-            self._keys.used(key)
-        return key
+        self._keys.used(key)
+        return Caller(key.name, key.scope, key.id, display=key.display)
+
+    def _in_session(self, secret: str) -> Caller | None:
+        """Whoever a session belongs to: nobody, once what opened it opens nothing any more."""
+        session = self._sessions.find(secret)
+        if session is None:
+            return None
+        caller = self._of_token(session.opened_by_hash) or self._of_key(session.opened_by_hash)
+        if caller is None:
+            return None
+        self._sessions.renew(session)
+        return replace(caller, csrf_token=csrf_token(secret))
 
 
 def check_scope(request: Request) -> None:
@@ -188,6 +224,5 @@ def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
 
 
 def _missing(what: str) -> Refused:
-    return Refused(
-        401, "token-required", f"{what}: send Authorization: Bearer KEY, or in a browser the key as the password"
-    )
+    how = f"send Authorization: Bearer KEY, or the key as the password of HTTP Basic, or log in at {LOGIN}"
+    return Refused(401, "token-required", f"{what}: {how}")

@@ -12,6 +12,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_service.access import Access, check_scope
 from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
+from sawmill_service.forms import check_csrf
 from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
@@ -26,12 +27,14 @@ from sawmill_service.routes import (
     health,
     jobs,
     keys,
+    login,
     phantoms,
     reconstructions,
     scanners,
     scans,
     schedules,
 )
+from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
@@ -60,7 +63,10 @@ TAGS = [
     {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
-ROUTERS = (scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules, keys, audit, health, console)
+ROUTERS = (
+    *(scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules),
+    *(keys, audit, health, login, console),
+)
 
 
 def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False) -> Application:
@@ -91,9 +97,17 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         docs_url=None,
         redoc_url=None,
         generate_unique_id_function=lambda route: route.name,
-        dependencies=[Depends(check_scope)],
+        dependencies=[Depends(check_scope), Depends(check_csrf)],
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
+    app.state.session_cookie = SessionCookie(settings.public_url)
+    app.state.access = Access(
+        store.keys,
+        store.sessions,
+        app.state.session_cookie,
+        token=settings.token,
+        required=exposed or settings.behind_proxy,
+    )
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
     install(app)
@@ -112,7 +126,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
     app.add_middleware(
         Gate,
         allowed_hosts=settings.names,
-        access=Access(store.keys, token=settings.token, required=exposed or settings.behind_proxy),
+        access=app.state.access,
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,

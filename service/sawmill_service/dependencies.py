@@ -5,7 +5,8 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from sawmill_service.access import Caller, caller_of
+from sawmill_service.access import Access, Caller, caller_of
+from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.store import Store
@@ -38,8 +39,20 @@ def _stopping(request: Request) -> Stopping:
     return stopping
 
 
+def _access(request: Request) -> Access:
+    access: Access = request.app.state.access
+    return access
+
+
+def _session_cookie(request: Request) -> SessionCookie:
+    cookie: SessionCookie = request.app.state.session_cookie
+    return cookie
+
+
 TheStore = Annotated[Store, Depends(_store)]
 TheSettings = Annotated[ServiceSettings, Depends(_settings)]
 TheWake = Annotated[Wake, Depends(_wake)]
 TheStopping = Annotated[Stopping, Depends(_stopping)]
+TheAccess = Annotated[Access, Depends(_access)]
+TheSessionCookie = Annotated[SessionCookie, Depends(_session_cookie)]
 TheCaller = Annotated[Caller, Depends(caller_of)]

@@ -2,14 +2,25 @@
 
 from collections.abc import Iterable, Mapping
 from http import HTTPStatus
+from urllib.parse import urlencode
 
 import structlog
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from sawmill_service.access import ANYBODY, CHALLENGES, OPEN_PATHS, Access, Caller, came_in_over_loopback
+from sawmill_service.access import (
+    ANYBODY,
+    CHALLENGES,
+    LOGIN,
+    LOGIN_PATHS,
+    OPEN_PATHS,
+    Access,
+    Caller,
+    came_in_over_loopback,
+)
 from sawmill_service.problems import COME_BACK, Refused, problem_response
+from sawmill_service.session_cookie import NAME
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.acting import acting_as
 from sawmill_worker.storage.errors import StorageError
@@ -94,7 +105,7 @@ class Gate:
         try:
             caller = await self._caller(scope, Headers(scope=scope), limit)
         except Refused as refused:
-            await _refusal(scope["path"], refused)(scope, receive, send)
+            await _refusal(scope, refused)(scope, receive, send)
             return
         except StorageError as error:
             unavailable = problem_response(scope["path"], 503, error.code, str(error), headers=COME_BACK)
@@ -106,7 +117,7 @@ class Gate:
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
         self._check_origin(scope, headers)
-        caller = ANYBODY if scope["path"] in OPEN_PATHS else await self.access.caller(scope, headers)
+        caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self.access.caller(scope, headers)
         _check_length(headers, limit)
         return caller
 
@@ -123,11 +134,35 @@ class Gate:
             raise Refused(403, "other-site", "a page of another site may not change anything here")
 
 
-def _refusal(path: str, refused: Refused) -> Response:
-    answer = problem_response(path, refused.status_code, refused.code, refused.detail, headers=refused.headers)
-    for challenge in CHALLENGES if refused.status_code == HTTPStatus.UNAUTHORIZED else ():
-        answer.headers.append("WWW-Authenticate", challenge)
+def _refusal(scope: Scope, refused: Refused) -> Response:
+    headers, unknown = Headers(scope=scope), refused.status_code == HTTPStatus.UNAUTHORIZED
+    if unknown and _is_navigation(headers):
+        return RedirectResponse(_login_before(scope), HTTPStatus.SEE_OTHER)
+    path, status = scope["path"], refused.status_code
+    answer = problem_response(path, status, refused.code, refused.detail, headers=refused.headers)
+    for challenge in CHALLENGES if unknown else ():
+        if challenge.startswith("Bearer") or not _is_browser(headers):
+            answer.headers.append("WWW-Authenticate", challenge)
     return answer
+
+
+def _is_navigation(headers: Headers) -> bool:
+    """Whether somebody waits for a page, and not a program for an answer."""
+    return "text/html" in headers.get("accept", "") and "authorization" not in headers
+
+
+def _is_browser(headers: Headers) -> bool:
+    """Whether a page of ours sent this: a challenge of HTTP Basic would open the browser's own window for passwords."""
+    ours = "sec-fetch-mode" in headers or NAME in headers.get("cookie", "")
+    return ours and "authorization" not in headers
+
+
+def _login_before(scope: Scope) -> str:
+    """The login, with where to go on to: a form that was sent is not sent again."""
+    if scope["method"] != "GET":
+        return LOGIN
+    query = scope["query_string"].decode("latin-1")
+    return f"{LOGIN}?{urlencode({'next': scope['path'] + (f'?{query}' if query else '')})}"
 
 
 def _check_length(headers: Headers, limit: int) -> None:

@@ -8,7 +8,7 @@ ADDRESS = re.compile(r"""(?:src|href|action)\s*=\s*["']([^"']+)["']""", re.IGNOR
 STYLE_ADDRESS = re.compile(r"""(?:url\(|@import)\s*["']?([^"')\s]+)""", re.IGNORECASE)
 
 
-@pytest.mark.parametrize("page", ["/", "/docs"])
+@pytest.mark.parametrize("page", ["/", "/docs", "/login"])
 def test_a_page_loads_only_what_is_served_here(seeded, page):
     html = seeded.get(page)
     assert html.headers["Content-Type"].startswith("text/html")
@@ -23,7 +23,7 @@ def test_a_page_loads_only_what_is_served_here(seeded, page):
 
 
 def test_pages_run_no_script_but_files_of_ours(seeded):
-    for page in ("/", "/docs"):
+    for page in ("/", "/docs", "/login"):
         html = seeded.get(page).text
         assert not re.search(r"<script(?![^>]*\bsrc=)|\son\w+\s*=|javascript:", html), page
     policy = seeded.get("/docs").headers["Content-Security-Policy"]

@@ -65,7 +65,8 @@ def test_what_decides_or_removes_needs_more_than_work(keyed):
 
 
 def test_every_exception_names_a_route_that_exists(keyed):
-    declared = {*operations(keyed.app), ("POST", "/operator/activate/{calibration_id}")}
+    pages = {("POST", path) for path in ("/operator/activate/{calibration_id}", "/login", "/logout")}
+    declared = {*operations(keyed.app), *pages}
     assert set(NEEDED) <= declared
     assert {method for method, _ in declared} <= set(BY_METHOD)
 

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
-from fastapi.responses import FileResponse, HTMLResponse, RedirectResponse
+from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_service.answers import file
-from sawmill_service.dependencies import TheStore
-from sawmill_service.operator_page import operator_page
+from sawmill_service.dependencies import TheCaller, TheSessionCookie, TheStore
+from sawmill_service.operator_page import TEMPLATES, operator_page
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_worker.contracts.base import Identifier
 
@@ -17,9 +17,9 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/docs")
-def console() -> Response:
+def console(caller: TheCaller) -> HTMLResponse:
     """The API console: Swagger UI from this service's own files."""
-    return FileResponse(STATIC / "console.html")
+    return page(TEMPLATES.get_template("console.html").render(caller=caller))
 
 
 @router.get("/openapi.json")
@@ -37,9 +37,12 @@ def example_scan(request: Request, store: TheStore) -> Response:
 
 
 @router.get("/")
-def operator(store: TheStore) -> HTMLResponse:
-    """The operator's page."""
-    return HTMLResponse(operator_page(conditions_of(store)))
+def operator(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> HTMLResponse:
+    """The operator's page; a display's cookie is given anew with it."""
+    answer = page(operator_page(conditions_of(store), caller))
+    if caller.display and caller.csrf_token is not None:
+        cookie.give(answer, request.scope, cookie.read(request.scope, request.headers), lasting=True)
+    return answer
 
 
 @router.post("/operator/activate/{calibration_id}")
@@ -47,3 +50,8 @@ def accept_or_roll_back(calibration_id: Identifier, store: TheStore) -> Redirect
     """The operator's buttons."""
     store.calibrations.activate(calibration_id, "by hand on the operator's page")
     return RedirectResponse("/", status_code=303)
+
+
+def page(html: str) -> HTMLResponse:
+    """A page about whoever looks at it: kept nowhere, so that nobody finds it after the logout."""
+    return HTMLResponse(html, headers={"Cache-Control": "no-store"})

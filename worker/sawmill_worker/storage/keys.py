@@ -8,7 +8,7 @@ import secrets
 from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, and_, or_, select, update
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import QueryableAttribute, Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.keys import Key, KeyAsk, Keys, NewKey
@@ -21,7 +21,7 @@ from sawmill_worker.storage.tables import KeyRow
 
 # By which a scanner for leaked secrets can know one.
 PREFIX = "sawmill_"
-_RANDOM_BYTES = 32
+RANDOM_BYTES = 32
 # How exactly `last_used_at` is kept: each step is a write.
 USE_STEP = timedelta(minutes=1)
 
@@ -103,7 +103,7 @@ class KeyStore:
         """The key that a secret of this hash opens now, if there is one."""
         now = self._database.now()
         with self._database.read() as session:
-            row = session.scalar(select(KeyRow).where(_opened_by(secret_hash, now)))
+            row = session.scalar(select(KeyRow).where(opened_by(secret_hash, now)))
             return None if row is None or not _is_good(row, now) else _read(row)
 
     def used(self, key: Key) -> None:
@@ -124,7 +124,8 @@ def _any_good(session: Session, now: datetime) -> bool:
     return any(_is_good(row, now) for row in session.scalars(select(KeyRow).where(KeyRow.revoked_at.is_(None))))
 
 
-def _opened_by(secret_hash: str, now: datetime) -> ColumnElement[bool]:
+def opened_by(secret_hash: str | QueryableAttribute[str], now: datetime) -> ColumnElement[bool]:
+    """Whether a secret of this hash is a key's own, or the one before it within its grace."""
     still = and_(KeyRow.previous_hash == secret_hash, KeyRow.previous_until > now)
     return or_(KeyRow.secret_hash == secret_hash, still)
 
@@ -134,7 +135,7 @@ def _is_good(row: KeyRow, now: datetime) -> bool:
 
 
 def _new_secret() -> str:
-    return PREFIX + secrets.token_urlsafe(_RANDOM_BYTES)
+    return PREFIX + secrets.token_urlsafe(RANDOM_BYTES)
 
 
 def _read(row: KeyRow) -> Key:

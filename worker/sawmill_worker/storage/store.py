@@ -23,6 +23,7 @@ from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
 from sawmill_worker.storage.schedules import Schedules
+from sawmill_worker.storage.sessions import Sessions
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tallies import Tallies
 
@@ -32,7 +33,8 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events, keys, audit
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events,
+    keys, sessions, audit
         The rows.
     tallies
         Counts of them.
@@ -58,6 +60,7 @@ class Store:
         self.schedules = Schedules(self._database)
         self.events = Events(self._database)
         self.keys = KeyStore(self._database)
+        self.sessions = Sessions(self._database)
         self.audit = Audit(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:

@@ -1,0 +1,258 @@
+"""Browsers log in with a key: what the session may do, who cannot use it, and when it ends."""
+
+import re
+from datetime import UTC, datetime, timedelta
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from sawmill_service.access import LOGIN_PATHS
+from sawmill_service.app import create_app
+from sawmill_service.session_cookie import NAME, SECURE_NAME, csrf_token
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.store import Store
+
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+GUARDED = ServiceSettings(token=TOKEN)
+HTML = {"Accept": "text/html,application/xhtml+xml"}
+ORIGIN = "http://127.0.0.1:8000"
+
+
+@pytest.fixture
+def browser(seeded, store):
+    """A client of a service that asks for keys, which can log in and then sends its cookie, and Accept as browsers."""
+    seeded.app = create_app(GUARDED, store, print)
+    seeded.headers = dict(HTML)
+    return seeded
+
+
+def key_of(store, scope, **changes):
+    return store.keys.create(KeyAsk(name=f"Anna <{scope}>", scope=scope, **changes))
+
+
+def log_in(browser, secret, **fields):
+    """As the login's form sends it; the client brings the cookie from now on."""
+    answer = browser.post("/login", data={"key": secret, **fields}, headers={"Origin": ORIGIN})
+    if answer.status_code == 303:
+        browser.headers["Cookie"] = answer.headers["Set-Cookie"].partition(";")[0]
+    return answer
+
+
+def session_of(browser):
+    return browser.headers["Cookie"].partition("=")[2]
+
+
+def token_in(browser):
+    return re.search(r'name="csrf" value="(\w+)"', browser.get("/").text)[1]
+
+
+@pytest.mark.parametrize("secret", [TOKEN, f" {TOKEN}\n"])
+def test_a_key_opens_a_session_in_a_cookie_that_scripts_cannot_read(browser, secret):
+    answer = log_in(browser, secret)
+    assert (answer.status_code, answer.headers["Location"]) == (303, "/")
+    name, *flags = answer.headers["Set-Cookie"].split("; ")
+    assert re.fullmatch(rf"{NAME}=[\w-]{{43}}", name)
+    assert sorted(flags) == ["HttpOnly", "Path=/", "SameSite=lax"]
+    assert TOKEN not in answer.headers["Set-Cookie"]
+    page = browser.get("/")
+    assert (page.status_code, page.headers["Cache-Control"]) == (200, "no-store")
+    assert browser.get("/v1/keys/own").json()["scope"] == "admin"
+
+
+@pytest.mark.parametrize(
+    ("public_url", "there"),
+    [("https://calibration.mill.example", ""), (None, "https://127.0.0.1:8000")],
+    ids=["through a proxy", "to this port"],
+)
+def test_with_tls_the_cookie_is_for_tls_and_this_host_alone(browser, store, public_url, there):
+    browser.app = create_app(ServiceSettings(public_url=public_url, token=TOKEN), store, print)
+    answer = browser.post(f"{there}/login", data={"key": key_of(store, Scope.READ).secret})
+    assert answer.headers["Set-Cookie"].startswith(f"{SECURE_NAME}=")
+    assert answer.headers["Set-Cookie"].endswith("HttpOnly; Path=/; SameSite=lax; Secure")
+    # A plain cookie, which another host of the domain or plain HTTP can set, opens nothing there.
+    forged = answer.headers["Set-Cookie"].replace(SECURE_NAME, NAME)
+    assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": forged, "Accept": "*/*"}).status_code == 401
+    good = answer.headers["Set-Cookie"].partition(";")[0]
+    assert browser.get(f"{there}/v1/keys/own", headers={"Cookie": good}).status_code == 200
+
+
+@pytest.mark.parametrize("secret", ["", "sawmill_none", TOKEN[:-1], "\xfc"])
+def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store, secret):
+    answer = log_in(browser, secret, next="/docs")
+    assert answer.status_code == 401
+    assert "This key opens nothing here" in answer.text
+    assert 'name="next" value="/docs"' in answer.text
+    assert "Set-Cookie" not in answer.headers
+    assert not answer.headers["WWW-Authenticate"].startswith("Basic")
+    assert store.audit.newest() == []
+
+
+def test_a_page_leads_to_the_login_and_from_there_on(browser):
+    asked = browser.get("/v1/calibrations/example/report.png?dpi=50")
+    assert asked.status_code == 303
+    location = urlsplit(asked.headers["Location"])
+    onward = parse_qs(location.query)["next"][0]
+    assert (location.path, onward) == ("/login", "/v1/calibrations/example/report.png?dpi=50")
+    page = browser.get(asked.headers["Location"]).text
+    assert 'value="/v1/calibrations/example/report.png?dpi=50"' in page
+    assert log_in(browser, TOKEN, next=onward).headers["Location"] == onward
+    # A button that was pressed after the session's end: nothing was done, and the page comes back.
+    del browser.headers["Cookie"]
+    assert browser.post("/operator/activate/example").headers["Location"] == "/login"
+
+
+@pytest.mark.parametrize(
+    "onward", ["//evil.example", "https://evil.example", "/\\evil.example", "/\t/evil.example", "javascript:x", "", "x"]
+)
+def test_a_login_leads_to_no_other_site(browser, onward):
+    assert log_in(browser, TOKEN, next=onward).headers["Location"] == "/"
+    assert 'name="next" value="/"' in browser.get("/login", params={"next": onward}).text
+
+
+def test_programs_are_challenged_as_before_and_our_pages_without_the_browser_s_window(browser):
+    def challenges(**headers):
+        answer = browser.get("/v1/scanners", headers={"Accept": "*/*", **headers})
+        assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+        return [challenge.split()[0] for challenge in answer.headers.get_list("WWW-Authenticate")]
+
+    assert challenges() == challenges(Authorization="Bearer none") == ["Basic", "Bearer"]
+    assert challenges(Cookie=f"{NAME}=ended") == challenges(**{"Sec-Fetch-Mode": "cors"}) == ["Bearer"]
+
+
+def test_only_what_the_login_page_needs_is_open(browser):
+    page = browser.get("/login")
+    assert page.status_code == 200
+    loaded = set(re.findall(r'(?:src|href)="([^"]+)"', page.text))
+    assert loaded == LOGIN_PATHS - {"/login"}
+    assert [browser.get(path).status_code for path in sorted(loaded)] == [200] * len(loaded)
+    for path in ("/static/console.js", "/console/swagger-ui.css", "/login/", "/static/operator.css/..", "/loginx"):
+        assert browser.get(path, headers={"Accept": "*/*"}).status_code == 401, path
+
+
+def test_the_cookie_alone_changes_nothing(browser, store, worker):
+    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer")
+    worker.finish_calibration()
+    log_in(browser, TOKEN)
+    token = token_in(browser)
+    form = "application/x-www-form-urlencoded"
+    for brought in (
+        {},
+        {"data": {"csrf": ""}},
+        {"data": {"csrf": csrf_token("of another session")}},
+        {"data": {"csrf": "\xfc"}},
+        {"headers": {"X-CSRF-Token": token[:-1]}},
+        {"content": f"csrf={token}", "headers": {"Content-Type": "text/plain"}},
+        {"content": f"csrf={token}&x={'x' * 9000}", "headers": {"Content-Type": form}},
+        {"content": f"csrf={token}" + "&x=x" * 10, "headers": {"Content-Type": form}},
+        {"content": b"csrf=\xff", "headers": {"Content-Type": form}},
+    ):
+        answer = browser.post("/operator/activate/newer", **brought)
+        assert answer.json()["code"] in {"csrf", "bad-form"}, brought
+    for method, path in (("POST", "/logout"), ("POST", "/v1/scanners"), ("DELETE", "/v1/scans/example-spare")):
+        answer = browser.request(method, path, json={})
+        assert answer.status_code in {403, 422}
+    assert browser.delete("/v1/scans/example-spare").json()["code"] == "csrf"
+    assert store.scanners.get("example").active_calibration_id == "example"
+    assert browser.post("/operator/activate/newer", data={"csrf": token}).headers["Location"] == "/"
+    assert store.scanners.get("example").active_calibration_id == "newer"
+    assert browser.delete("/v1/scans/example-spare", headers={"X-CSRF-Token": token}).status_code == 204
+
+
+def test_another_site_can_neither_use_a_session_nor_log_its_visitor_in(browser):
+    log_in(browser, TOKEN)
+    token = token_in(browser)
+    for foreign in ({"Origin": "http://evil.example"}, {"Origin": "null"}, {"Sec-Fetch-Site": "cross-site"}):
+        answer = browser.post("/operator/activate/example", data={"csrf": token}, headers=foreign)
+        assert answer.json()["code"] == "other-site"
+        answer = browser.post("/login", data={"key": TOKEN}, headers=foreign)
+        assert (answer.json()["code"], "Set-Cookie" in answer.headers) == ("other-site", False)
+
+
+def test_who_brings_the_key_itself_needs_no_token(browser):
+    browser.headers = {"Authorization": f"Bearer {TOKEN}"}
+    assert browser.post("/operator/activate/example").status_code == 303
+    assert "Log out" not in browser.get("/").text
+
+
+@pytest.mark.parametrize("scope", list(Scope))
+def test_pages_show_who_is_logged_in_and_the_buttons_that_he_may_press(browser, store, worker, scope):
+    store.calibrations.accept(CalibrationAsk(scan_id="example"), identifier="newer")
+    worker.finish_calibration()
+    log_in(browser, key_of(store, scope).secret)
+    page, console = browser.get("/").text, browser.get("/docs").text
+    for shown in (page, console):
+        assert f"<span>Anna &lt;{scope}&gt;</span>" in shown
+        assert 'action="/logout"' in shown
+    token = token_in(browser)
+    assert f'<meta name="csrf-token" content="{token}">' in console
+    may = scope.covers(Scope.ACTIVATE)
+    assert ("Accept this calibration" in page) is may
+    forged = browser.post("/operator/activate/newer", data={"csrf": token})
+    assert forged.status_code == (303 if may else 403)
+    assert may or forged.json()["code"] == "scope-too-small"
+
+
+def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
+    key = key_of(store, Scope.READ)
+    log_in(browser, key.secret)
+    answer = browser.post("/logout", data={"csrf": token_in(browser)})
+    assert (answer.status_code, answer.headers["Location"]) == (303, "/login")
+    assert answer.headers["Set-Cookie"].startswith(f'{NAME}=""; HttpOnly; Max-Age=0;')
+    assert browser.get("/").headers["Location"] == "/login?next=%2F"
+    went, came, _ = store.audit.newest()
+    assert (came.action, went.action) == (AuditAction.LOGGED_IN, AuditAction.LOGGED_OUT)
+    assert {entry.who for entry in (came, went)} == {key.name}
+    assert {entry.key_id for entry in (came, went)} == {key.id}
+    assert came.address == "127.0.0.1"
+
+
+def test_another_login_ends_the_browser_s_session_before_it(browser, store):
+    log_in(browser, TOKEN)
+    before = session_of(browser)
+    log_in(browser, key_of(store, Scope.READ).secret)
+    assert session_of(browser) != before
+    assert store.sessions.find(before) is None
+    assert browser.get("/v1/keys/own").json()["scope"] == "read"
+
+
+@pytest.mark.parametrize("end", ["revoked", "rotated", "token changed"])
+def test_a_session_ends_with_what_opened_it(browser, store, end):
+    key = key_of(store, Scope.ADMIN)
+    log_in(browser, TOKEN if end == "token changed" else key.secret)
+    assert browser.get("/").status_code == 200
+    if end == "revoked":
+        store.keys.revoke(key.id)
+    elif end == "rotated":
+        store.keys.rotate(key.id)
+    else:
+        browser.app = create_app(ServiceSettings(token=TOKEN[::-1]), store, print)
+    assert browser.get("/").status_code == 303
+
+
+@pytest.mark.parametrize("display", [True, False])
+def test_a_display_stays_logged_in_and_a_person_does_not(browser, store, display):
+    now = datetime.now(UTC)
+    clock = [now]
+    later = Store.open(store.settings, clock=lambda: clock[0])
+    key = key_of(later, Scope.READ, display=display, expires_at=now + timedelta(days=60))
+    browser.app = create_app(GUARDED, later, print)
+    answer = log_in(browser, key.secret)
+    assert ("Max-Age=34560000" in answer.headers["Set-Cookie"]) is display
+    clock[0] += timedelta(days=30)
+    browser.app = create_app(GUARDED, later, print)  # started again meanwhile
+    page = browser.get("/")
+    assert page.status_code == (200 if display else 303)
+    if display:
+        assert page.headers["Set-Cookie"] == answer.headers["Set-Cookie"]
+    clock[0] += timedelta(days=30)
+    assert browser.get("/").status_code == 303  # the key has expired
+    later.close()
+
+
+def test_without_keys_this_machine_sees_no_login(client):
+    assert "Log out" not in client.get("/", headers=HTML).text
+    assert client.post("/logout", headers=HTML).headers["Location"] == "/login"
+    assert client.get("/", headers={"Cookie": f"{NAME}=ended"}).status_code == 200

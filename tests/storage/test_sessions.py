@@ -1,0 +1,93 @@
+"""Sessions of browsers, on both databases."""
+
+import pytest
+from sqlalchemy import func, select, text
+
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.storage.keys import hash_of
+from sawmill_worker.storage.sessions import LASTS, RENEWAL_STEP
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import SessionRow
+
+OPENER = hash_of("the token")
+
+
+@pytest.fixture
+def store(settings, clock):
+    """A store whose clock the test moves."""
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+def count(store):
+    with store._database.read() as session:
+        return session.scalar(select(func.count()).select_from(SessionRow))
+
+
+def test_a_session_is_found_by_its_secret_which_is_not_stored(store):
+    secret = store.sessions.open(OPENER, lasting=False)
+    assert len(secret) == 43  # 256 bits, in base64
+    assert store.sessions.find(secret).opened_by_hash == OPENER
+    assert store.sessions.find(secret + "x") is store.sessions.find(OPENER) is None
+    with store._database.read() as session:
+        assert secret not in str(session.execute(text("SELECT * FROM sessions")).all())
+
+
+def test_a_person_s_session_runs_out_unless_it_is_used(store, clock):
+    secret, idle = (store.sessions.open(OPENER, lasting=False) for _ in range(2))
+    for _ in range(24):
+        clock.advance(hours=1)
+        store.sessions.renew(store.sessions.find(secret))
+    assert store.sessions.find(secret) is not None
+    assert store.sessions.find(idle) is None
+    clock.advance(seconds=LASTS.total_seconds())
+    assert store.sessions.find(secret) is None
+
+
+def test_a_session_in_use_is_written_once_an_hour(store, clock):
+    secret = store.sessions.open(OPENER, lasting=False)
+    first = store.sessions.find(secret).expires_at
+    clock.advance(seconds=RENEWAL_STEP.total_seconds() - 1)
+    store.sessions.renew(store.sessions.find(secret))
+    assert store.sessions.find(secret).expires_at == first
+    clock.advance(seconds=1)
+    store.sessions.renew(store.sessions.find(secret))
+    assert store.sessions.find(secret).expires_at == first + RENEWAL_STEP
+
+
+def test_a_lasting_session_has_no_end_of_its_own(store, clock):
+    secret = store.sessions.open(OPENER, lasting=True)
+    clock.advance(days=1000)
+    store.sessions.renew(store.sessions.find(secret))
+    assert store.sessions.find(secret).expires_at is None
+
+
+def test_a_login_removes_the_sessions_that_have_ended(store, clock):
+    ask = KeyAsk(name="tablet", scope=Scope.READ, display=True)
+    kept, revoked, rotated = (store.keys.create(ask) for _ in range(3))
+    displays = [store.sessions.open(hash_of(key.secret), lasting=True) for key in (kept, revoked, rotated)]
+    store.sessions.open(OPENER, lasting=False)
+    store.keys.revoke(revoked.id)
+    store.keys.rotate(rotated.id, grace_s=86400)
+    clock.advance(hours=12)
+    store.sessions.open(OPENER, lasting=False)
+    assert [store.sessions.find(secret) is not None for secret in displays] == [True, False, True]
+    assert count(store) == 3
+    clock.advance(hours=12)
+    store.sessions.open(OPENER, lasting=False)
+    assert [store.sessions.find(secret) is not None for secret in displays] == [True, False, False]
+
+
+def test_who_logged_in_and_out_is_in_the_audit(store):
+    with acting_as(Actor("anna", key_id="k1", address="192.0.2.7")):
+        secret = store.sessions.open(OPENER, lasting=False)
+        store.sessions.end(secret)
+        store.sessions.end(secret)  # again changes nothing
+    assert store.sessions.find(secret) is None
+    came, went = store.audit.all()
+    assert (came.action, came.who, came.subject_id, came.address) == (AuditAction.LOGGED_IN, "anna", "k1", "192.0.2.7")
+    assert (went.action, went.who, went.subject_id) == (AuditAction.LOGGED_OUT, "anna", "k1")
+    assert secret not in f"{came}{went}"
