@@ -13,6 +13,7 @@ from starlette.types import Scope as RequestScope
 
 from sawmill_service.listening import is_loopback
 from sawmill_service.problems import Refused
+from sawmill_service.rates import FailedLogins
 from sawmill_service.session_cookie import SessionCookie, csrf_token
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.storage.acting import Actor
@@ -119,16 +120,26 @@ class Access:
         The first administrator's key; None: there is none.
     required
         Whether every request must bring a key. Otherwise those from this machine itself need none.
+    failures
+        Counts the keys that were wrong.
     """
 
     def __init__(
-        self, keys: KeyStore, sessions: Sessions, cookie: SessionCookie, *, token: SecretStr | None, required: bool
+        self,
+        keys: KeyStore,
+        sessions: Sessions,
+        cookie: SessionCookie,
+        *,
+        token: SecretStr | None,
+        required: bool,
+        failures: FailedLogins,
     ) -> None:
         self._keys = keys
         self._sessions = sessions
         self._cookie = cookie
         self._token_hash = None if token is None else hash_of(token.get_secret_value())
         self._required = required or token is not None
+        self._failures = failures
 
     async def caller(self, scope: RequestScope, headers: Headers) -> Caller:
         """Who sends a request: whoever's key it brings, else whoever's session.
@@ -136,12 +147,13 @@ class Access:
         Raises
         ------
         Refused
-            401 `token-required`: it must bring a key and brings none that is good.
+            401 `token-required`: it must bring a key and brings none that is good. 429 `too-many-requests`: its
+            address has brought too many that were wrong.
         StorageUnavailable
             Keys cannot be looked up.
         """
         if secret := presented_secret(headers.get("authorization", "")):
-            return await self._opened_by(secret)
+            return await self._opened_by(scope, secret)
         cookie = self._cookie.read(scope, headers)
         if cookie and (caller := await run_in_threadpool(self._in_session, cookie)):
             return caller
@@ -151,12 +163,23 @@ class Access:
             raise _missing(f"the request came through a proxy ({passed_on}), and behind one every request needs a key")
         return THIS_MACHINE
 
-    async def holder(self, secret_hash: str) -> Caller | None:
-        """Whose key or token has this hash, if it is good now; its use is noted."""
-        return self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
+    async def holder(self, scope: RequestScope, secret_hash: str) -> Caller | None:
+        """Whose key or token has this hash, if it is good now; its use is noted.
 
-    async def _opened_by(self, secret: bytes) -> Caller:
-        caller = await self.holder(hash_of(secret.decode("latin-1")))
+        Raises
+        ------
+        Refused
+            429 `too-many-requests`: the address that the request came from has brought too many that were wrong.
+        """
+        address = str((scope.get("client") or ("an unknown client", 0))[0])
+        self._failures.check(address)
+        found = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
+        if found is None:
+            self._failures.failed(address)
+        return found
+
+    async def _opened_by(self, scope: RequestScope, secret: bytes) -> Caller:
+        caller = await self.holder(scope, hash_of(secret.decode("latin-1")))
         if caller is None:
             raise _missing("the key is not one of this service, or has ended")
         return caller

@@ -18,6 +18,7 @@ from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
 from sawmill_service.openapi_document import Application
 from sawmill_service.problems import install
+from sawmill_service.rates import FailedLogins
 from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
     asked,
@@ -107,6 +108,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         app.state.session_cookie,
         token=settings.token,
         required=exposed or settings.behind_proxy,
+        failures=FailedLogins(settings.failed_login_rate_limit),
     )
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()

@@ -137,7 +137,7 @@ class Gate:
 def _refusal(scope: Scope, refused: Refused) -> Response:
     headers, unknown = Headers(scope=scope), refused.status_code == HTTPStatus.UNAUTHORIZED
     if unknown and _is_navigation(headers):
-        return RedirectResponse(_login_before(scope), HTTPStatus.SEE_OTHER)
+        return RedirectResponse(_login_before(scope), status_code=303)
     path, status = scope["path"], refused.status_code
     answer = problem_response(path, status, refused.code, refused.detail, headers=refused.headers)
     for challenge in CHALLENGES if unknown else ():

@@ -87,7 +87,28 @@ def test_a_wrong_key_is_answered_with_one_sentence_on_the_page(browser, store, s
     assert 'name="next" value="/docs"' in answer.text
     assert "Set-Cookie" not in answer.headers
     assert not answer.headers["WWW-Authenticate"].startswith("Basic")
-    assert store.audit.newest() == []
+    assert AuditAction.LOGGED_IN not in {entry.action for entry in store.audit.all()}
+
+
+def test_after_too_many_wrong_keys_of_an_address_none_is_looked_at(browser, store, monkeypatch):
+    settings = ServiceSettings(token=TOKEN, failed_login_rate_limit="2/minute")
+    browser.app = create_app(settings, store, print)
+    in_session = create_app(settings, store, print)
+    assert log_in(browser, "sawmill_wrong").status_code == 401
+    wrong = {"Authorization": "Bearer sawmill_wrong"}
+    assert browser.get("/v1/scanners", headers=wrong).status_code == 401
+    monkeypatch.setattr(store.keys, "good", lambda _: pytest.fail("a key was looked at"))
+    answer = browser.get("/v1/scanners", headers=wrong)
+    assert (answer.status_code, answer.json()["code"]) == (429, "too-many-requests")
+    page = log_in(browser, TOKEN)
+    assert (page.status_code, page.headers["Content-Type"]) == (429, "text/html; charset=utf-8")
+    assert "127.0.0.1 may send 2 wrong keys in 60 s" in page.text
+    assert 1 <= int(page.headers["Retry-After"]) <= 60
+    # Whoever is logged in already stays so.
+    refusing, browser.app = browser.app, in_session
+    log_in(browser, TOKEN)
+    browser.app = refusing
+    assert browser.get("/").status_code == 200
 
 
 def test_a_page_leads_to_the_login_and_from_there_on(browser):
@@ -202,7 +223,7 @@ def test_a_logout_ends_the_session_and_both_are_in_the_audit(browser, store):
     assert (answer.status_code, answer.headers["Location"]) == (303, "/login")
     assert answer.headers["Set-Cookie"].startswith(f'{NAME}=""; HttpOnly; Max-Age=0;')
     assert browser.get("/").headers["Location"] == "/login?next=%2F"
-    went, came, _ = store.audit.newest()
+    went, came = store.audit.page(limit=2).items
     assert (came.action, went.action) == (AuditAction.LOGGED_IN, AuditAction.LOGGED_OUT)
     assert {entry.who for entry in (came, went)} == {key.name}
     assert {entry.key_id for entry in (came, went)} == {key.id}

@@ -1,8 +1,8 @@
 """The login of browsers: a key is brought once and becomes a session."""
 
 import re
+from collections.abc import Mapping
 from functools import partial
-from http import HTTPStatus
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -13,6 +13,7 @@ from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.forms import TheForm
 from sawmill_service.operator_page import TEMPLATES
+from sawmill_service.problems import Refused
 from sawmill_worker.storage.acting import acting_as
 from sawmill_worker.storage.keys import hash_of
 
@@ -33,14 +34,17 @@ async def log_in(
 ) -> Response:
     """Go on to where the browser wanted to go, with a session."""
     secret_hash, onward = hash_of(fields.get("key", "").strip()), _local(fields.get("next", "/"))
-    holder = await access.holder(secret_hash)
+    try:
+        holder = await access.holder(request.scope, secret_hash)
+    except Refused as refused:
+        return _login_page(onward, f"{refused.detail}.", refused.status_code, refused.headers)
     if holder is None:
-        return _login_page(onward, UNKNOWN, HTTPStatus.UNAUTHORIZED)
+        return _login_page(onward, UNKNOWN, 401, {"WWW-Authenticate": CHALLENGES[1]})
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):
         opening = partial(store.sessions.open, lasting=holder.display, in_place_of=before)
         secret = await run_in_threadpool(opening, secret_hash)
-    answer = RedirectResponse(onward, HTTPStatus.SEE_OTHER)
+    answer = RedirectResponse(onward, status_code=303)
     cookie.give(answer, request.scope, secret, lasting=holder.display)
     return answer
 
@@ -50,15 +54,16 @@ def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSes
     """End the session that the request comes by."""
     if caller.csrf_token is not None:
         store.sessions.end(cookie.read(request.scope, request.headers))
-    answer = RedirectResponse(LOGIN, HTTPStatus.SEE_OTHER)
+    answer = RedirectResponse(LOGIN, status_code=303)
     cookie.take_back(answer, request.scope)
     return answer
 
 
-def _login_page(onward: str, error: str = "", status: HTTPStatus = HTTPStatus.OK) -> HTMLResponse:
+def _login_page(
+    onward: str, error: str = "", status: int = 200, headers: Mapping[str, str] | None = None
+) -> HTMLResponse:
     html = TEMPLATES.get_template("login.html").render(onward=onward, error=error)
-    headers = {"Cache-Control": "no-store"} | ({"WWW-Authenticate": CHALLENGES[1]} if error else {})
-    return HTMLResponse(html, status, headers)
+    return HTMLResponse(html, status, {"Cache-Control": "no-store", **(headers or {})})
 
 
 def _local(path: str) -> str:

@@ -10,6 +10,21 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.storage.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+SCANNER_ID = {"name": "scanner_id", "in": "path", "required": True, "schema": {"type": "string"}}
+ONE_OPERATION = {
+    "openapi": "3.1.0",
+    "info": {"title": "Sawmill calibration", "version": "0"},
+    "paths": {
+        "/v1/scanners/{scanner_id}": {
+            "delete": {
+                "operationId": "delete_scanner",
+                "tags": ["scanners"],
+                "parameters": [SCANNER_ID],
+                "responses": {"default": {"description": "A problem."}},
+            }
+        }
+    },
+}
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
@@ -50,11 +65,30 @@ def test_accept_and_roll_back_make_a_calibration_the_active_one(site, store, new
 
 
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
-def test_where_there_is_a_token_the_browser_s_password_opens_pages_and_buttons(site, store, newer):
-    page = site.open("/docs", http_credentials={"username": "operator", "password": TOKEN})
+def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, store, newer):
+    page = site.open("/docs")
+    # The console draws one operation: the whole document takes it seconds.
+    page.route("**/openapi.json", lambda route: route.fulfill(json=ONE_OPERATION))
+    expect(page.get_by_label("Key")).to_be_focused()
+    page.keyboard.type("sawmill_wrong")
+    page.get_by_role("button", name="Log in").click()
+    expect(page.get_by_role("alert")).to_contain_text("This key opens nothing here")
+    page.get_by_label("Key").fill(TOKEN)
+    page.get_by_role("button", name="Log in").click()
     expect(page.get_by_role("heading", name="Sawmill calibration")).to_be_visible()
-    assert page.evaluate("fetch('/v1/scanners').then(answer => answer.status)") == 200
+    # What the console sends bears the session's token, and nothing else that the page sends does.
+    page.locator("#operations-scanners-delete_scanner").get_by_role("button").first.click()
+    page.get_by_placeholder("scanner_id").fill("nobody")
+    page.get_by_role("button", name="Execute").click()
+    expect(page.locator(".live-responses-table")).to_contain_text("there is no scanner 'nobody'")
+    unmarked = "fetch('/v1/scanners/nobody', {method: 'DELETE'}).then(answer => answer.json())"
+    assert page.evaluate(unmarked)["code"] == "csrf"
+    assert page.evaluate("document.cookie") == ""
     page.goto("/")
     page.get_by_role("button", name="Accept this calibration").click()
     expect(page.locator("body")).to_contain_text("History")
     assert store.scanners.get("example").active_calibration_id == newer
+    page.get_by_role("button", name="Log out").click()
+    expect(page.get_by_label("Key")).to_be_visible()
+    page.go_back()
+    expect(page.get_by_label("Key")).to_be_visible()
