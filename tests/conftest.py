@@ -10,6 +10,8 @@ from subprocess import CalledProcessError
 # Before Numba: GNU OpenMP's threads wait for each other by keeping a core busy, and several processes at a time on few
 # cores then keep each other from ending (an iterative method took minutes instead of five seconds).
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# As OpenBLAS's do: several tests run at a time, so a core of one's own is what each has.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numba
 import pytest

@@ -8,7 +8,7 @@ from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 LOG = Phantom(
     "log of two zones with a knot",

@@ -16,7 +16,7 @@ from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.vocabulary import Rotation
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)

@@ -14,7 +14,7 @@ from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.vocabulary import Handedness, Rotation
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 NOISE = 0.02
 REPEATS = 30
