@@ -29,6 +29,25 @@ def pytest_configure() -> None:
     sys.dont_write_bytecode = False
 
 
+# Of half a minute each, alone on a machine.
+LONG = {
+    "test_a_calibration_is_done_while_a_long_reconstruction_runs",
+    "test_jobs_under_kills_are_each_done_once_and_right",
+    "test_the_command_line_block_works",
+    "test_the_demo_leaves_a_page_of_pictures_and_figures",
+    "test_the_published_log_with_nothing_given",
+    "test_the_published_scan_is_calibrated_from_every_seed",
+    "test_the_services_start_and_their_health_checks_tell_the_truth",
+    "test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone",
+    "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
+}
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest first: at the end no worker is left alone with one of them."""
+    items.sort(key=lambda item: getattr(item, "originalname", item.name) not in LONG)
+
+
 @pytest.fixture(scope="module")
 def one_thread() -> Iterator[None]:
     """Numba's kernels in one thread: on small arrays threads only wait for each other."""

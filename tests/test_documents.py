@@ -22,6 +22,7 @@ from PIL import Image
 from pydantic import TypeAdapter
 from pydantic_core import PydanticUndefined
 from pydantic_settings import BaseSettings
+from typer.testing import CliRunner
 
 from sawmill_service.cli import main
 from sawmill_service.settings import ServiceSettings
@@ -44,13 +45,13 @@ DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md")
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
 THETA = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
+THETA_FLAG = "2.55,714.7,319.9,43.7,0.281"
 DOCUMENTED_PORT = 8000
 START_TIMEOUT_S = 60.0
 CURL_FLAGS = {"--data-binary"}
 
 # Blocks that start what the tests start by themselves, or that would start the tests.
 ELSEWHERE = ("make ", 'export PATH="$PWD/.venv/bin', "sawmill serve")
-SIMULATE_PHANTOM = "sawmill simulate l-shape --theta 2.55,714.7,319.9,43.7,0.281 --views 90 -o phantom.h5"
 
 
 def sections(path: Path) -> dict[str, str]:
@@ -146,8 +147,9 @@ def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_
     assert tour.count(documented) == 1
     further = "\n".join(blocks((ROOT / "docs/http.md").read_text(), "sh"))
     example = 'examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > log.txt; echo "$scanner" "$API" > used.txt'
+    in_process("simulate", "l-shape", "--theta", THETA_FLAG, "--views", 90, "-o", tmp_path / "phantom.h5")
     with serving(tmp_path) as address:
-        commands = f"{tour}\ncp calibration.json tour.json\n{further}\n{SIMULATE_PHANTOM}\n{example}"
+        commands = f"{tour}\ncp calibration.json tour.json\n{further}\n{example}"
         reported = run(commands.replace(documented, address), tmp_path)
         scanner, api = (tmp_path / "used.txt").read_text().split()
         active = httpx.get(f"{api}/v1/scanners/{scanner}", trust_env=False).json()["active_calibration_id"]
@@ -165,10 +167,17 @@ def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_
     check_either_file_is_enough(tmp_path)
 
 
+def in_process(*arguments: object) -> None:
+    """What stands in no document needs no shell."""
+    done = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.output
+
+
 def check_either_file_is_enough(folder: Path) -> None:
     """The tour's calibration.h5 reconstructs the same slice as its calibration.json."""
-    command = "sawmill reconstruct mill.h5 --data counts --rows 3:4 --calibration"
-    run(f"{command} tour.json -o from-json.h5\n{command} calibration.h5 -o from-hdf5.h5", folder)
+    for calibration, volume in (("tour.json", "from-json.h5"), ("calibration.h5", "from-hdf5.h5")):
+        flags = ("--data", "counts", "--rows", "3:4", "--calibration", folder / calibration, "-o", folder / volume)
+        in_process("reconstruct", folder / "mill.h5", *flags)
     with h5py.File(folder / "from-json.h5") as one, h5py.File(folder / "from-hdf5.h5") as other:
         assert np.array_equal(*(file["entry/reconstruction/data"][()] for file in (one, other)))
 

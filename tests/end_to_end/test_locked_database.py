@@ -16,7 +16,7 @@ LONGEST_S = 5.0
 
 
 def test_writers_are_refused_within_five_seconds_and_readers_are_answered(tmp_path, offline, serve):
-    with serve(tmp_path, offline.variables, "--no-examples") as service:
+    with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
         scanner_id = service.create_scanner()
         until = time.monotonic() + LOCKED_S
 
