@@ -181,9 +181,16 @@ def tell_all(attempt: Attempt) -> dict[str, Any]:
     raise JobFailure(FailureKind.INPUT, "told", json.dumps(told))
 
 
+def write_process_id(attempt: Attempt) -> None:
+    """Into the file `pid`, which is whole when it is there."""
+    begun = attempt.output / "pid.part"
+    begun.write_text(str(os.getpid()))
+    begun.rename(attempt.output / "pid")
+
+
 def talk(attempt: Attempt) -> dict[str, Any]:
     """For a minute."""
-    (attempt.output / "pid").write_text(str(os.getpid()))
+    write_process_id(attempt)
     for step in range(600):
         attempt.report(Progress(fraction=step / 600, stage="search", generation=step))
         time.sleep(0.1)
@@ -215,7 +222,7 @@ def repeat(attempt: Attempt) -> dict[str, Any]:
 
 def freeze(attempt: Attempt) -> dict[str, Any]:
     """As by a debugger or a frozen container."""
-    (attempt.output / "pid").write_text(str(os.getpid()))
+    write_process_id(attempt)
     os.kill(os.getpid(), signal.SIGSTOP)
     return {}
 
