@@ -17,6 +17,7 @@ from sawmill_calibration.scans import Scan, bare_scanner, unreported
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import (
     CalibrationFile,
+    CalibrationLimits,
     CalibrationOptions,
     CalibrationResult,
     PredictedRayError,
@@ -266,6 +267,14 @@ def calibrate(
         `InputError`: an option is wrong, or the scan determines no geometry.
     """
     chosen = options_of(CalibrationOptions, options)
+    limits = options_of(
+        CalibrationLimits,
+        {
+            "tolerance_mm": tolerance_mm,
+            "scale_tolerance_percent": scale_tolerance_percent,
+            "log_radius_mm": log_radius_mm,
+        },
+    )
     scan = scan.select(rows=chosen.rows, views=chosen.views)
     mean = mean_of_rows(scan.line_integrals)
     given = CalibrationInput(
@@ -276,9 +285,7 @@ def calibrate(
         bounds=None,
         drawing=drawing_of(phantom),
         input_sha256=scan.sha256,
-        log_radius_mm=log_radius_mm,
-        tolerance_mm=tolerance_mm,
-        scale_tolerance_percent=scale_tolerance_percent,
+        **limits.model_dump(),
         from_counts=scan.from_counts,
         views=mean.views,
     )

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sawmill_calibration.input_errors import InputError, input_errors, options_of
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_calibration.scans import Scan, read_scan
+from sawmill_worker.contracts.simulating import SimulationOptions
 from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
@@ -63,6 +64,7 @@ def simulate_phantom_scan(
     ValueError
         No such phantom, geometry or physics can be.
     """
+    _check(rows=rows, noise=noise, background=background, photons=photons, seed=seed)
     drawn = to_phantom(drawing_of(phantom))
     seen = drawn if Handedness(handedness) is Handedness.AS_DRAWN else drawn.mirrored()
     slices = [seen.moved(*position_mm)] * rows
@@ -89,9 +91,14 @@ def simulate_log_scan(
     seed: int = 1,
 ) -> Scan:
     """A scan of a synthetic log with knots, whose rows are `row_pitch_mm` apart; else as `simulate_phantom_scan`."""
+    _check(rows=rows, noise=noise, background=background, seed=seed)
     slices = log_slices(rows, row_pitch_mm=row_pitch_mm, seed=seed)
     angles = _angles_rad(views, angles_deg)
     return _scan_of(slices, scanner, theta, angles, Rotation(rotation), noise, background, seed, row_pitch_mm)
+
+
+def _check(**numbers: float) -> None:
+    options_of(SimulationOptions, numbers)
 
 
 def _angles_rad(views: int | None, angles_deg: ArrayLike | None) -> FloatArray:
@@ -101,6 +108,7 @@ def _angles_rad(views: int | None, angles_deg: ArrayLike | None) -> FloatArray:
             raise InputError("options", "give views or angles_deg, not both")
         return np.deg2rad(np.asarray(angles_deg, np.float64))
     count = 360 if views is None else views
+    _check(views=count)
     return np.deg2rad(AngleSteps(180.0 / count, 360.0 / count).expand(count))
 
 

@@ -31,6 +31,7 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.plans import PlanOptions
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.contracts.simulating import SimulationOptions
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.vocabulary import CalibrationMethod, DataKind, Handedness, ReconstructionMethod, Rotation, Theta
 
@@ -270,8 +271,8 @@ def simulate(
         str | None, typer.Option(metavar="START:STEP", help="A full turn from half a step by default.")
     ] = None,
     angles_file: shared.AnglesFile = None,
-    views: Annotated[int, typer.Option(min=3, help="Number of views.")] = 360,
-    rows: Annotated[int, typer.Option(min=1, help="Rows of the stack.")] = 1,
+    views: Annotated[int, option(SimulationOptions, "views", min=3)] = 360,
+    rows: Annotated[int, option(SimulationOptions, "rows")] = 1,
     phantom: shared.PhantomText = "l-shape",
     phantom_width_mm: shared.PhantomWidth = None,
     phantom_rows: Annotated[int, typer.Option(min=1, help="Rows of log-with-phantom that show the phantom.")] = 4,
@@ -281,12 +282,10 @@ def simulate(
     ] = None,
     handedness: Annotated[Handedness, typer.Option(help="From which end it is seen.")] = Handedness.AS_DRAWN,
     rotation: Annotated[Rotation, typer.Option(help="Which way the angles count.")] = Rotation.AS_GIVEN,
-    noise: Annotated[
-        float, typer.Option(min=0.0, help="Of line integrals: standard deviation against their RMS.")
-    ] = 0.0,
-    background: Annotated[float, typer.Option(help="Of line integrals: added everywhere.")] = 0.0,
-    photons: Annotated[float, typer.Option(min=1.0, help="Of counts: in air, a cell and view.")] = 30_000.0,
-    seed: Annotated[int, typer.Option(min=0, help="Of the log and of all noise.")] = 1,
+    noise: Annotated[float, option(SimulationOptions, "noise")] = 0.0,
+    background: Annotated[float, option(SimulationOptions, "background")] = 0.0,
+    photons: Annotated[float, option(SimulationOptions, "photons")] = 30_000.0,
+    seed: Annotated[int, option(SimulationOptions, "seed")] = 1,
     physics: Annotated[
         Path | None,
         typer.Option(

@@ -7,7 +7,7 @@ from uuid import uuid4
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.geometry import (
     ReportedSourceFrame,
     ScannerConstants,
@@ -118,6 +118,14 @@ class CalibrationAsk(GivenCalibrationOptions):
         description="Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs "
         "nothing and does not stop it.",
     )
+
+
+class CalibrationLimits(Contract):
+    """What an answer is held against, where no scanner is registered that has tolerances."""
+
+    tolerance_mm: PositiveMm = 0.1
+    scale_tolerance_percent: Annotated[float, Field(gt=0, le=100)] = 0.5
+    log_radius_mm: PositiveMm | None = None
 
 
 class StandardDeviation(Contract):

@@ -9,6 +9,9 @@ from sawmill_worker.contracts.geometry import GivenThetaBounds, ScannerConstants
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.vocabulary import Handedness, Rotation, ThetaBounds
 
+# A detector's cell is larger than the wavelength of light, and the source stands outside of any log.
+SMALLEST_MM = {"source_to_cor_mm": 1.0, "detector_pitch_mm": 1e-3, "row_pitch_mm": 1e-3}
+
 
 class Tolerances(Contract):
     """What the mill accepts. A calibration beyond one of them is not a pass."""
@@ -56,6 +59,15 @@ class ScannerAsk(ScannerSpec, Given):
     bounds: GivenThetaBounds | None = Field(
         None, description="Where theta is searched; null: wherever the phantom can be seen."
     )
+
+    @model_validator(mode="after")
+    def _can_be_built(self) -> Self:
+        for name, least_mm in SMALLEST_MM.items():
+            value_mm = getattr(self.constants, name)
+            if value_mm is not None and value_mm < least_mm:
+                msg = f"constants.{name} must be at least {least_mm:g}, not {value_mm:g}"
+                raise ValueError(msg)
+        return self
 
     @model_validator(mode="after")
     def _no_log_holds_the_source(self) -> Self:

@@ -16,6 +16,8 @@ __all__ = ["Disc", "Phantom", "PhantomError", "Polygon", "Shape"]
 
 # A polygon of that many corners is a disc to 0.05 % of its radius.
 CORNERS_PER_DISC = 96
+# Of a shape: sums of squares of line integrals stay far from what a float holds. Drawings have closer bounds.
+LARGEST_DENSITY = 1e6
 
 
 class PhantomError(ValueError):
@@ -171,6 +173,8 @@ class Phantom:
 
 
 def _refuse_without_inside(shape: Shape) -> None:
+    if not abs(shape.density) <= LARGEST_DENSITY:
+        raise PhantomError(f"a shape's density must lie within ±{LARGEST_DENSITY:g}, wood being 1, not {shape.density}")
     if isinstance(shape, Disc):
         if not (math.isfinite(shape.radius_mm) and shape.radius_mm > 0.0 and np.isfinite(shape.center_mm).all()):
             raise PhantomError(f"a disc needs a positive radius and a finite centre in mm, not {shape}")

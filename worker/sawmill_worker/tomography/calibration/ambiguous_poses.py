@@ -36,7 +36,9 @@ def ambiguous_poses(
         for index, (place, frame) in enumerate(zip(places, frames, strict=True)):
             if analytic.clears(phantom.radius_mm + abs(place), frame):
                 model = analytic.project(phantom, misfit.cells, frame, angles, position_mm=(place.real, place.imag))
-                correlation[index] = np.corrcoef(model.ravel(), misfit.sinogram.ravel())[0, 1]
+                # A pose that no view shows correlates with nothing.
+                if np.ptp(model) > 0.0:
+                    correlation[index] = np.corrcoef(model.ravel(), misfit.sinogram.ravel())[0, 1]
         peak = (correlation > np.roll(correlation, 1)) & (correlation >= np.roll(correlation, -1))
         if other is found.handedness:
             peak &= np.abs(np.angle(np.exp(1j * turns))) > OWN_PEAK

@@ -34,7 +34,10 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     beyond = float((unit**2 - 1.0).sum())
     neighbours = float((unit[1:] * unit[:-1]).sum())
     left = scores[seen, u_c] - cross / own * score
-    beside = float((left**2 / (np.maximum(grams[seen, u_c, u_c] - cross**2 / own, 1e-300) * variance) - 1.0).sum())
+    along = grams[seen, u_c, u_c]
+    # A view in which turning and shifting look alike has no more than rounding left.
+    apart = np.maximum(along - cross**2 / own, np.finfo(np.float64).eps * along.max())
+    beside = float((left**2 / (apart * variance) - 1.0).sum())
     # One in which an edge lies along the rays may hold most of it, where a model is finer than the scan.
     usual = float(np.median(unit**2)) / MEDIAN_OF_CHI_SQUARED - 1.0
     chance = DEVIATIONS * math.sqrt(2.0 * unit.size)

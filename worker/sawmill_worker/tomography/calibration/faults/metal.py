@@ -41,6 +41,9 @@ BODY = 0.3
 # Cells left out beside its shadow: these, and more as long as what the model leaves there is this number of its
 # standard deviations.
 BESIDE, MOST_BESIDE, LEFT_BESIDE = 1, 8, 3.0
+# Of the disc that is searched, whose points are counted in millimetres: a phantom that was placed further out than any
+# saw takes a log is not where the fit has it (tests/calibration_api/test_absurd_values.py).
+LARGEST_RADIUS_MM = 2000.0
 # What covers more of the samples is no metal in a phantom.
 MOST_SAMPLES = 0.25
 # The first fit was still pulled by the metal; the search ends when fewer samples than this share of them change.
@@ -114,7 +117,7 @@ class _Search:
 
     def metal(self) -> Metal | None:
         """The metal that this fit's residual shows."""
-        if len(self._data.sinogram) < FEWEST_VIEWS:
+        if len(self._data.sinogram) < FEWEST_VIEWS or self._radius_mm > LARGEST_RADIUS_MM:
             return None
         suspects = self._suspects()
         if not len(suspects):
@@ -157,7 +160,8 @@ class _Search:
         views = slice(None, None, max(1, len(self._data.sinogram) // COARSE_VIEWS))
         frame, cells = self._fit.frame, self._data.cells
         residual = self._residual(views)
-        smooth = uniform_filter1d(residual, max(1, round(SMOOTHED_MM * frame.magnification / cells.width_mm)), axis=1)
+        width = round(SMOOTHED_MM * frame.magnification / cells.width_mm)
+        smooth = uniform_filter1d(residual, min(max(1, width), cells.count), axis=1)
         clipped = CLIPPED * self._wood * 2.0 * self._phantom.radius_mm
         steps = math.ceil(self._radius_mm / COARSE_MM)
         axis = np.arange(-steps, steps + 1) * COARSE_MM

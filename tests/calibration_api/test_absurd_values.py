@@ -1,0 +1,164 @@
+"""Values that no mill has: each ends in one sentence, and never in an exception of arithmetic."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+import sawmill_calibration
+from sawmill_calibration import Disc, InputError, Phantom, Polygon, Scanner, Theta
+from sawmill_worker.contracts.calibrations import CalibrationOptions
+from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_worker.contracts.phantoms import PhantomAsk
+from sawmill_worker.contracts.plans import PlanOptions
+from sawmill_worker.use_cases.calibrate import CalibrationInput, run_calibration
+from sawmill_worker.use_cases.failures import JobFailure, input_errors_translated
+from sawmill_worker.use_cases.plan import PlanInput, run_plan
+
+SCANNER = Scanner(859.46, 32, 36.0)
+THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
+VIEWS = 20
+
+
+def simulated(phantom="l-shape", **options):
+    return sawmill_calibration.simulate_phantom_scan(phantom, SCANNER, THETA, **{"views": VIEWS} | options)
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"views": 0}, "views: Input should be greater than or equal to 1"),
+        ({"views": 10**9}, "views: Input should be less than or equal to 100000"),
+        ({"rows": 0}, "rows: Input should be greater than or equal to 1"),
+        ({"rows": 10**9}, "rows: Input should be less than or equal to 100000"),
+        ({"noise": math.nan}, "noise: Input should be a finite number"),
+        ({"background": 1e308}, "background: Input should be less than or equal to 100000"),
+        ({"photons": -1.0, "physics": {}}, "photons: Input should be greater than or equal to 1"),
+        ({"seed": -1}, "seed: Input should be greater than or equal to 0"),
+    ],
+)
+def test_a_scan_that_cannot_be_simulated_is_refused(options, sentence):
+    with pytest.raises(InputError, match=sentence):
+        simulated(**options)
+
+
+@pytest.mark.parametrize("density", [1e300, math.nan, math.inf])
+def test_a_density_beyond_computing_is_refused(density):
+    with pytest.raises(ValueError, match="density must lie within ±1e"):
+        Phantom("p", (Disc((0.0, 0.0), 60.0, density),))
+
+
+@pytest.mark.parametrize(
+    ("limits", "sentence"),
+    [
+        ({"tolerance_mm": math.nan}, "tolerance_mm: Input should be a finite number"),
+        ({"scale_tolerance_percent": 0.0}, "scale_tolerance_percent: Input should be greater than 0"),
+        ({"log_radius_mm": 1e4}, "log_radius_mm 10000 must be less than source_to_cor_mm 859.46"),
+    ],
+)
+def test_limits_that_nothing_can_be_held_against_are_refused(limits, sentence):
+    with pytest.raises(InputError, match=sentence):
+        sawmill_calibration.calibrate(simulated(), "l-shape", **limits)
+
+
+@pytest.mark.parametrize(
+    "shapes",
+    [
+        (Disc((0.0, 0.0), 1e-9),),
+        (Disc((0.0, 0.0), 60.0, 0.0),),
+        (Disc((0.0, 0.0), 60.0),),
+        (Disc((1e5, 0.0), 60.0),),
+        (Polygon(((-900.0, -900.0), (900.0, -900.0), (0.0, 900.0))),),
+        (Disc((0.0, 0.0), 60.0), Disc((0.0, 0.0), 60.0, -1.0)),
+    ],
+)
+def test_a_phantom_that_shows_no_geometry_ends_in_a_sentence(shapes):
+    with pytest.raises(InputError, match=r"phantom|wood"):
+        sawmill_calibration.calibrate(simulated(), Phantom("p", shapes))
+
+
+def some(draw, usual, least, largest):
+    """The usual value, else one between the bounds of its contract, all magnitudes alike, or a bound itself."""
+    chance = draw.random()
+    if chance < 0.9:
+        return usual
+    magnitude = 10.0 ** draw.uniform(-9, math.log10(largest))
+    return draw.choice([least, largest, min(max(draw.choice([-1, 1]) * magnitude, least), largest)])
+
+
+def some_drawing(draw):
+    shapes = []
+    for _ in range(draw.randint(1, 3)):
+        x, y = some(draw, 0.0, -1e5, 1e5), some(draw, 30.0, -1e5, 1e5)
+        width, height = some(draw, 80.0, 0.1, 1e5), some(draw, 50.0, 0.1, 1e5)
+        density = draw.choice([1.0, 1.0, -1.0, 0.0, 1e-6, 1000.0])
+        corners = [(x, y), (x + width, y), (x + 0.3 * width, y + height), (x, y + height)]
+        disc = {"kind": "disc", "center_mm": (x, y), "radius_mm": width, "density": density}
+        shapes.append(draw.choice([disc, {"kind": "polygon", "vertices_mm": corners, "density": density}]))
+    return PhantomAsk(name="p", shapes=shapes)
+
+
+def some_scanner(draw):
+    given = {
+        "source_to_cor_mm": some(draw, 859.46, 1.0, 1e5),
+        "num_detector_pixels": draw.choice([8, 32]),
+        "detector_pitch_mm": some(draw, 36.0, 1e-3, 1e5),
+    }
+    return TypeAdapter(ScannerConstants).validate_python(given)
+
+
+def some_theta(draw):
+    given = {
+        "initial_angle_rad": some(draw, 0.9, -1000.0, 1000.0),
+        "detector_to_cor_mm": some(draw, 710.0, 1e-9, 1e5),
+        "source_shift_mm": some(draw, 240.0, -1e5, 1e5),
+        "detector_shift_mm": some(draw, 35.0, -1e5, 1e5),
+        "detector_tilt": some(draw, 0.2, -10.0, 10.0),
+    }
+    return TypeAdapter(GivenTheta).validate_python(given)
+
+
+def outcomes_of(count, seed, answer):
+    """How many of random drawings on random scanners are refused, fail with a sentence, and are answered."""
+    draw = random.Random(seed)  # noqa: S311 - of a test
+    found = {"refused": 0, "failed": 0, "answered": 0}
+    for _ in range(count):
+        try:
+            drawing, scanner, theta = some_drawing(draw), some_scanner(draw), some_theta(draw)
+        except ValidationError:
+            found["refused"] += 1
+            continue
+        try:
+            with np.errstate(divide="raise", over="raise", invalid="raise"), input_errors_translated():
+                answer(draw, drawing, scanner, theta)
+            found["answered"] += 1
+        except JobFailure as failure:
+            assert failure.detail  # noqa: PT017 - what the failure says is the subject
+            found["failed"] += 1
+    return found
+
+
+def test_a_plan_of_anything_is_an_answer_or_a_sentence():
+    def plan(draw, drawing, scanner, theta):
+        given = PlanInput(drawing, scanner, theta, draw.choice([None, 1e-9, 150.0, 1e5]))
+        run_plan(given, PlanOptions(views=draw.choice([3, VIEWS]), noise=draw.choice([0.02, 1e-9, 1.0])))
+
+    assert min(outcomes_of(400, 3, plan).values()) > 30
+
+
+def test_a_calibration_with_anything_is_an_answer_or_a_sentence():
+    """The scan is of the L, and what it is said to show is something else."""
+    scan = simulated(noise=0.01)
+    sinogram = scan.line_integrals.mean(axis=1, dtype=np.float64)
+
+    def calibrate(_draw, drawing, scanner, _theta):
+        cells = sinogram[:, : scanner.num_detector_pixels]
+        run_calibration(
+            CalibrationInput(cells, scan.angles_rad, (0, 1), scanner, None, drawing, "0" * 64),
+            CalibrationOptions(),
+            lambda _: None,
+        )
+
+    assert outcomes_of(16, 5, calibrate)["failed"] > 3
