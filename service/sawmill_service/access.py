@@ -175,7 +175,7 @@ class Access:
         self._failures.check(address)
         found = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
         if found is None:
-            self._failures.failed(address)
+            self._failures.failed(address, secret_hash)
         return found
 
     async def _opened_by(self, scope: RequestScope, secret: bytes) -> Caller:

@@ -3,6 +3,7 @@
 import math
 import threading
 import time
+from collections import OrderedDict
 
 from limits import RateLimitItem, parse_many
 from limits.storage import MemoryStorage
@@ -13,6 +14,9 @@ from sawmill_service.problems import Refused
 
 # Of counts: some 7 MB. A caller has two or four.
 _MOST_COUNTS = 20_000
+# Of wrong secrets that are known again: 2 MB.
+_MOST_WRONG = 10_000
+_WRONG_KEYS = "wrong keys"
 
 
 def too_many(detail: str, retry_after_s: int) -> Refused:
@@ -117,6 +121,9 @@ class Rates:
 class FailedLogins:
     """Secrets that were wrong, by address: beyond a rate no further one is looked at.
 
+    The same one again does not count: a program that goes on with a key that has ended guesses nothing, and must not
+    lock out everybody at its address.
+
     Parameters
     ----------
     limits
@@ -125,6 +132,7 @@ class FailedLogins:
 
     def __init__(self, limits: str) -> None:
         self._rates = Rates(limits)
+        self._wrong: OrderedDict[tuple[str, str], None] = OrderedDict()
 
     def check(self, address: str) -> None:
         """Before a secret is looked at.
@@ -134,14 +142,20 @@ class FailedLogins:
         Refused
             Too many from this address were wrong.
         """
-        self._rates.check("wrong keys", network_of(address))
+        self._rates.check(_WRONG_KEYS, network_of(address))
 
-    def failed(self, address: str) -> None:
+    def failed(self, address: str, secret_hash: str) -> None:
         """A secret from this address was wrong.
 
         Raises
         ------
         Refused
-            So were too many before it.
+            So were too many others before it.
         """
-        self._rates.take("wrong keys", network_of(address))
+        network = network_of(address)
+        if (network, secret_hash) in self._wrong:
+            return
+        self._wrong[network, secret_hash] = None
+        if len(self._wrong) > _MOST_WRONG:
+            self._wrong.popitem(last=False)
+        self._rates.take(_WRONG_KEYS, network)

@@ -95,7 +95,7 @@ def test_after_too_many_wrong_keys_of_an_address_none_is_looked_at(browser, stor
     browser.app = create_app(settings, store, print)
     in_session = create_app(settings, store, print)
     assert log_in(browser, "sawmill_wrong").status_code == 401
-    wrong = {"Authorization": "Bearer sawmill_wrong"}
+    wrong = {"Authorization": "Bearer sawmill_wrong_too"}
     assert browser.get("/v1/scanners", headers=wrong).status_code == 401
     monkeypatch.setattr(store.keys, "good", lambda _: pytest.fail("a key was looked at"))
     answer = browser.get("/v1/scanners", headers=wrong)

@@ -93,14 +93,21 @@ def test_a_key_is_counted_wherever_it_comes_from():
 
 def test_wrong_keys_lock_an_address_out_and_no_other(clock):
     logins = FailedLogins("2/minute")
-    for _ in range(2):
+    for secret in ("a", "b"):
         logins.check("2001:db8::2")
-        logins.failed("2001:db8::2")
+        logins.failed("2001:db8::2", secret)
     with pytest.raises(Refused, match="wrong keys"):
         logins.check("2001:db8::beef")
     logins.check("2001:db8:0:1::2")
     clock(120.0)
     logins.check("2001:db8::2")
+
+
+def test_the_same_wrong_key_again_locks_nobody_out():
+    logins = FailedLogins("2/minute")
+    for _ in range(10):
+        logins.failed("192.0.2.2", "ended")
+        logins.check("192.0.2.2")
 
 
 def test_a_million_addresses_leave_bounded_counts(clock):
