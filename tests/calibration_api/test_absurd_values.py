@@ -2,6 +2,7 @@
 
 import math
 import random
+import re
 
 import numpy as np
 import pytest
@@ -77,6 +78,38 @@ def test_limits_that_nothing_can_be_held_against_are_refused(limits, sentence):
 def test_a_phantom_that_shows_no_geometry_ends_in_a_sentence(shapes):
     with pytest.raises(InputError, match=r"phantom|wood"):
         sawmill_calibration.calibrate(simulated(), Phantom("p", shapes))
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"method": "tikhonov", "alpha": 1e-300}, "alpha must be from 1e-09 to 1e+09, not 1e-300"),
+        ({"method": "cauchy_map", "sigma": 1e300, "beta": 1.0}, "sigma must be from 1e-09 to 1e+09, not 1e+300"),
+        ({"method": "cauchy_map", "sigma": 1.0, "beta": 1e-300}, "beta must be from 1e-09 to 1e+09, not 1e-300"),
+        ({"method": "total_variation", "weight": 1e300}, "weight must be from 1e-09 to 1e+09, not 1e+300"),
+        ({"field_mm": 1e-300}, "field_mm must be from 0.01 to 100000, not 1e-300"),
+    ],
+)
+def test_parameters_beyond_computing_are_refused(options, sentence):
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        sawmill_calibration.reconstruct(simulated(), THETA, size=16, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"method": "tikhonov", "alpha": 1e-9},
+        {"method": "tikhonov", "alpha": 1e9},
+        {"method": "cauchy_map", "sigma": 1e-9, "beta": 1e-9},
+        {"method": "cauchy_map", "sigma": 1e9, "beta": 1e9},
+        {"method": "total_variation", "weight": 1e9},
+        {"method": "total_variation", "weight": 1e-9},
+        {"field_mm": 1e-2},
+    ],
+)
+def test_parameters_at_their_bounds_give_finite_images(options):
+    made = sawmill_calibration.reconstruct(simulated(), THETA, size=16, **options)
+    assert np.isfinite(made.volume).all()
 
 
 def some(draw, usual, least, largest):

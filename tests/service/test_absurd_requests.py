@@ -2,6 +2,9 @@
 
 import pytest
 
+from sawmill_worker.contracts.reconstructions import DECLARATION as RECONSTRUCTION
+from sawmill_worker.contracts.reconstructions import ReconstructionAsked
+
 ROWS, VIEWS = 4, 12  # of the example scan
 CONSTANTS = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5}
 
@@ -44,3 +47,12 @@ def test_a_scanner_that_nobody_can_build_is_a_problem(client, name, value, least
     answer = client.post("/v1/scanners", json={"name": "Line 2", "constants": CONSTANTS | {name: value}})
     assert answer.status_code == 422
     assert f"constants.{name} must be at least {least}, not {value:g}" in answer.json()["detail"]
+
+
+def test_a_reconstruction_that_an_earlier_version_accepted_is_listed(seeded, store):
+    """Its parameters are beyond what may be asked for now."""
+    asked = {"scan_id": "example", "method": "tikhonov", "alpha": 1e-300}
+    answer = seeded.post("/v1/reconstructions", json=asked)
+    assert "alpha must be from 1e-09 to 1e+09, not 1e-300" in answer.json()["detail"]
+    kept = store.asked(RECONSTRUCTION).accept(ReconstructionAsked(**asked))
+    assert seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"]["alpha"] == 1e-300

@@ -1,7 +1,7 @@
 """Reconstructions: the request and the result."""
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
@@ -12,6 +12,7 @@ from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import (
+    LARGEST_MM,
     AlphaRule,
     CoordinateMm,
     FilterName,
@@ -62,8 +63,16 @@ OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMeth
 EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY}
 
 
+# Of what is squared and divided by: float32 holds no more. A field of 10 micrometres shows nothing.
+_SQUARED = (1e-9, 1e9)
+COMPUTABLE = dict.fromkeys(("alpha", "sigma", "beta", "weight"), _SQUARED) | {"field_mm": (1e-2, LARGEST_MM)}
+
+
 class ReconstructionOptions(Contract):
     """The rows, the grid, the method and its options."""
+
+    # A stored request may hold what is refused now.
+    is_stored: ClassVar[bool] = False
 
     rows: SteppedRows | None = Field(
         None,
@@ -130,6 +139,15 @@ class ReconstructionOptions(Contract):
     )
 
     @model_validator(mode="after")
+    def _can_be_computed_with(self) -> "ReconstructionOptions":
+        for name, (least, largest) in {} if self.is_stored else COMPUTABLE.items():
+            value = getattr(self, name)
+            if value is not None and not least <= value <= largest:
+                msg = f"{name} must be from {least:g} to {largest:g}, not {value:g}"
+                raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
     def _belong_to_the_method(self) -> "ReconstructionOptions":
         for name, field in type(self).model_fields.items():
             mark = OptionOf.on(field)
@@ -158,6 +176,8 @@ class ReconstructionOptions(Contract):
 class ReconstructionAsked(ReconstructionOptions):
     """A request as it is stored: an earlier version accepted values that `ReconstructionAsk` refuses."""
 
+    is_stored: ClassVar[bool] = True
+
     scan_id: Identifier = Field(examples=["example"])
     calibration_id: Identifier | None = Field(
         None, description="Null: the scanner's active calibration, unless theta is given."
@@ -179,6 +199,8 @@ class ReconstructionAsked(ReconstructionOptions):
 
 class ReconstructionAsk(ReconstructionAsked, Given):
     """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+
+    is_stored: ClassVar[bool] = False
 
     theta: GivenTheta | None = Field(None, description="A geometry of your own, instead of a calibration.")
 
