@@ -29,6 +29,8 @@ def pytest_configure() -> None:
     sys.dont_write_bytecode = False
 
 
+# Whose service computes its examples before the first test: once, while no worker takes over others' tests.
+TOGETHER = "test_live_service.py"
 # Of half a minute each, alone on a machine.
 LONG = {
     "test_a_calibration_is_done_while_a_long_reconstruction_runs",
@@ -44,8 +46,8 @@ LONG = {
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest first: at the end no worker is left alone with one of them."""
-    items.sort(key=lambda item: getattr(item, "originalname", item.name) not in LONG)
+    """The longest first: at the end no worker is left alone with one of them, or takes over half of a service's."""
+    items.sort(key=lambda item: getattr(item, "originalname", item.name) not in LONG and item.path.name != TOGETHER)
 
 
 @pytest.fixture(scope="module")
