@@ -7,9 +7,11 @@ from playwright.sync_api import Locator, Page, expect
 
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.storage.store import Store
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+MINUTE_MS = 60_000
 SCANNER_ID = {"name": "scanner_id", "in": "path", "required": True, "schema": {"type": "string"}}
 ONE_OPERATION = {
     "openapi": "3.1.0",
@@ -91,4 +93,29 @@ def test_a_login_opens_pages_buttons_and_the_console_until_the_logout(site, stor
     page.get_by_role("button", name="Log out").click()
     expect(page.get_by_label("Key")).to_be_visible()
     page.go_back()
+    expect(page.get_by_label("Key")).to_be_visible()
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN)], ids=["with-a-token"])
+def test_a_display_looks_again_each_minute_and_says_when_it_cannot(site, store, newer):
+    key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))
+    page = site.open()
+    page.clock.install()
+    page.get_by_label("Key").fill(key.secret)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.get_by_text("History")).to_be_visible()
+    expect(page.get_by_role("button")).to_have_text(["Log out"])
+    store.calibrations.activate(newer, "by hand")
+    page.clock.run_for(MINUTE_MS)
+    expect(page.locator("li")).to_have_count(2)
+    expect(page.get_by_role("alert")).to_be_hidden()
+    page.context.set_offline(True)
+    page.clock.run_for(MINUTE_MS)
+    expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
+    expect(page.locator("li")).to_have_count(2)
+    page.context.set_offline(False)
+    page.clock.run_for(MINUTE_MS)
+    expect(page.get_by_role("alert")).to_be_hidden()
+    store.keys.revoke(key.id)
+    page.clock.run_for(MINUTE_MS)
     expect(page.get_by_label("Key")).to_be_visible()
