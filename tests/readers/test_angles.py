@@ -1,3 +1,5 @@
+import os
+
 import numpy as np
 import pytest
 
@@ -45,4 +47,12 @@ def test_file_that_is_no_list(tmp_path, content, sentence):
     path = tmp_path / "angles.txt"
     path.write_bytes(content)
     with pytest.raises(UnreadableScan, match=sentence):
+        read_angles_file(path)
+
+
+def test_file_that_is_too_large_is_not_read(tmp_path):
+    path = tmp_path / "angles.txt"
+    path.touch()
+    os.truncate(path, 17 * 2**20)
+    with pytest.raises(UnreadableScan, match="too large for a list of angles"):
         read_angles_file(path)

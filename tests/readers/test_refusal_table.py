@@ -90,6 +90,23 @@ def exchange(attributes=(), **parts):
     return hdf5(members, attributes)
 
 
+def shuffled_late(path):
+    layout = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    layout.set_chunk(VALUES.shape)
+    layout.set_deflate(1)
+    layout.set_shuffle()
+    with h5py.File(path, "w") as file:
+        space = h5py.h5s.create_simple(VALUES.shape)
+        h5py.h5d.create(file.id, b"data", h5py.h5t.NATIVE_DOUBLE, space, layout)
+        file["data"][()] = VALUES
+
+
+def text_in_chunks(path):
+    with h5py.File(path, "w") as file:
+        text = file.create_dataset("entry/definition", (1,), h5py.string_dtype(), chunks=(1,))
+        text[0] = "NXtomo"
+
+
 def tiff(*pages):
     def write(path):
         with tifffile.TiffWriter(path) as file:
@@ -203,6 +220,21 @@ TABLE = {
         zipped({f"{n}.tif": image for n, image in enumerate(STACK)} | {"flat.tif": STACK[0, :2]}),
         COUNTS,
     ),
+    "npy: a later version": (raw(b"\x93NUMPY\3\0" + bytes(100)), {}),
+    "npy: an axis without end": (
+        raw(b"\x93NUMPY\1\0\x46\0{'descr':'<f4','fortran_order':False,'shape':(1152921504606846976,8)}\n"),
+        {},
+    ),
+    "angles: 5 of 6, and others given": (npz(data=VALUES, angles_deg=np.arange(5.0)), {}),
+    "mat 7.3: empty": (
+        hdf5({"data": np.ones((3, 6))}, [("data", "MATLAB_class", b"double"), ("data", "MATLAB_empty", 1)]),
+        {},
+    ),
+    "nxtomo: no values": (nxtomo(data=h5py.Empty("f4")), {}),
+    "hdf5: a definition in chunks": (text_in_chunks, {}),
+    "hdf5: shuffled after it was packed": (shuffled_late, {}),
+    "zip: named": (zipped({"a.tif": STACK[0]}), {"dataset": "a"}),
+    "hdf5: a class of 5 000 letters": (hdf5({"data": VALUES}, [("data", "MATLAB_class", "x" * 5_000)]), {}),
 }
 SENTENCES = Path(__file__).with_name("refusals.txt").read_text("utf-8").splitlines()
 

@@ -91,7 +91,7 @@ def _info(node: h5py.Dataset) -> ArrayInfo:
     shape = node.shape or ()
     matlab_class = attribute_text(node, "MATLAB_class")
     numeric = node.dtype.kind in "iuf" and (matlab_class is None or matlab_class in MATLAB_NUMBERS)
-    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, matlab_class or node.dtype.name)
+    return ArrayInfo(shape if matlab_class is None else shape[::-1], numeric, quoted(matlab_class or node.dtype.name))
 
 
 def _checked(found: dict[str, h5py.Dataset], bounds: Bounds, name: str) -> h5py.Dataset:

@@ -63,14 +63,20 @@ def attribute(node: Node, name: str) -> Any:  # noqa: ANN401 - whatever the file
     """
     if name not in node.attrs:
         return None
-    claimed = h5py.h5a.open(node.id, name.encode()).get_storage_size()
+    _check_attribute(node, name, h5py.h5a.open(node.id, name.encode()).get_storage_size())
+    value = node.attrs[name]
+    if isinstance(value, str | bytes):  # a text without a fixed length is stored elsewhere
+        _check_attribute(node, name, len(value))
+    return value
+
+
+def _check_attribute(node: Node, name: str, claimed: int) -> None:
     if claimed > LONGEST_TEXT_BYTES:
         raise UnreadableScan(
             "too-large",
             f"the attribute {name} of {name_of(node)} claims to have {claimed} bytes; at most {LONGEST_TEXT_BYTES} "
             "are read",
         )
-    return node.attrs[name]
 
 
 def attribute_text(node: Node, name: str) -> str | None:
