@@ -45,6 +45,20 @@ def test_a_scan_that_cannot_be_simulated_is_refused(options, sentence):
         simulated(**options)
 
 
+@pytest.mark.parametrize(
+    ("written", "right"),
+    [
+        ('{"beam": {"energy_spread": "0.1"}}', "must be a number, not '0.1'"),
+        ('{"wood": {"knots": true}}', "must be a whole number, not True"),
+    ],
+)
+def test_a_file_of_physics_is_taken_as_itself(tmp_path, written, right):
+    path = tmp_path / "physics.json"
+    path.write_text(written)
+    with pytest.raises(InputError, match=right):
+        simulated(physics=path)
+
+
 @pytest.mark.parametrize("density", [1e300, math.nan, math.inf])
 def test_a_density_beyond_computing_is_refused(density):
     with pytest.raises(ValueError, match="density must lie within ±1e"):

@@ -155,12 +155,14 @@ def coordinates_of(text: str) -> tuple[float, float]:
 
 def _numbers(text: str, contract: type[Numbers], form: str) -> Numbers:
     try:
-        numbers = [float(part) for part in text.split(",")]
-        return TypeAdapter(contract).validate_python(dict(zip(field_names(contract), numbers, strict=True)))
+        written = dict(zip(field_names(contract), text.split(","), strict=True))
+        return TypeAdapter(contract).validate_python({name: float(number) for name, number in written.items()})
     except ValueError as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         if first is not None and first["type"] in OUT_OF_BOUNDS:
-            raise typer.BadParameter(f"{first['loc'][0]} {sentence(first, contract)}.") from error
+            name = str(first["loc"][0])
+            first["input"] = written[name]
+            raise typer.BadParameter(f"{name} {sentence(first, contract)}.") from error
         raise typer.BadParameter(f"must be {form}, not {text!r}.") from error
 
 
