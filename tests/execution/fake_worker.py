@@ -6,7 +6,7 @@ import sys
 import threading
 from pathlib import Path
 
-from sawmill_worker.execution.poller import ReportToParent, _listen_to_parent, run_worker
+from sawmill_worker.execution.poller import _listen_to_parent, report_to_parent, run_worker
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
@@ -24,7 +24,7 @@ run_worker(
     stop,
     command=command,
     wake=wake,
-    on_able=ReportToParent(),
+    on_able=report_to_parent,
     short_only=short_only,
     idle_s=idle_s,
 )

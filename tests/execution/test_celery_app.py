@@ -1,4 +1,5 @@
 import contextlib
+import json
 import os
 import signal
 import socket
@@ -17,8 +18,11 @@ from sawmill_worker.contracts import kinds
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.execution import landlock
 from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.limits import OPEN_FILES
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
 
@@ -72,11 +76,17 @@ def redis_process(redis_url):
 
 def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_redis, wake, queue, wait_for):
     job = queue("succeed")
+    scanner = store.scanners.get(store.scans.get(job.subject_id).scanner_id)
+    store.scanners.update(scanner.id, ScannerSpec(name="tell-all", constants=scanner.constants))
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=job.subject_id, phantom_id="l-shape"))
     with celery_worker(storage, on_redis):
         wake(job.id)
         wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
     assert store.jobs.get(job.id).state is JobState.SUCCEEDED
+    # Its process is as confined as one of an embedded worker's.
+    told = json.loads(store.jobs.get(calibration.job_id).failure.detail)
+    assert told["limits"]["NOFILE"] == OPEN_FILES
+    assert landlock.version() == 0 or "done" not in told["tries"].values()
 
 
 def test_a_job_that_is_tried_again_needs_no_wake_up_of_its_own(store, storage, on_redis, wake, queue, wait_for):

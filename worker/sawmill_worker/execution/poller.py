@@ -32,7 +32,7 @@ def run_worker(
     *,
     command: Sequence[str] = ATTEMPT_COMMAND,
     wake: threading.Event | None = None,
-    on_able: Callable[[], None] | None = None,
+    on_able: Callable[[], None] = lambda: None,
     short_only: bool = False,
     idle_s: float = math.inf,
 ) -> None:
@@ -106,7 +106,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                     settings,
                     stop,
                     wake=wake,
-                    on_able=ReportToParent() if options.watch_parent else None,
+                    on_able=report_to_parent if options.watch_parent else lambda: None,
                     short_only=options.short,
                     idle_s=SHORT_IDLE_S if options.short else math.inf,
                 )
@@ -114,18 +114,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(f"this worker cannot start: {error}") from error
 
 
-class ReportToParent:
-    """Tell the process that started this one, once, that it works (`supervise`)."""
-
-    def __init__(self) -> None:
-        self._told = False
-
-    def __call__(self) -> None:
-        """Write the one byte, on standard input: it is a socket."""
-        if not self._told:
-            self._told = True
-            with suppress(OSError):  # the parent is gone: `_listen_to_parent` sees to that
-                os.write(0, b"\n")
+def report_to_parent() -> None:
+    """Tell the process that started this one that it works (`supervise`): a byte on standard input, a socket."""
+    with suppress(OSError):  # the parent is gone: `_listen_to_parent` sees to that
+        os.write(0, b"\n")
 
 
 def _end_on_signals(stop: threading.Event, wake: threading.Event) -> None:

@@ -22,6 +22,7 @@ from sawmill_worker.execution.process import AttemptNotStarted, AttemptProcess, 
 from sawmill_worker.execution.protocol import Assignment, Failed, Kept, ProgressMade, Succeeded
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.template import Template, template_library
+from sawmill_worker.execution.threading_layer import wait_passively
 from sawmill_worker.storage.errors import LeaseLost, NotFound, StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.store import Store
@@ -49,7 +50,7 @@ class Runner:
     on_ended
         Called with the id of each job that has ended: others may have waited for it.
     on_able
-        Called at each look for a job, before it is run: a process is ready, and the database answers.
+        Called at the first look for a job, before it is run: a process is ready, and the database answers.
 
     Attributes
     ----------
@@ -65,7 +66,7 @@ class Runner:
         *,
         command: Sequence[str] = ATTEMPT_COMMAND,
         on_ended: Callable[[str], None] | None = None,
-        on_able: Callable[[], None] | None = None,
+        on_able: Callable[[], None] = lambda: None,
     ) -> None:
         self._store = store
         self._on_ended = on_ended
@@ -109,8 +110,8 @@ class Runner:
         except BaseException:
             self._keep(process)
             raise
-        self.able = True
-        if self._on_able is not None:
+        if not self.able:
+            self.able = True
             self._on_able()
         if claim is None:
             self._keep(process)
@@ -376,8 +377,7 @@ def _attempt_environment(store: Store, settings: ExecutionSettings) -> dict[str,
     # Compiled kernels are kept with the installation; one that is read-only has no place for them and would raise.
     if not os.access(Path(__file__).parent, os.W_OK):
         environment.setdefault("NUMBA_CACHE_DIR", str(store.files.folder / "numba-cache"))
-    # Threads of GNU OpenMP that wait by keeping a core busy keep other processes from it, for minutes in all.
-    environment.setdefault("OMP_WAIT_POLICY", "passive")
+    wait_passively(environment)
     threads = str(sharing.threads_each(settings))
     environment[sharing.VARIABLE] = threads
     environment.setdefault("OPENBLAS_NUM_THREADS", threads)

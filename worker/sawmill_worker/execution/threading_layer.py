@@ -7,6 +7,7 @@ layer, `workqueue`, may not be entered by two threads at once.
 import ctypes
 import os
 import platform
+from collections.abc import MutableMapping
 from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
@@ -25,6 +26,15 @@ def tbb_library() -> Path | None:
     except (PackageNotFoundError, OSError):
         return None
     return found
+
+
+def wait_passively(environment: MutableMapping[str, str] = os.environ) -> None:
+    """Before the first parallel kernel: threads of GNU OpenMP are not to wait for each other by keeping a core busy.
+
+    Several processes at a time on few cores would keep each other from ending: an iterative method took minutes instead
+    of five seconds.
+    """
+    environment.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 def load(library: Path) -> None:
