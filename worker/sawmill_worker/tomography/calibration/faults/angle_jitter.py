@@ -35,7 +35,7 @@ def angle_scatter(system: System, change: FloatArray, variance: float) -> float:
     neighbours = float((unit[1:] * unit[:-1]).sum())
     left = scores[seen, u_c] - cross / own * score
     along = grams[seen, u_c, u_c]
-    # A view in which turning and shifting look alike has no more than rounding left.
+    # Where turning and shifting the view have the same effect, only rounding remains.
     apart = np.maximum(along - cross**2 / own, np.finfo(np.float64).eps * along.max())
     beside = float((left**2 / (apart * variance) - 1.0).sum())
     # One in which an edge lies along the rays may hold most of it, where a model is finer than the scan.
