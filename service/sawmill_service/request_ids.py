@@ -1,8 +1,9 @@
 """The id under which a request is found again: in its answer, in its problem, and in every line of the log about it."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from typing import Any
 from uuid import uuid4
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -15,7 +16,7 @@ _SAFE = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:-]{0,63}")
 
 
 class RequestIds:
-    """Give each request an id, its client's where that is safe, and put it on the answer.
+    """Give each request an id, its client's where that is safe, and put it on the answer with those of key and job.
 
     Until the request is answered `structlog.contextvars` has it as `request_id`, in the threads that work on it too,
     and so has `scope["state"]`.
@@ -34,7 +35,7 @@ class RequestIds:
 
             async def send_named(message: Message) -> None:
                 if message["type"] == "http.response.start":
-                    MutableHeaders(scope=message)[HEADER] = request_id
+                    MutableHeaders(scope=message).update({HEADER: request_id, **_others(scope["state"])})
                 await send(message)
 
             await self.app(scope, receive, send_named)
@@ -48,6 +49,12 @@ def named_request(given: str | None = None) -> Iterator[str]:
     clear_contextvars()
     with bound_contextvars(request_id=request_id):
         yield request_id
+
+
+def _others(state: Mapping[str, Any]) -> dict[str, str]:
+    """The key that came with the request and the job that it queued, where there are such."""
+    known = {"X-Key-Id": getattr(state.get("caller"), "key_id", None), "X-Job-Id": state.get("job_id")}
+    return {name: value for name, value in known.items() if value is not None}
 
 
 def _given(headers: Headers) -> str | None:

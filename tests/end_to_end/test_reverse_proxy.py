@@ -180,6 +180,7 @@ def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_
         "SAWMILL_LOG_FORMAT": "json",
     }
     admin = mill.administrator()
+    secret = admin["Authorization"].partition(" ")[2]
     with mill.serving(**behind), in_front(mill, proxy), mill.client() as client:
         assert client.get("/health/live").status_code == 200
         assert client.get("/v1/scanners").status_code == 401
@@ -202,7 +203,13 @@ def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_
         with client.stream("GET", f"/v1/jobs/{upload.json()['job_id']}/events", headers=submit) as stream:
             # No worker runs: the first event arrives while the stream goes on.
             assert next(stream.iter_lines()).startswith("event: job")
-    secret = admin["Authorization"].partition(" ")[2]
+        fields = {"key": secret, "next": "/docs"}
+        login = client.post("/login", data=fields, headers={"Origin": f"https://{NAME}:{mill.port}"})
+        assert (login.status_code, login.headers["Location"]) == (303, "/docs")
+        cookie = login.headers["Set-Cookie"]
+        assert cookie.startswith("__Host-sawmill_session=")
+        assert {"Secure", "HttpOnly"} <= {part.strip() for part in cookie.split(";")}
+        assert client.get("/").status_code == 200
     assert secret not in (mill.folder / "service.log").read_text()
 
 

@@ -103,7 +103,10 @@ def test_a_key_is_made_used_rotated_and_revoked(keyed, store):
 
 def test_a_job_keeps_the_key_that_asked_for_it(keyed, store):
     key = keyed.with_key(Scope.SUBMIT)
-    asked = keyed.post("/v1/calibrations", json={"scan_id": "example"}).json()
+    answer = keyed.post("/v1/calibrations", json={"scan_id": "example"})
+    asked = answer.json()
+    assert (answer.headers["X-Key-Id"], answer.headers["X-Job-Id"]) == (key.id, asked["job_id"])
+    assert "X-Job-Id" not in keyed.get("/v1/scanners").headers
     with store._database.read() as session:
         assert session.get(JobRow, asked["job_id"]).key_id == key.id
 
