@@ -27,8 +27,8 @@ def once(folder: Path) -> float:
         os._exit(0)
     os.close(writing)
     os.waitpid(child, 0)
-    with open(reading) as told:  # noqa: PTH123 - a descriptor, not a path
-        return float(told.read())
+    with open(reading) as reported:  # noqa: PTH123 - a descriptor, not a path
+        return float(reported.read())
 
 
 def main() -> None:

@@ -22,7 +22,7 @@ from sawmill_worker.storage.store import Store
 
 
 def pytest_configure() -> None:
-    """Keep bytecode, though containers are often told not to: hundreds of processes would each compile our code."""
+    """Keep bytecode, though containers often say not to: hundreds of processes would each compile our code."""
     wait_passively()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False

@@ -168,7 +168,7 @@ def tell_limits(attempt: Attempt) -> dict[str, Any]:
 def tell_all(attempt: Attempt) -> dict[str, Any]:
     """Limits, surroundings, and how far it can reach, in the sentence of a refusal."""
     with tempfile.NamedTemporaryFile() as scratch:
-        told = {
+        reported = {
             "limits": {name: resource.getrlimit(getattr(resource, f"RLIMIT_{name}"))[0] for name in LIMITS},
             "folder": str(Path.cwd()),
             "in folder": [path.name for path in Path().iterdir() if path.name != Path(scratch.name).name],
@@ -178,7 +178,7 @@ def tell_all(attempt: Attempt) -> dict[str, Any]:
             "open": [str(Path(f"/proc/self/fd/{number}").readlink()) for number in range(3, scratch.fileno())],
             "tries": endings(attempt.output),
         }
-    raise JobFailure(FailureKind.INPUT, "told", json.dumps(told))
+    raise JobFailure(FailureKind.INPUT, "reported", json.dumps(reported))
 
 
 def write_process_id(attempt: Attempt) -> None:

@@ -38,7 +38,7 @@ def tries(output: Path) -> Iterator[tuple[str, Callable[[], object]]]:
 
 
 def endings(output: Path) -> dict[str, str]:
-    """What came of each try: an error's name, or `done`."""
+    """The outcome of each try: an error's name, or `done`."""
     found = {}
     for name, attempt in tries(output):
         try:

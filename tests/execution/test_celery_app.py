@@ -84,9 +84,9 @@ def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_r
         wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
     assert store.jobs.get(job.id).state is JobState.SUCCEEDED
     # Its process is as confined as one of an embedded worker's.
-    told = json.loads(store.jobs.get(calibration.job_id).failure.detail)
-    assert told["limits"]["NOFILE"] == OPEN_FILES
-    assert landlock.version() == 0 or "done" not in told["tries"].values()
+    reported = json.loads(store.jobs.get(calibration.job_id).failure.detail)
+    assert reported["limits"]["NOFILE"] == OPEN_FILES
+    assert landlock.version() == 0 or "done" not in reported["tries"].values()
 
 
 def test_a_job_that_is_tried_again_needs_no_wake_up_of_its_own(store, storage, on_redis, wake, queue, wait_for):

@@ -62,8 +62,8 @@ def one_of_each(store, finish):
 
 
 @pytest.fixture
-def told(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
-    """By kind, what the attempts told, with secrets all around; where each starts afresh, of the first two kinds."""
+def reported(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - waiting jobs
+    """By kind, what the attempts reported, with secrets all around; afresh, of the first two kinds."""
     for path in (store.files.folder.parent / "canary", store.files.upload(JobKind.INGEST, "other")):
         path.parent.mkdir(exist_ok=True)
         path.write_text("canary")
@@ -74,15 +74,15 @@ def told(store, start, settings, one_of_each, monkeypatch):  # noqa: ARG001 - wa
     kinds = list(JobKind) if settings.fork_attempts else list(JobKind)[:2]
     assert [runner.run_next() for _ in kinds] == [JobState.FAILED] * len(kinds)
     jobs = {kind: store.jobs.page(kind=kind, limit=1).items[0] for kind in kinds}
-    assert {job.failure.code for job in jobs.values()} == {"told"}
+    assert {job.failure.code for job in jobs.values()} == {"reported"}
     return {kind: json.loads(job.failure.detail) for kind, job in jobs.items()}
 
 
 @confined
 @both_ways
-def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store, told):
+def test_every_kind_of_attempt_has_limits_a_folder_and_its_own_files_alone(store, reported):
     attempts = store.files.folder / "attempts"
-    for kind, each in told.items():
+    for kind, each in reported.items():
         least = limits_of(kind, memory_bytes=0, file_bytes=0, memory_limit_bytes=None)
         assert each["limits"]["DATA"] == least.data_bytes, kind
         assert processor_s(kind) <= each["limits"]["CPU"] <= processor_s(kind) + 60, kind

@@ -104,8 +104,8 @@ SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-
             "crosses itself: side 0 (corner 0 to 1) meets side 2 (corner 2 to 3)",
         ),
         (
-            [{"kind": "polygon", "vertices_mm": [*SQUARE["vertices_mm"], [-50, -50]]}],
-            "has the corner (-50, -50) twice, as corners 0 and 4: give each corner once",
+            [{"kind": "polygon", "vertices_mm": [*SQUARE["vertices_mm"], [50, 50]]}],
+            "has the corner (50, 50) twice, as corners 2 and 4: give each corner once",
         ),
         (
             [SQUARE, {"kind": "disc", "center_mm": [0, 48], "radius_mm": 5, "density": -1}],
@@ -124,3 +124,10 @@ def test_a_drawing_without_extent_that_an_earlier_version_accepted_is_drawn(clie
     kept = store.phantoms.create(PhantomDrawing(name="line", shapes=[line]))
     assert client.get(f"/v1/phantoms/{kept.id}").status_code == 200
     assert client.get(f"/v1/phantoms/{kept.id}/drawing.svg").status_code == 200
+
+
+def test_a_polygon_that_is_closed_by_its_first_corner_is_the_same_polygon(client):
+    corners = [[-100, -50], [100, -50], [100, 50], [-100, 50]]
+    shape = {"kind": "polygon", "vertices_mm": [*corners, corners[0]]}
+    created = client.post("/v1/phantoms", json={"name": "board", "shapes": [shape]})
+    assert (created.status_code, created.json()["drawing"]["shapes"][0]["vertices_mm"]) == (201, corners)

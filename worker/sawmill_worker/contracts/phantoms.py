@@ -1,6 +1,7 @@
 """Phantoms: polygons and discs in mm, or a picture and its width."""
 
 import math
+from dataclasses import replace
 from datetime import date
 from enum import StrEnum
 from typing import Annotated, Any, Self
@@ -93,6 +94,7 @@ class PhantomAsk(PhantomDrawing, Given):
     @field_validator("shapes")
     @classmethod
     def _are_a_body(cls, shapes: list[DrawnShape]) -> list[DrawnShape]:
+        shapes = [_unclosed(shape) for shape in shapes]
         for number, shape in enumerate(shapes):
             if (fault := _fault(shape)) is not None:
                 msg = f"shape {number}, counted from 0, {fault}"
@@ -104,6 +106,13 @@ class PhantomAsk(PhantomDrawing, Given):
             msg = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
             raise ValueError(msg)
         return shapes
+
+
+def _unclosed(shape: Shape) -> Shape:
+    """A polygon without a last corner that repeats the first, as other programs close theirs; others as they are."""
+    if isinstance(shape, Disc) or len(shape.vertices_mm) == 3 or shape.vertices_mm[0] != shape.vertices_mm[-1]:
+        return shape
+    return replace(shape, vertices_mm=shape.vertices_mm[:-1])
 
 
 def _fault(shape: Shape) -> str | None:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import structlog
 
-import sawmill_worker
 from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.seccomp import refuse_calls
@@ -63,7 +62,7 @@ def installation() -> Sequence[Path]:
     """
     prefixes = (sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix)
     asked_for = (os.environ.get(name, "") for name in ASKED_FOR)
-    named = (*SYSTEM, *prefixes, *sysconfig.get_paths().values(), *sys.path, *sawmill_worker.__path__, *asked_for)
+    named = (*SYSTEM, *prefixes, *sysconfig.get_paths().values(), *sys.path, str(Path(__file__).parents[1]), *asked_for)
     # One that is relative, or empty, is the folder in which somebody happened to start the worker.
     there = {Path(path).resolve() for path in named if Path(path).is_absolute() and Path(path).exists()}
     return [path for path in there if not there.intersection(path.parents)]

@@ -37,7 +37,7 @@ class Packing:
     unpacked: Callable[[bytes, int], int]
 
     def harmless(self, stored_bytes: int) -> bool:
-        """Whether so many bytes cannot unpack to what does harm."""
+        """Whether this number of bytes cannot unpack to what does harm."""
         return stored_bytes * self.most <= HARMLESS_BYTES
 
 
