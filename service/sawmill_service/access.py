@@ -2,9 +2,13 @@
 
 import hmac
 from base64 import b64decode
-from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from ipaddress import ip_address
+from urllib.parse import urlsplit
 
+import structlog
 from fastapi.concurrency import run_in_threadpool
 from pydantic import SecretStr
 from starlette.datastructures import Headers
@@ -17,6 +21,7 @@ from sawmill_service.rates import FailedLogins
 from sawmill_service.session_cookie import SessionCookie, csrf_token
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.storage.acting import Actor
+from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.keys import KeyStore, hash_of
 from sawmill_worker.storage.sessions import Sessions
 
@@ -28,7 +33,19 @@ OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
 # Nor does a login, with what its page loads.
 LOGIN_PATHS = frozenset({LOGIN, "/static/operator.css", "/static/mark.svg"})
 # What proxies add to the requests that they pass on.
-FORWARDED = ("forwarded", "x-forwarded-for", "x-forwarded-host", "x-forwarded-proto", "x-real-ip", "via")
+FORWARDED = (
+    "forwarded",
+    "via",
+    "x-client-ip",
+    "x-forwarded-for",
+    "x-forwarded-host",
+    "x-forwarded-port",
+    "x-forwarded-proto",
+    "x-forwarded-server",
+    "x-original-forwarded-for",
+    "x-real-ip",
+)
+LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
 # What a route needs where its method does not tell.
 NEEDED = {
     ("GET", "/v1/audit"): Scope.ADMIN,
@@ -97,8 +114,7 @@ class Caller:
 
     def acting(self, scope: RequestScope) -> Actor:
         """As the audit and the jobs name it."""
-        client, state = scope.get("client"), scope.get("state", {})
-        return Actor(self.name, self.key_id, client[0] if client else None, state.get("request_id"))
+        return Actor(self.name, self.key_id, client_address(scope), scope.get("state", {}).get("request_id"))
 
 
 ADMINISTRATOR = Caller("the administrator", Scope.ADMIN)
@@ -171,8 +187,9 @@ class Access:
         Refused
             429 `too-many-requests`: the address that the request came from has brought too many that were wrong.
         """
-        address = str((scope.get("client") or ("an unknown client", 0))[0])
-        self._failures.check(address)
+        address = client_address(scope) or "an unknown client"
+        if self._failures.knows(address, secret_hash):
+            return None
         found = self._of_token(secret_hash) or await run_in_threadpool(self._of_key, secret_hash)
         if found is None:
             self._failures.failed(address, secret_hash)
@@ -192,7 +209,8 @@ class Access:
         key = self._keys.good(secret_hash)
         if key is None:
             return None
-        self._keys.used(key)
+        with _unless_it_cannot_be_written("a key's use"):
+            self._keys.used(key)
         return Caller(key.name, key.scope, key.id, display=key.display)
 
     def _in_session(self, secret: str) -> Caller | None:
@@ -203,7 +221,8 @@ class Access:
         caller = self._of_token(session.opened_by_hash) or self._of_key(session.opened_by_hash)
         if caller is None:
             return None
-        self._sessions.renew(session)
+        with _unless_it_cannot_be_written("a session's use"):
+            self._sessions.renew(session)
         return replace(caller, csrf_token=csrf_token(secret))
 
 
@@ -231,6 +250,29 @@ def presented_secret(authorization: str) -> bytes:
     return b""
 
 
+@contextmanager
+def _unless_it_cannot_be_written(what: str) -> Iterator[None]:
+    """Let whoever only looks look on a full disk and beside a locked database too; the log says what was not kept."""
+    try:
+        yield
+    except StorageError as error:
+        structlog.get_logger().warning("use-not-kept", what=what, reason=str(error))
+
+
+def client_address(scope: RequestScope) -> str | None:
+    """From which a request came; None where nothing that is an address is known."""
+    client = scope.get("client")
+    try:
+        return str(ip_address(client[0].partition("%")[0])) if client else None
+    except ValueError:  # what a proxy has put there
+        return None
+
+
+def host_name(host: str) -> str:
+    """A Host header without its port, in lower case."""
+    return host.lower() if host.endswith("]") else host.rsplit(":", 1)[0].lower()
+
+
 def came_in_over_loopback(scope: RequestScope) -> bool:
     """Whether the address that the client called is one of loopback, which no other machine can call."""
     server: tuple[str, int | None] | None = scope.get("server")
@@ -239,11 +281,19 @@ def came_in_over_loopback(scope: RequestScope) -> bool:
 
 def _trace_of_a_proxy(scope: RequestScope, headers: Headers) -> str:
     """What shows that another program passed a request on; empty where nothing does."""
-    found: Iterable[str] = (name for name in FORWARDED if name in headers)
-    # As nginx speaks by default, and no browser or client of this century.
-    by_version = "HTTP/1.0" if scope.get("http_version") == "1.0" else ""
-    beyond = "" if came_in_over_loopback(scope) else "it was not sent to loopback"
-    return next(iter(found), by_version or beyond)
+    if found := [name for name in FORWARDED if name in headers]:
+        return found[0]
+    # As nginx before 1.29.7 speaks by default, and no browser or client of this century.
+    if scope.get("http_version") == "1.0":
+        return "HTTP/1.0"
+    if not came_in_over_loopback(scope):
+        return "it was not sent to loopback"
+    # A browser names the page that it shows, and a proxy its own backend.
+    page = urlsplit(headers.get("origin") or headers.get("referer") or "").netloc
+    host = headers.get("host", "")
+    if page and page.lower() != host.lower():
+        return f"a page of {page[:100]!r} sent it to {host[:100]!r}"
+    return "" if host_name(host) in LOOPBACK else f"it was sent to {host[:100]!r}"
 
 
 def _missing(what: str) -> Refused:

@@ -97,6 +97,8 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
+        # A redirect would name the address that the service sees, behind a proxy the wrong one.
+        redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
         dependencies=[Depends(check_scope), Depends(check_csrf)],
     )

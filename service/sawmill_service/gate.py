@@ -14,10 +14,12 @@ from sawmill_service.access import (
     CHALLENGES,
     LOGIN,
     LOGIN_PATHS,
+    LOOPBACK,
     OPEN_PATHS,
     Access,
     Caller,
     came_in_over_loopback,
+    host_name,
 )
 from sawmill_service.problems import COME_BACK, Refused, problem_response
 from sawmill_service.session_cookie import NAME
@@ -25,7 +27,8 @@ from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.acting import acting_as
 from sawmill_worker.storage.errors import StorageError
 
-LOOPBACK = frozenset({"127.0.0.1", "localhost", "[::1]"})
+# Whoever has no key yet learns nothing of the database.
+KEYS_AWAY = "keys cannot be looked up now: the database does not answer; try again in a few seconds"
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 # The console's own script and styles; Swagger UI sets style attributes and shows pictures from data: and blob: URLs.
 CONTENT_POLICY = (
@@ -39,6 +42,8 @@ PROTECTION = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-cache",
 }
+
+log = structlog.get_logger(__name__)
 
 
 class ProtectiveHeaders:
@@ -108,7 +113,8 @@ class Gate:
             await _refusal(scope, refused)(scope, receive, send)
             return
         except StorageError as error:
-            unavailable = problem_response(scope["path"], 503, error.code, str(error), headers=COME_BACK)
+            log.warning("keys-not-looked-up", reason=str(error))
+            unavailable = problem_response(scope["path"], 503, error.code, KEYS_AWAY, headers=COME_BACK)
             await unavailable(scope, receive, send)
             return
         scope.setdefault("state", {})["caller"] = caller
@@ -124,7 +130,7 @@ class Gate:
     def _check_origin(self, scope: Scope, headers: Headers) -> None:
         host = headers.get("host", "")
         names = self.allowed_hosts | LOOPBACK if came_in_over_loopback(scope) else self.allowed_hosts
-        if host.rsplit(":", 1)[0].lower() not in names and host.lower() not in names:
+        if host_name(host) not in names:
             raise Refused(
                 421,
                 "unknown-host",

@@ -31,11 +31,11 @@ _UNITS = {"h": "hours", "d": "days", "w": "weeks"}
 
 def _expiry(text: str) -> datetime:
     """A time ahead as in 90d, or a date or time of RFC 3339; a date begins at midnight UTC."""
-    if ahead := _AHEAD.fullmatch(text):
-        return datetime.now(UTC) + timedelta(**{_UNITS[ahead[2]]: int(ahead[1])})
     try:
+        if ahead := _AHEAD.fullmatch(text):
+            return datetime.now(UTC) + timedelta(**{_UNITS[ahead[2]]: int(ahead[1])})
         moment = datetime.fromisoformat(text)
-    except ValueError:
+    except (ValueError, OverflowError):
         moment = None
     if moment is None or (moment.tzinfo is None and len(text) > len("2030-01-01")):
         msg = f"must be as in 12h, 90d, 52w, 2030-01-01 or 2030-01-01T06:00:00Z, not {text!r}"

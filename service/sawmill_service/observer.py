@@ -8,6 +8,7 @@ from prometheus_client import CollectorRegistry, Counter, Histogram
 from starlette.requests import ClientDisconnect
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from sawmill_service.access import client_address
 from sawmill_service.problems import problem_response
 
 CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart in the counts
@@ -15,6 +16,8 @@ CLIENT_GONE = 499  # nobody reads this status; it keeps broken connections apart
 METHODS = frozenset(HTTPMethod)
 # Asked every few seconds by machines: a line each would hide the others.
 QUIET_ROUTES = frozenset({"/health/live", "/health/ready", "/metrics"})
+# From where somebody came who was not let in, or asked for too much.
+REFUSALS = frozenset({401, 403, 421, 429})
 log = structlog.get_logger(__name__)
 
 
@@ -76,6 +79,7 @@ class Observer:
             seconds=round(seconds, 4),
             bytes=sent_bytes,
             **_who_and_what(scope),
+            **({"address": client_address(scope)} if status in REFUSALS else {}),
         )
 
 

@@ -101,13 +101,6 @@ class Rates:
                 if not self._windows.hit(limit, *name):
                     raise self._refusal(limit, name)
 
-    def check(self, *name: str) -> None:
-        """As `take`, without counting."""
-        with self._lock:
-            for limit in self._limits:
-                if not self._windows.test(limit, *name):
-                    raise self._refusal(limit, name)
-
     def _refusal(self, limit: RateLimitItem, name: tuple[str, ...]) -> Refused:
         resets_at = self._windows.get_window_stats(limit, *name).reset_time
         wait_s = max(1, math.ceil(resets_at - time.time()))
@@ -119,10 +112,10 @@ class Rates:
 
 
 class FailedLogins:
-    """Secrets that were wrong, by address: beyond a rate no further one is looked at.
+    """Secrets that were wrong, by address. Beyond a rate further wrong ones get 429; a good one opens all the same.
 
-    The same one again does not count: a program that goes on with a key that has ended guesses nothing, and must not
-    lock out everybody at its address.
+    The same one again is known, and neither looked up nor counted: a program that goes on with a key that has ended
+    guesses nothing.
 
     Parameters
     ----------
@@ -134,15 +127,9 @@ class FailedLogins:
         self._rates = Rates(limits)
         self._wrong: OrderedDict[tuple[str, str], None] = OrderedDict()
 
-    def check(self, address: str) -> None:
-        """Before a secret is looked at.
-
-        Raises
-        ------
-        Refused
-            Too many from this address were wrong.
-        """
-        self._rates.check(_WRONG_KEYS, network_of(address))
+    def knows(self, address: str, secret_hash: str) -> bool:
+        """Whether this address brought this secret before, and it was wrong."""
+        return (network_of(address), secret_hash) in self._wrong
 
     def failed(self, address: str, secret_hash: str) -> None:
         """A secret from this address was wrong.
@@ -153,8 +140,6 @@ class FailedLogins:
             So were too many others before it.
         """
         network = network_of(address)
-        if (network, secret_hash) in self._wrong:
-            return
         self._wrong[network, secret_hash] = None
         if len(self._wrong) > _MOST_WRONG:
             self._wrong.popitem(last=False)

@@ -122,7 +122,7 @@ class ServiceSettings(BaseSettings):
         "600/minute", description="Of these, requests that make, change or delete something."
     )
     failed_login_rate_limit: Annotated[str, AfterValidator(check_rate)] = Field(
-        "20/minute", description="Different wrong keys of one address; beyond it none is looked at."
+        "20/minute", description="Different wrong keys of one address; further ones get 429."
     )
     max_requests_at_once: Annotated[int, Field(ge=1)] = Field(
         32, description="Of one key or address, until their answers begin: the API has 40 threads."

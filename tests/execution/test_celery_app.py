@@ -210,7 +210,7 @@ def test_a_wake_up_that_cannot_be_sent_is_logged_not_raised(settings, storage, w
         waker("some-job")
         wait_for(lambda: log)
         waker.close()
-    assert [(entry["event"], entry["job"]) for entry in log] == [("wake-up-not-sent", "some-job")]
+    assert [(entry["event"], entry["job_id"]) for entry in log] == [("wake-up-not-sent", "some-job")]
 
 
 def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_url):
@@ -224,7 +224,7 @@ def test_waking_never_waits_for_a_silent_redis(settings, storage, silent_redis_u
         waker.close()
         assert time.monotonic() - started < 4, "the end waits no longer than it says"
         waker._thread.join()
-    dropped = [entry["job"] for entry in log if entry["event"] == "wake-up-dropped"]
+    dropped = [entry["job_id"] for entry in log if entry["event"] == "wake-up-dropped"]
     assert 99 <= len(dropped) <= 100, "those beyond the hundred that wait and the one being sent"
 
 

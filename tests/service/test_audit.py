@@ -78,7 +78,7 @@ def test_a_calibration_that_activates_itself_names_the_key_that_asked(anna, stor
     newest = store.audit.page(limit=1).items[0]
     assert (newest.action, newest.who, newest.key_id) == (
         AuditAction.CALIBRATION_ACTIVATED,
-        "the service",
+        "anna",
         anna.key.id,
     )
     assert "the request asked for activation on pass" in newest.detail["reason"]

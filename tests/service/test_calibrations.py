@@ -67,6 +67,7 @@ def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, d
 
 
 def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
+    seeded.get("/health/live")  # the application is put together at its first request, in one loop
     with ThreadPoolExecutor(4) as clients:
         answers = list(clients.map(lambda _: seeded.get("/v1/calibrations/example/overlay.png"), range(4)))
     assert {answer.status_code for answer in answers} == {200}

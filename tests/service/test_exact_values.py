@@ -57,7 +57,6 @@ def spoilt_bodies(document, types, value):
     [
         ({"number", "integer"}, True),
         ({"number", "integer"}, "714.7"),
-        ({"integer"}, 3.0),
         ({"integer"}, 3.5),
         ({"boolean"}, "off"),
         ({"boolean"}, 1),

@@ -6,7 +6,7 @@ from sawmill_service.access import BY_METHOD, NEEDED, OPEN_PATHS, needed_scope
 from sawmill_service.app import create_app
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.tables import JobRow
 
 TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
@@ -129,6 +129,9 @@ def test_the_token_stays_the_first_administrator_s_key(keyed, store):
         {"X-Real-IP": "192.0.2.7"},
         {"Via": "1.1 proxy"},
         {"X-Forwarded-Proto": "https"},
+        {"X-Client-IP": "192.0.2.7"},
+        # What a proxy does not touch: the page that the browser shows.
+        {"Referer": "https://calibration.mill.example/docs"},
     ],
 )
 def test_an_open_service_is_not_open_to_a_proxy(client, trace):
@@ -171,3 +174,33 @@ def test_while_the_database_is_away_a_key_is_answered_with_503_and_the_token_as_
     assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
     assert answer.headers["Retry-After"] == "5"
     assert seeded.get("/v1/scanners", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+
+
+def test_an_open_service_is_open_by_the_names_of_loopback_alone(client, store):
+    client.app = create_app(ServiceSettings(allowed_hosts=["mill.example"]), store, print)
+    answer = client.get("/v1/scanners", headers={"Host": "mill.example"})
+    assert (answer.status_code, answer.json()["code"]) == (401, "token-required")
+    assert client.get("/v1/scanners", headers={"Host": "localhost:8000"}).status_code == 200
+
+
+def test_who_only_looks_may_look_while_nothing_can_be_written(keyed, store, monkeypatch):
+    keyed.with_key(Scope.READ)
+
+    def full(_):
+        raise StorageFull("the disk is full")
+
+    monkeypatch.setattr(store.keys, "used", full)
+    assert keyed.get("/v1/scanners").status_code == 200
+
+
+def test_a_time_beyond_the_calendar_is_refused(keyed):
+    keyed.with_key(Scope.ADMIN)
+    ask = {"name": "for ever", "scope": "read", "expires_at": "9999-12-31T23:59:59-14:00"}
+    answer = keyed.post("/v1/keys", json=ask)
+    assert answer.status_code == 422
+    assert "beyond what calendars hold" in answer.json()["detail"]
+
+
+def test_a_path_with_a_slash_too_many_is_not_redirected_to_another_scheme(keyed):
+    keyed.with_key(Scope.READ)
+    assert keyed.get("/v1/scanners/").status_code == 404

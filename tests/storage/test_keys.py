@@ -102,7 +102,11 @@ def test_the_audit_names_who_and_only_grows(store):
     assert (newest.items, store.audit.page(after=newest.next).items) == ([revoked], [made])
     with pytest.raises(Invalid, match="must be the next of an earlier page, not '-1'"):
         store.audit.page(after="-1")
-    for change in ("UPDATE audit SET who = 'nobody'", "DELETE FROM audit"):
+    changes = ["UPDATE audit SET who = 'nobody'", "DELETE FROM audit"]
+    if store._database.engine.dialect.name == "sqlite":
+        names = "number, at, who, action, subject_id"
+        changes.append(f"INSERT OR REPLACE INTO audit ({names}) SELECT {names} FROM audit")  # noqa: S608 - constants
+    for change in changes:
         with pytest.raises(DBAPIError, match="the audit only grows"), store._database.engine.begin() as connection:
             connection.execute(text(change))
     assert list(store.audit.all()) == [made, revoked]

@@ -40,6 +40,7 @@ async def log_in(
         return _login_page(onward, f"{refused.detail}.", refused.status_code, refused.headers)
     if holder is None:
         return _login_page(onward, UNKNOWN, 401, {"WWW-Authenticate": CHALLENGES[1]})
+    request.state.caller = holder
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):
         opening = partial(store.sessions.open, lasting=holder.display, in_place_of=before)

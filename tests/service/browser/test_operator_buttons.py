@@ -105,6 +105,7 @@ def test_a_display_looks_again_each_minute_and_says_when_it_cannot(site, store, 
     page.get_by_role("button", name="Log in").click()
     expect(page.get_by_text("History")).to_be_visible()
     expect(page.get_by_role("button")).to_have_text(["Log out"])
+    page.wait_for_load_state()  # the script's timer is set
     store.calibrations.activate(newer, "by hand")
     page.clock.run_for(MINUTE_MS)
     expect(page.locator("li")).to_have_count(2)

@@ -34,6 +34,8 @@ SYSTEM = (
 PROC = ("/proc/self", "/proc/meminfo", "/proc/cpuinfo", "/proc/stat", "/proc/sys/vm/overcommit_memory")
 # Where libraries put what they want to keep.
 HOMES = ("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME", "MPLCONFIGDIR")
+# Where Numba keeps compiled kernels of an installation that it may not write to; found before there is another home.
+OWN_KERNELS = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "numba"
 # Folders that somebody asks libraries to look into.
 ASKED_FOR = ("NUMBA_CACHE_DIR", "HDF5_PLUGIN_PATH")
 
@@ -62,7 +64,15 @@ def installation() -> Sequence[Path]:
     """
     prefixes = (sys.prefix, sys.base_prefix, sys.exec_prefix, sys.base_exec_prefix)
     asked_for = (os.environ.get(name, "") for name in ASKED_FOR)
-    named = (*SYSTEM, *prefixes, *sysconfig.get_paths().values(), *sys.path, str(Path(__file__).parents[1]), *asked_for)
+    named = (
+        *SYSTEM,
+        *prefixes,
+        *sysconfig.get_paths().values(),
+        *sys.path,
+        str(Path(__file__).parents[1]),
+        str(OWN_KERNELS),
+        *asked_for,
+    )
     # One that is relative, or empty, is the folder in which somebody happened to start the worker.
     there = {Path(path).resolve() for path in named if Path(path).is_absolute() and Path(path).exists()}
     return [path for path in there if not there.intersection(path.parents)]

@@ -78,6 +78,11 @@ _CALLS: Mapping[str, tuple[int | None, int | None]] = MappingProxyType(
         "add_key": (248, 217),
         "request_key": (249, 218),
         "keyctl": (250, 219),
+        # Memory and queues that would outlive the process and its limits.
+        "shmget": (29, 194),
+        "semget": (64, 190),
+        "msgget": (68, 186),
+        "mq_open": (240, 180),
     }
 )
 

@@ -8,9 +8,11 @@ FileError
 
 import errno
 import re
+import stat
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 LONGEST_QUOTE = 200
 # What goes wrong in a parser that believed the file: its words are about the parser.
@@ -19,7 +21,20 @@ OF_NO_USE = ("pickle", " object at 0x")  # no advice to trust a file, no address
 FULL_PATH = re.compile(r"(?<![\w.])(?:/[^\s/'\":;,()]+){2,}")
 
 # The machine's troubles, not the file's: another attempt may do better.
-MACHINE_ERRORS = frozenset({errno.EIO, errno.ESTALE, errno.EMFILE, errno.ENFILE, errno.ENOMEM, errno.ETIMEDOUT})
+MACHINE_ERRORS = frozenset(
+    {
+        errno.EACCES,
+        errno.EFBIG,
+        errno.EIO,
+        errno.EMFILE,
+        errno.ENFILE,
+        errno.ENOMEM,
+        errno.ENOSPC,
+        errno.EPERM,
+        errno.ESTALE,
+        errno.ETIMEDOUT,
+    }
+)
 
 
 class FileError(Exception):
@@ -94,3 +109,17 @@ def quoted(text: str) -> str:
     """Shorten foreign text to one printable line, fit to stand inside a sentence."""
     line = " ".join("".join(c if c.isprintable() else " " for c in text).split())
     return line if len(line) <= LONGEST_QUOTE else line[: LONGEST_QUOTE - 3] + "..."
+
+
+def check_regular(path: Path) -> None:
+    """Refuse what is no file on a disk: a pipe would be waited for without end, and a device has none.
+
+    Raises
+    ------
+    UnreadableScan
+        `broken-file`.
+    OSError
+        There is nothing, or nothing that may be looked at.
+    """
+    if not stat.S_ISREG(path.stat().st_mode):
+        raise UnreadableScan("broken-file", f"{path.name!r} is a pipe, a device or a folder: give a file")

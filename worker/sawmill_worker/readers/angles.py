@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.files.errors import UnreadableScan, quoted
+from sawmill_worker.files.errors import UnreadableScan, check_regular, quoted
 from sawmill_worker.readers.plausible import LARGEST_ANGLE_DEG
 
 LARGEST_ANGLES_FILE_BYTES = 16 * 2**20
@@ -77,6 +77,7 @@ def read_angles_file(path: Path) -> AngleList:
     UnreadableScan
         `angles-malformed`, when the file is not such a text.
     """
+    check_regular(path)
     if path.stat().st_size > LARGEST_ANGLES_FILE_BYTES:
         raise UnreadableScan("angles-malformed", f"{path.name} is too large for a list of angles, one on each line")
     try:

@@ -83,7 +83,8 @@ def _is_image(path: Path) -> bool:
 
 
 def _size(path: Path) -> int:
-    return path.stat().st_size
+    """Bytes; 0 for a link that leads nowhere, which is then refused as what it is."""
+    return path.stat().st_size if path.exists() else 0
 
 
 def _file(path: Path) -> TiffFile:

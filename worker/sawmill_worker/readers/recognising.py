@@ -5,7 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.files.errors import UnreadableScan, check_regular
 from sawmill_worker.readers.arrays import Bounds
 from sawmill_worker.readers.contents import FileContents
 from sawmill_worker.readers.folder import folder_parts, read_folder
@@ -61,6 +61,7 @@ def recognise(path: Path) -> Format:
     """
     if path.is_dir():
         return FOLDER
+    check_regular(path)
     with path.open("rb") as stream:
         head = stream.read(HDF5_OFFSETS[-1] + len(HDF5_SIGNATURE))
     if not head:

@@ -46,6 +46,7 @@ def queue_job(
             cancel_requested=False,
             request_id=asked_by.request_id,
             key_id=asked_by.key_id,
+            asked_by=asked_by.name,
         )
     )
     session.flush()

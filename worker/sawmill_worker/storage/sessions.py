@@ -20,6 +20,8 @@ from sawmill_worker.storage.tables import KeyRow, SessionRow
 LASTS = timedelta(hours=12)
 # How exactly the last request is kept: each step is a write.
 RENEWAL_STEP = timedelta(hours=1)
+# Of one key: a newer one takes the place of the oldest.
+MOST_OF_A_KEY = 20
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,10 @@ class Sessions:
         with self._database.write() as session:
             over = or_(SessionRow.secret_hash == hash_of(in_place_of), _has_ended(now))
             session.execute(delete(SessionRow).where(over).execution_options(synchronize_session=False))
+            of_opener = select(SessionRow).where(SessionRow.opened_by_hash == opened_by_hash)
+            oldest = of_opener.order_by(SessionRow.created_at.desc()).offset(MOST_OF_A_KEY - 1)
+            for beyond in session.scalars(oldest):
+                session.delete(beyond)
             session.add(row)
             write_audit(session, now, AuditAction.LOGGED_IN, _who(), {"lasting": lasting})
         return secret

@@ -61,6 +61,7 @@ def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Jso
     if calibration.activate and rays == "pass" and not moved:
         asker = f"schedule {calibration.schedule_id}" if calibration.schedule_id else "the request"
         reason = f"the rays pass; {asker} asked for activation on pass"
-        by_request = Actor(THE_SERVICE.name, calibration.job.key_id, request_id=calibration.job.request_id)
+        job = calibration.job
+        by_request = Actor(job.asked_by or THE_SERVICE.name, job.key_id, request_id=job.request_id)
         with acting_as(by_request):
             activate(session, calibration.scanner_id, calibration.id, reason, now)

@@ -144,6 +144,7 @@ class JobRow(Resource):
     # Whose request queued it; null where none did.
     request_id: Mapped[str | None] = mapped_column(String(64))
     key_id: Mapped[str | None] = mapped_column(String(64))
+    asked_by: Mapped[str | None] = mapped_column(String(200))
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
 

@@ -55,6 +55,7 @@ def upgrade() -> None:
     _keep_audit()
     op.add_column("jobs", sa.Column("request_id", sa.String(length=64), nullable=True))
     op.add_column("jobs", sa.Column("key_id", sa.String(length=64), nullable=True))
+    op.add_column("jobs", sa.Column("asked_by", sa.String(length=200), nullable=True))
 
 
 def _keep_audit() -> None:
@@ -65,6 +66,11 @@ def _keep_audit() -> None:
                 f"CREATE TRIGGER audit_no_{change.lower()} BEFORE {change} ON audit"
                 f" BEGIN SELECT RAISE(ABORT, '{_REFUSAL}'); END"
             )
+        op.execute(
+            "CREATE TRIGGER audit_no_replace BEFORE INSERT ON audit"
+            " WHEN EXISTS (SELECT 1 FROM audit WHERE number = NEW.number)"
+            " BEGIN SELECT RAISE(ABORT, 'the audit only grows'); END"
+        )
         return
     op.execute(
         "CREATE FUNCTION audit_only_grows() RETURNS trigger LANGUAGE plpgsql AS"
@@ -77,6 +83,7 @@ def _keep_audit() -> None:
 
 
 def downgrade() -> None:
+    op.drop_column("jobs", "asked_by")
     op.drop_column("jobs", "key_id")
     op.drop_column("jobs", "request_id")
     op.drop_table("audit")
