@@ -1,6 +1,7 @@
 """Multi-page TIFF files: one view a page, or the sinogram of a single row as one page."""
 
 import math
+import re
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from sawmill_worker.readers.wanted import Wanted
 UNCOMPRESSED = 1
 PACKINGS = {8: DEFLATE, 32946: DEFLATE, 32773: PACKBITS}
 READABLE_COMPRESSIONS = frozenset({UNCOMPRESSED, *PACKINGS})
+_LONGEST_DESCRIPTION = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +119,26 @@ def open_pages(source: Path | BinaryIO, name: str, size_bytes: int, bounds: Boun
                     f"pages 0 to {index} of {name} claim to be stored in {claimed} bytes of its {size_bytes}: they "
                     "share their data; store each page on its own",
                 )
+        if count == 1:
+            _check_nothing_follows(tiff.pages.first, name, size_bytes)
         rows, cells = first.shape
         yield TiffPages((count, rows, cells), tiff)
+
+
+def _check_nothing_follows(page: tifffile.TiffPage, name: str, size_bytes: int) -> None:
+    """Refuse a file of one page behind which more images stand without pages of their own.
+
+    ImageJ writes stacks of more than 4 GiB so, and tifffile with `truncate`.
+    """
+    description = page.description[:_LONGEST_DESCRIPTION]
+    images = re.search(r"^images=([0-9]{1,9})$", description, re.MULTILINE) if page.is_imagej else None
+    stated = int(images[1]) if images else 2 if '"truncated": true' in description else 1
+    if stated > 1 and page.dataoffsets[0] + stated * page.nbytes <= size_bytes:
+        raise UnreadableScan(
+            "wrong-shape",
+            f"{name} has one page, and more images behind it that have none ({stated} or more in all, as ImageJ writes "
+            "more than 4 GiB); export it with a page for each view, as a BigTIFF",
+        )
 
 
 def page_type(page: tifffile.TiffPage | tifffile.TiffFrame) -> tuple[str, str | None]:
