@@ -80,12 +80,12 @@ def test_every_value_of_every_body_is_of_its_type_and_within_bounds(client, type
 
 
 def test_what_only_looks_like_a_number_is_named_with_what_would_be_right(client):
-    constants = {"source_to_cor_mm": True, "num_detector_pixels": 768.0, "detector_pitch_mm": "1.5"}
+    constants = {"source_to_cor_mm": True, "num_detector_pixels": 768.5, "detector_pitch_mm": "1.5"}
     found = problem(client.post("/v1/scanners", json={**SPEC, "constants": constants}))
     sentences = {error.location: error.message for error in found.errors}
     assert sentences == {
         "body.constants.source_to_cor_mm": "must be a number, not True",
-        "body.constants.num_detector_pixels": "must be a whole number, not 768.0",
+        "body.constants.num_detector_pixels": "must be a whole number, not 768.5",
         "body.constants.detector_pitch_mm": "must be a number, not '1.5'",
     }
     schedule = {"scanner_id": "line-2", "cron": "30 5 * * 1-6", "enabled": "off"}
@@ -126,3 +126,10 @@ def test_names_in_any_script_are_taken(client):
 def test_texts_of_a_query_still_stand_for_numbers(client):
     assert client.get("/v1/scans", params={"limit": "3"}).status_code == 200
     problem(client.get("/v1/scans", params={"limit": "three"}))
+
+
+def test_a_count_may_be_written_as_every_number_of_some_programs(client):
+    constants = {"source_to_cor_mm": 859.46, "num_detector_pixels": 768.0, "detector_pitch_mm": 1.5}
+    spec = {"name": "Line 2", "constants": constants}
+    created = client.post("/v1/scanners", json=spec)
+    assert (created.status_code, created.json()["constants"]["num_detector_pixels"]) == (201, 768)

@@ -17,14 +17,14 @@ _DATE = re.compile(r"\s*[0-9]{4}-")
 
 
 def _number(value: object) -> object:
-    if isinstance(value, float) and value.is_integer():  # JSON's 20.0, as some programs write every number
-        return int(value)
     if isinstance(value, (bool, str)) or _is_truth(value):
         raise ValueError(f"must be a number, not {value!r:.60}")
     return value
 
 
 def _whole_number(value: object) -> object:
+    if isinstance(value, float) and value.is_integer():  # JSON's 20.0, as some programs write every number
+        return int(value)
     if isinstance(value, (bool, str)) or _is_truth(value) or not isinstance(value, numbers.Integral):
         raise ValueError(f"must be a whole number, not {value!r:.60}")
     return value
