@@ -9,11 +9,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from sawmill_service.access import OPEN_PATHS
 from sawmill_service.callers import who
+from sawmill_service.gate import SAFE_METHODS
 from sawmill_service.problems import Refused, problem_response
 from sawmill_service.rates import Rates, too_many
 from sawmill_service.settings import ServiceSettings
 
-_SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 _MOST_HEADERS = 100
 # Places become free as answers begin, most of them within a second.
 _RETRY_S = 2
@@ -86,7 +86,7 @@ class Admission:
             raise Refused(431, "too-many-headers", f"a request may have {_MOST_HEADERS} headers")
         caller = who(scope)
         self._all.take("looks at health" if scope["path"] in OPEN_PATHS else "requests", caller)
-        if scope["method"] not in _SAFE_METHODS:
+        if scope["method"] not in SAFE_METHODS:
             self._changes.take("changes", caller)
 
     def _take_places(self, scope: Scope, headers: Headers, place: ExitStack) -> None:

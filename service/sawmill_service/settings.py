@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 from pydantic import AfterValidator, Field, SecretStr, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from sawmill_service.listening import is_loopback
 from sawmill_service.rates import check_rate
 
 GIB = 2**30
@@ -161,7 +162,7 @@ class ServiceSettings(BaseSettings):
     def may_be_reached(self) -> bool:
         """Whether other machines can send requests, as far as the settings show."""
         try:
-            return self.behind_proxy or not ip_address(self.host).is_loopback
+            return self.behind_proxy or not is_loopback(self.host)
         except ValueError:  # a name
             return self.host != "localhost"
 
