@@ -296,6 +296,10 @@ class CalibrationResult(Contract):
         description="The verdict on the rays alone, whether they are right among themselves up to a common scale. "
         "Null: an answer of an earlier version.",
     )
+    limits: CalibrationLimits | None = Field(
+        None,
+        description="What the verdict was held against. Null: an answer of an earlier version, which did not keep it.",
+    )
     reasons: list[str]
     scanner: ScannerConstants
     phantom: str

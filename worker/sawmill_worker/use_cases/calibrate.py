@@ -280,6 +280,11 @@ def calibration_result(
         status=judgement.status,
         verdict=judgement.verdict,
         rays_verdict=judgement.rays_verdict,
+        limits=contracts.CalibrationLimits(
+            tolerance_mm=given.tolerance_mm,
+            scale_tolerance_percent=given.scale_tolerance_percent,
+            log_radius_mm=given.log_radius_mm,
+        ),
         reasons=[*moved, *judgement.reasons, *measurement_reasons(given.drawing, datetime.now(tz=UTC).date())],
         scanner=given.scanner,
         phantom=given.drawing.name,
