@@ -8,7 +8,7 @@ from typing import Annotated
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
-from pydantic import Field
+from pydantic import AwareDatetime, Field
 
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.given import Queried
@@ -50,6 +50,15 @@ class Paging(Queried):
 
     after: str | None = Field(None, max_length=200, description="The `next` of the page before; nothing: the newest.")
     limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
+
+
+class Dated(Paging):
+    """Which page of a list, and of which span of time."""
+
+    created_from: AwareDatetime | None = Field(
+        None, description="The oldest moment, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
+    )
+    created_before: AwareDatetime | None = Field(None, description="Only what is older than this moment.")
 
 
 def accept(response: Response, location: str, retry_after_s: int) -> None:

@@ -34,6 +34,7 @@ from sawmill_service.routes import (
     scanners,
     scans,
     schedules,
+    volumes,
 )
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
@@ -65,7 +66,7 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, scans, calibrations, reconstructions, jobs, schedules),
+    *(scanners, phantoms, scans, calibrations, reconstructions, volumes, jobs, schedules),
     *(keys, audit, health, login, console),
 )
 

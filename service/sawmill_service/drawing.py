@@ -1,4 +1,4 @@
-"""Pictures that need matplotlib, drawn when they are first asked for.
+"""Pictures that are drawn when they are first asked for: reports, which need matplotlib, and thumbnails.
 
 What draws is imported by the first picture: no other request needs it.
 """
@@ -19,6 +19,9 @@ if TYPE_CHECKING:
 
 # One picture at a time: what many ask for at once is drawn once, and matplotlib shares its caches of text and fonts.
 _DRAWING = threading.Lock()
+# Thumbnails need no matplotlib, and do not wait for a report.
+_SMALL = threading.Lock()
+THUMBNAIL = "thumbnail.png"
 
 
 class CalibrationPicture(StrEnum):
@@ -59,3 +62,35 @@ def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:
 
     with _DRAWING:
         return alpha_curve_png(**columns)
+
+
+def scan_thumbnail(store: Store, scan_id: str, row: int) -> Path:
+    """Where the thumbnail of a scan lies, a sinogram of one row; drawn and kept as a calibration's picture.
+
+    Raises
+    ------
+    NotFound
+        The scan has no scan.h5.
+    StorageFull
+        The disk is full.
+    """
+
+    def draw() -> bytes:
+        from sawmill_worker.files import scan_reader
+        from sawmill_worker.pictures.arrays import thumbnail_png
+
+        return thumbnail_png(scan_reader.sinogram(store.files.scan(scan_id), row).data)
+
+    return store.files.kept(JobKind.INGEST, scan_id, THUMBNAIL, draw, one_at_a_time=_SMALL)
+
+
+def volume_thumbnail(store: Store, reconstruction_id: str, index: int, window: tuple[float, float]) -> Path:
+    """Where the thumbnail of a volume lies, one of its slices; the rest as for a scan."""
+
+    def draw() -> bytes:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.arrays import thumbnail_png
+
+        return thumbnail_png(volume_reader.volume_slice(store.files.volume(reconstruction_id), index).data, window)
+
+    return store.files.kept(JobKind.RECONSTRUCT, reconstruction_id, THUMBNAIL, draw, one_at_a_time=_SMALL)

@@ -37,6 +37,7 @@ def test_a_slice_is_one_of_the_volume_s(tmp_path, stack):
         file["/entry/reconstruction/data"] = stack
         file["/entry/reconstruction/data"].attrs["units"] = "1/mm"
         file["/entry/reconstruction/x"] = (np.arange(3) - 1) * 2.5
+        file["/entry/reconstruction/y"] = (np.arange(3) - 1) * 2.5
     read = volume_slice(path, 1)
     np.testing.assert_array_equal(read.data, stack[1])
     assert (read.pixel_mm, read.unit) == (2.5, "1/mm")

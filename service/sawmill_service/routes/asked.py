@@ -6,7 +6,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Path, Query, Response
 from pydantic import create_model
 
-from sawmill_service.answers import AskedPriority, Paging, accept
+from sawmill_service.answers import AskedPriority, Dated, accept
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Contract, Identifier, Page
@@ -39,7 +39,7 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
         return _linked(declared, answer)
 
-    def list_all(query: Paging, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
+    def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
         page = store.asked(declared).page(**query.model_dump())
         return page.model_copy(update={"items": [_linked(declared, item) for item in page.items]})
 
@@ -71,11 +71,11 @@ def _described(name: str, response_model: Any, operation: Operation) -> dict[str
     }
 
 
-def _filter(declared: AskedKind[Any, Any]) -> type[Paging]:
+def _filter(declared: AskedKind[Any, Any]) -> type[Dated]:
     fields: dict[str, Any] = {
         name: (JobState | None if name == "state" else Identifier | None, None) for name in declared.listed_by
     }
-    return create_model(f"{declared.noun}_filter", __base__=Paging, **fields)
+    return create_model(f"{declared.noun}_filter", __base__=Dated, **fields)
 
 
 def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a dependency

@@ -14,12 +14,11 @@ from pydantic import AfterValidator, Field, model_validator
 from sawmill_service.answers import Hdf5, Png, etag, file, picture
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
+from sawmill_service.finished import result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier, parse_span
 from sawmill_worker.contracts.given import Queried
-from sawmill_worker.contracts.reconstructions import ReconstructionResult
-from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import ColorMap
 
 Window = tuple[float, float]
@@ -119,7 +118,7 @@ def get_slice(
     store: TheStore,
 ) -> Response:
     """A row of the picture is +x, a column +y."""
-    result = _result(store, reconstruction_id)
+    result = result_of(store, reconstruction_id)
     if index >= result.shape[0]:
         raise Refused(404, "slice-not-found", f"index must be below {result.shape[0]}, the slices, not {index}")
     path = store.files.volume(reconstruction_id)
@@ -158,7 +157,7 @@ def get_mosaic(
     reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Slices in reading order with their heights, all in one window; large ones are averaged down to 256 pixels."""
-    result = _result(store, reconstruction_id)
+    result = result_of(store, reconstruction_id)
     window, indices = _window(query, result.value_range), _tiles(query, result.shape[0])
 
     def draw() -> bytes:
@@ -187,7 +186,7 @@ def get_side_view(
     reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """The densest value behind each point of the log's side; the log runs to the right."""
-    _result(store, reconstruction_id)
+    result_of(store, reconstruction_id)
 
     def draw() -> bytes:
         from sawmill_worker.files import volume_reader
@@ -218,7 +217,7 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
     """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
     from sawmill_worker.files import volume_reader
 
-    _result(store, reconstruction_id)
+    result_of(store, reconstruction_id)
     columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
     return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
 
@@ -232,17 +231,9 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
 )
 def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""
-    _result(store, reconstruction_id)
+    result_of(store, reconstruction_id)
     path = store.files.volume(reconstruction_id)
     return file(request, path, Hdf5.media_type, save_as=f"reconstruction-{reconstruction_id}.h5")
-
-
-def _result(store: Store, reconstruction_id: str) -> ReconstructionResult:
-    reconstruction = store.reconstructions.get(reconstruction_id)
-    if reconstruction.result is None:
-        detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
-        raise Refused(409, "reconstruction-without-result", detail)
-    return reconstruction.result
 
 
 def _window(query: WindowQuery, usual: Window) -> Window:

@@ -6,21 +6,22 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.answers import AskedPriority, Paging, Png, accept, etag, picture
+from sawmill_service.answers import AskedPriority, Dated, Png, accept, etag, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.drawing import scan_thumbnail
+from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.problems import Refused
 from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.scans import Scan, ScanShape, ScanSpec, ScanState
+from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
 
-class ScanFilter(Paging):
+class ScanFilter(Dated):
     """Which scans to list."""
 
     scanner_id: Identifier | None = None
@@ -81,8 +82,8 @@ async def upload_scan(
 
 @router.get("", summary="List scans, newest first")
 def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
-    """All of them, or those of one scanner, or in one state."""
-    return store.scans.page(scanner_id=query.scanner_id, state=query.state, after=query.after, limit=query.limit)
+    """All of them, or those of one scanner, in one state, or of a span of time."""
+    return store.scans.page(**query.model_dump())
 
 
 @router.get("/{scan_id}", summary="Get a scan")
@@ -100,7 +101,7 @@ def delete_scan(scan_id: Identifier, store: TheStore) -> None:
 @router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan")
 def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle row's sinogram."""
-    scan, shape = _ready(store, scan_id)
+    scan, shape = ready_scan(store, scan_id)
     return _sinogram(request, store, scan, shape.rows // 2)
 
 
@@ -111,16 +112,15 @@ def get_sinogram(
     scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
 ) -> Response:
     """Line integrals over views and detector cells."""
-    scan, _ = _ready(store, scan_id)
+    scan, _ = ready_scan(store, scan_id)
     return _sinogram(request, store, scan, query.row)
 
 
-def _ready(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:
-    scan = store.scans.get(scan_id)
-    if scan.shape is None:
-        reason = scan.reason or f"job {scan.job_id} still reads it"
-        raise Refused(409, f"scan-{scan.state}", f"scan {scan_id!r} is {scan.state}: {reason}")
-    return scan, scan.shape
+@router.get("/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture")
+def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
+    """The middle row's sinogram as a square of 160 pixels, for lists."""
+    scan, shape = ready_scan(store, scan_id)
+    return file(request, scan_thumbnail(store, scan_id, middle_row(scan, shape)), Png.media_type)
 
 
 def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:

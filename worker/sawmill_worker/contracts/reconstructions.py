@@ -276,8 +276,11 @@ class ReconstructionLinks(Contract):
     job: str
     volume: str
     first_slice: str
+    first_slice_array: str
     mosaic: str
     side: str
+    side_array: str
+    thumbnail: str
 
 
 class Reconstruction(Stamped):
@@ -305,7 +308,15 @@ DECLARATION = AskedKind(
     answer=Reconstruction,
     read=stored_as(Reconstruction),
     links=ReconstructionLinks,
-    files={"volume": "volume.h5", "first_slice": "slices/0.png", "mosaic": "mosaic.png", "side": "side.png"},
+    files={
+        "volume": "volume.h5",
+        "first_slice": "slices/0.png",
+        "first_slice_array": "slices/0.npy",
+        "mosaic": "mosaic.png",
+        "side": "side.png",
+        "side_array": "side.npy",
+        "thumbnail": "thumbnail.png",
+    },
     references=(Reference.SCAN, Reference.CALIBRATION),
     listed_by=("scanner_id", "state"),
     to_ask=Operation(
@@ -316,6 +327,9 @@ Slices of a log, with the scanner's active calibration, another one, or a theta 
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),
-    to_list=Operation("List reconstructions, newest first", "All of them, or those of one scanner, or in one state."),
+    to_list=Operation(
+        "List reconstructions, newest first",
+        "All of them, or those of one scanner, in one state, or of a span of time.",
+    ),
     to_get=Operation("Get a reconstruction", "Its state, and its shape and range once it is there."),
 )

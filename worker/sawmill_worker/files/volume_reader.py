@@ -30,6 +30,8 @@ class VolumeSlice:
         Where it lies along the log; None where slices have no spacing.
     pixel_mm
         Distance between pixels.
+    first_pixel_mm : (x, y)
+        Where the centre of pixel [0, 0] lies.
     unit
         Of the data.
     """
@@ -38,6 +40,7 @@ class VolumeSlice:
     index: int
     height_mm: float | None
     pixel_mm: float
+    first_pixel_mm: tuple[float, float]
     unit: str
 
     @property
@@ -103,6 +106,7 @@ def _slices(group: h5py.Group, name: str, indices: Iterable[int]) -> Iterator[Vo
             index=index,
             height_mm=float(group["z"][index]) if "z" in group else None,
             pixel_mm=float(x_mm[1] - x_mm[0]),
+            first_pixel_mm=(float(x_mm[0]), float(group["y"][0])),
             unit=_text(data.attrs["units"]),
         )
 

@@ -12,12 +12,14 @@ from sawmill_worker.vocabulary import ColorMap
 def painted(fractions: NDArray[np.floating[Any]], color_map: ColorMap) -> NDArray[np.uint8]:
     """Fractions 0..1 of a window as 8-bit grey, of their own shape, or as colours, (..., 3)."""
     steps: NDArray[np.uint8] = np.rint(fractions * 255).astype(np.uint8)
-    return steps if color_map is ColorMap.GREY else np.take(_table(color_map), steps, axis=0)
+    return steps if color_map is ColorMap.GREY else np.take(color_table(color_map), steps, axis=0)
 
 
 @cache
-def _table(color_map: ColorMap) -> NDArray[np.uint8]:
-    """The map's 256 colours, (256, 3)."""
+def color_table(color_map: ColorMap) -> NDArray[np.uint8]:
+    """The map's 256 colours, (256, 3), from the window's low end to its high end."""
+    if color_map is ColorMap.GREY:
+        return np.arange(256, dtype=np.uint8)[:, np.newaxis].repeat(3, axis=1)
     # Imported here because a grey picture needs no matplotlib; its colour maps alone take half a second to import.
     from matplotlib import colormaps  # noqa: PLC0415
 

@@ -17,7 +17,7 @@ from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import NotFound
-from sawmill_worker.storage.paging import narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import looked_up
 from sawmill_worker.storage.scan_extent import refuse_beyond_scan
@@ -92,12 +92,20 @@ class Asked(Generic[Ask, Answer]):
             return self._read(found_asked(session, self._declared, identifier))
 
     def page(
-        self, *, state: JobState | None = None, after: str | None = None, limit: int = 50, **references: str | None
+        self,
+        *,
+        state: JobState | None = None,
+        created_from: datetime | None = None,
+        created_before: datetime | None = None,
+        after: str | None = None,
+        limit: int = 50,
+        **references: str | None,
     ) -> Page[Answer]:
-        """Newest first, narrowed by state and by references' ids such as `scan_id`; null takes any."""
+        """Newest first, narrowed by state, span of time and references' ids such as `scan_id`; null takes any."""
         table = table_of(self._declared.kind)
         columns = {getattr(table, name): wanted for name, wanted in references.items()}
         statement = narrowed(_rows(self._declared), {**columns, JobRow.state: state})
+        statement = created_between(statement, table, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, table, self._read, after=after, limit=limit)
 

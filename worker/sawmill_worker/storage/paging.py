@@ -55,6 +55,14 @@ def narrowed(statement: Select[Row], wanted: Mapping[InstrumentedAttribute[Any],
     return statement.where(*(column == value for column, value in wanted.items() if value is not None))
 
 
+def created_between(
+    statement: Select[Row], table: type[Row], first: datetime | None, end: datetime | None
+) -> Select[Row]:
+    """The rows made from `first` on and before `end`; None does not narrow."""
+    bounds = (None if first is None else table.created_at >= first, None if end is None else table.created_at < end)
+    return statement.where(*(bound for bound in bounds if bound is not None))
+
+
 def read_page(
     session: Session,
     statement: Select[Row],

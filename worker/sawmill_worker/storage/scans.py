@@ -1,5 +1,7 @@
 """Scans: uploads, and what the job that reads them found."""
 
+from datetime import datetime
+
 from sqlalchemy import select
 
 from sawmill_worker.contracts import scans
@@ -11,7 +13,7 @@ from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore, Received
-from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_worker.storage.uploading import kept_upload
@@ -91,11 +93,14 @@ class Scans:
         *,
         scanner_id: str | None = None,
         state: ScanState | None = None,
+        created_from: datetime | None = None,
+        created_before: datetime | None = None,
         after: str | None = None,
         limit: int = 50,
     ) -> Page[Scan]:
-        """Scans, newest first."""
+        """Scans, newest first, of a span of time where one is given."""
         statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
+        statement = created_between(statement, ScanRow, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
 

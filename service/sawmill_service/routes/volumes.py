@@ -1,0 +1,139 @@
+"""/v1/reconstructions: the volume as arrays, for viewers and programs, and as a thumbnail; /v1/color-maps.
+
+What reads and draws is imported by the first request: as in `routes/reconstructions.py`.
+"""
+# ruff: noqa: PLC0415 - for that reason
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import Field
+
+from sawmill_service.answers import Png, etag, file
+from sawmill_service.arrays import Npy, array
+from sawmill_service.dependencies import TheStore
+from sawmill_service.drawing import volume_thumbnail
+from sawmill_service.finished import result_of
+from sawmill_service.openapi_document import trying
+from sawmill_service.problems import Refused
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.vocabulary import ColorMap
+
+_FLOAT32_BYTES = 4
+Color = tuple[int, int, int]
+
+router = APIRouter(tags=["reconstructions"])
+folder = "/v1/reconstructions/{reconstruction_id}"
+
+_HEADERS: dict[str, Any] = {
+    "X-Pixel-Mm": {"description": "Distance between the array's pixels.", "schema": {"type": "number"}},
+    "X-First-Pixel-Mm": {
+        "description": "x and y of the centre of pixel [0, 0], with a comma between.",
+        "schema": {"type": "string"},
+    },
+    "X-Height-Mm": {
+        "description": "Where the slice lies along the log; absent where slices have no spacing.",
+        "schema": {"type": "number"},
+    },
+    "X-Unit": {"description": "Of the values.", "schema": {"type": "string"}},
+}
+
+
+class ArrayQuery(Queried):
+    """How large an array to send."""
+
+    max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
+        None,
+        description="Most pixels along a side: a larger slice is averaged over the fewest whole pixels, 2 x 2 or "
+        "3 x 3 and so on, with which it fits. Null: as it was computed.",
+    )
+
+
+class SideArrayQuery(Queried):
+    """From where to look at the log."""
+
+    along: Literal["x", "y"] = Field("x", description="The axis to look along; the other one is the array's second.")
+
+
+@router.get(
+    f"{folder}/slices/{{index}}.npy",
+    response_class=Npy,
+    summary="Get a slice as an array",
+    responses={200: {"headers": _HEADERS}},
+    openapi_extra=trying(index=0, max_size=512),
+)
+def get_slice_array(
+    reconstruction_id: Identifier,
+    index: Annotated[int, Path(ge=0, description="Slice, from 0.")],
+    query: Annotated[ArrayQuery, Query()],
+    request: Request,
+    store: TheStore,
+) -> Response:
+    """float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures."""
+    slices, *size = result_of(store, reconstruction_id).shape
+    if index >= slices:
+        raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
+    factor = -(-max(size) // (query.max_size or max(size)))
+
+    def read() -> tuple[bytes, Mapping[str, str]]:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.arrays import averaged, npy
+
+        image = volume_reader.volume_slice(store.files.volume(reconstruction_id), index)
+        # The middle of the first block of pixels.
+        shift_mm = 0.5 * (factor - 1) * image.pixel_mm
+        headers = {
+            "X-Pixel-Mm": repr(factor * image.pixel_mm),
+            "X-First-Pixel-Mm": ",".join(repr(place + shift_mm) for place in image.first_pixel_mm),
+            "X-Unit": image.unit,
+        }
+        if image.height_mm is not None:
+            headers["X-Height-Mm"] = repr(image.height_mm)
+        return npy(averaged(image.data, factor)), headers
+
+    name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
+    size_bytes = _FLOAT32_BYTES * size[0] * size[1]
+    return array(request, etag(reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name)
+
+
+@router.get(
+    f"{folder}/side.npy",
+    response_class=Npy,
+    summary="Get the side view as an array",
+    responses={200: {"headers": {"X-Unit": _HEADERS["X-Unit"]}}},
+    openapi_extra=trying(along="x"),
+)
+def get_side_array(
+    reconstruction_id: Identifier, query: Annotated[SideArrayQuery, Query()], request: Request, store: TheStore
+) -> Response:
+    """float32 (slice, y) or (slice, x): the densest value behind each point of the log's side."""
+    slices, *size = result_of(store, reconstruction_id).shape
+
+    def read() -> tuple[bytes, Mapping[str, str]]:
+        from sawmill_worker.files import volume_reader
+        from sawmill_worker.pictures.arrays import npy
+
+        view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
+        return npy(view.data), {"X-Unit": view.unit}
+
+    name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
+    size_bytes = _FLOAT32_BYTES * slices * max(size)
+    return array(request, etag(reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name)
+
+
+@router.get(f"{folder}/thumbnail.png", response_class=Png, summary="Get a reconstruction as a small picture")
+def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
+    """The middle slice, 160 pixels a side, for lists."""
+    result = result_of(store, reconstruction_id)
+    drawn = volume_thumbnail(store, reconstruction_id, result.shape[0] // 2, result.value_range)
+    return file(request, drawn, Png.media_type)
+
+
+@router.get("/v1/color-maps", summary="Get the colour maps")
+def list_color_maps() -> dict[ColorMap, list[Color]]:
+    """256 colours each (red, green, blue of 255), from a window's low end to its high end, as pictures have them."""
+    from sawmill_worker.pictures.color_maps import color_table
+
+    return {name: [(red, green, blue) for red, green, blue in color_table(name).tolist()] for name in ColorMap}

@@ -1,0 +1,134 @@
+"""The volume as arrays and thumbnails, and lists by span of time."""
+
+import io
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sawmill_service.arrays import HeldBytes
+from sawmill_service.problems import Refused
+from sawmill_worker.pictures.arrays import averaged
+
+LOG = "/v1/reconstructions/example"
+
+
+def loaded(answer) -> np.ndarray:
+    assert answer.status_code == 200, answer.text
+    return np.load(io.BytesIO(answer.content), allow_pickle=False)
+
+
+def test_a_slice_is_the_volume_s_own_values(seeded, volume):
+    answer = seeded.get(f"{LOG}/slices/1.npy")
+    np.testing.assert_array_equal(loaded(answer), volume[1])
+    given = {name: answer.headers[name] for name in ("X-Pixel-Mm", "X-First-Pixel-Mm", "X-Height-Mm", "X-Unit")}
+    # 32 pixels of 1.25 mm around the rotation centre; slices 20 mm apart.
+    assert given == {
+        "X-Pixel-Mm": "1.25",
+        "X-First-Pixel-Mm": "-19.375,-19.375",
+        "X-Height-Mm": "20.0",
+        "X-Unit": "1/mm",
+    }
+    assert answer.headers["Content-Disposition"] == 'attachment; filename="reconstruction-example-slice-1.npy"'
+    assert int(answer.headers["Content-Length"]) == len(answer.content)
+
+
+@pytest.mark.parametrize(("max_size", "factor"), [(16, 2), (31, 2), (32, 1), (512, 1)])
+def test_a_large_slice_is_averaged_over_whole_pixels(seeded, volume, max_size, factor):
+    answer = seeded.get(f"{LOG}/slices/0.npy?max_size={max_size}")
+    side = 32 // factor
+    expected = volume[0].reshape(side, factor, side, factor).mean(axis=(1, 3))
+    np.testing.assert_allclose(loaded(answer), expected, atol=1e-6)  # float32, in another order
+    assert float(answer.headers["X-Pixel-Mm"]) == 1.25 * factor
+    # The first edge of the field stays where it is.
+    first_mm = float(answer.headers["X-First-Pixel-Mm"].partition(",")[0])
+    assert first_mm - 0.5 * 1.25 * factor == pytest.approx(-20.0)
+
+
+def test_a_block_at_the_edge_is_the_mean_of_what_is_there():
+    image = np.arange(15.0).reshape(3, 5)
+    np.testing.assert_allclose(averaged(image, 2), [[3.0, 5.0, 6.5], [10.5, 12.5, 14.0]])
+
+
+def test_the_side_view_is_the_densest_along_an_axis(seeded, volume):
+    np.testing.assert_array_equal(loaded(seeded.get(f"{LOG}/side.npy")), volume.max(axis=1))
+    np.testing.assert_array_equal(loaded(seeded.get(f"{LOG}/side.npy?along=y")), volume.max(axis=2))
+
+
+def test_an_array_that_the_client_holds_is_not_read(seeded):
+    tags = [seeded.get(f"{LOG}/{name}").headers["ETag"] for name in ("slices/0.npy", "slices/0.npy?max_size=16")]
+    assert len(set(tags)) == 2
+    assert seeded.get(f"{LOG}/slices/0.npy", headers={"If-None-Match": tags[0]}).status_code == 304
+    # Larger than the slice: the same answer.
+    assert seeded.get(f"{LOG}/slices/0.npy?max_size=4096", headers={"If-None-Match": tags[0]}).status_code == 304
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "code"),
+    [
+        ("reconstructions/example/slices/3.npy", 404, "slice-not-found"),
+        ("reconstructions/example/slices/0.npy?max_size=15", 422, "invalid-request"),
+        ("reconstructions/example/side.npy?along=z", 422, "invalid-request"),
+        ("reconstructions/nobody/slices/0.npy", 404, "reconstruction-not-found"),
+        ("reconstructions/nobody/thumbnail.png", 404, "reconstruction-not-found"),
+        ("scans/nobody/thumbnail.png", 404, "scan-not-found"),
+    ],
+)
+def test_an_array_that_is_not_there_is_a_problem(seeded, path, status, code):
+    answer = seeded.get(f"/v1/{path}")
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+
+
+def test_what_is_held_is_given_back_when_it_is_sent(seeded, monkeypatch):
+    held = HeldBytes(most=3 * 4096)  # three slices of 32 x 32
+    monkeypatch.setattr("sawmill_service.arrays._ALL", held)
+    assert {seeded.get(f"{LOG}/slices/0.npy").status_code for _ in range(5)} == {200}
+    held.take(3 * 4096)
+    answer = seeded.get(f"{LOG}/slices/0.npy")
+    assert (answer.status_code, answer.headers["Retry-After"]) == (429, "1")
+    held.give_back(3 * 4096)
+    held.take(10**9)  # one alone may have more
+    with pytest.raises(Refused):
+        held.take(1)
+
+
+def test_a_thumbnail_is_drawn_once_and_kept(seeded, store):
+    for path, kept in (("reconstructions/example", "reconstructions/example"), ("scans/example", "scans/example")):
+        answer = seeded.get(f"/v1/{path}/thumbnail.png")
+        assert Image.open(io.BytesIO(answer.content)).size == (160, 160)
+        file = store.files.folder / kept / "thumbnail.png"
+        assert file.read_bytes() == answer.content
+        file.write_bytes(b"kept")
+        assert seeded.get(f"/v1/{path}/thumbnail.png").content == b"kept"
+
+
+def test_a_thumbnail_has_the_axes_of_the_slices(seeded):
+    drawn = np.asarray(Image.open(io.BytesIO(seeded.get(f"{LOG}/thumbnail.png").content))).astype(int)
+    # The volume rises along x, which runs down the picture.
+    assert (drawn[-1] > drawn[0]).all()
+    assert (drawn[:, 0] == drawn[:, -1]).all()
+
+
+def test_the_colour_maps_are_those_of_the_pictures(seeded):
+    maps = seeded.get("/v1/color-maps").json()
+    assert {name: len(colors) for name, colors in maps.items()} == dict.fromkeys(
+        ("grey", "viridis", "inferno", "magma"), 256
+    )
+    assert (maps["grey"][7], maps["viridis"][0]) == ([7, 7, 7], [68, 1, 84])
+
+
+@pytest.mark.parametrize("kind", ["scans", "reconstructions"])
+def test_a_list_may_be_of_a_span_of_time(seeded, kind):
+    everything = seeded.get(f"/v1/{kind}").json()["items"]
+    newest, oldest = everything[0]["created_at"], everything[-1]["created_at"]
+
+    def listed(**query: str) -> list[str]:
+        return [item["id"] for item in seeded.get(f"/v1/{kind}", params=query).json()["items"]]
+
+    assert listed(created_from=oldest) == [item["id"] for item in everything]
+    assert listed(created_from=newest) == [everything[0]["id"]]
+    assert everything[0]["id"] not in listed(created_before=newest)
+    later = (datetime.now(UTC) + timedelta(days=1)).isoformat()
+    assert listed(created_from=later, scanner_id="example") == []
+    assert seeded.get(f"/v1/{kind}?created_from=2026-03-01T00:00:00").status_code == 422  # no offset
