@@ -17,6 +17,8 @@ from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
 from sawmill_service.openapi_document import Application
+from sawmill_service.pages.all_pages import PAGES
+from sawmill_service.pages.problem_pages import ProblemPages
 from sawmill_service.problems import install
 from sawmill_service.rates import FailedLogins
 from sawmill_service.request_ids import RequestIds
@@ -116,7 +118,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
     install(app)
-    for router in (*asked.routers(), *(routes.router for routes in ROUTERS)):
+    for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         app.include_router(router)
     app.mount("/static", StaticFiles(directory=console.STATIC))
     app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
@@ -142,6 +144,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
     if settings.trusted_proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=settings.trusted_proxies)
     app.add_middleware(Observer, registry=app.state.metrics)
+    app.add_middleware(ProblemPages)
     app.add_middleware(ProtectiveHeaders)
     app.add_middleware(RequestIds)
     return app

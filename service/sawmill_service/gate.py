@@ -21,7 +21,7 @@ from sawmill_service.access import (
     came_in_over_loopback,
     host_name,
 )
-from sawmill_service.problems import COME_BACK, Refused, problem_response
+from sawmill_service.problems import COME_BACK, Refused, is_navigation, problem_response
 from sawmill_service.session_cookie import NAME
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.acting import acting_as
@@ -142,7 +142,7 @@ class Gate:
 
 def _refusal(scope: Scope, refused: Refused) -> Response:
     headers, unknown = Headers(scope=scope), refused.status_code == HTTPStatus.UNAUTHORIZED
-    if unknown and _is_navigation(headers):
+    if unknown and is_navigation(headers):
         return RedirectResponse(_login_before(scope), status_code=303)
     path, status = scope["path"], refused.status_code
     answer = problem_response(path, status, refused.code, refused.detail, headers=refused.headers)
@@ -150,11 +150,6 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
         if challenge.startswith("Bearer") or not _is_browser(headers):
             answer.headers.append("WWW-Authenticate", challenge)
     return answer
-
-
-def _is_navigation(headers: Headers) -> bool:
-    """Whether somebody waits for a page, and not a program for an answer."""
-    return "text/html" in headers.get("accept", "") and "authorization" not in headers
 
 
 def _is_browser(headers: Headers) -> bool:

@@ -5,14 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sawmill_service.access import Caller
+from sawmill_service.pages.frame import templates
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.scanners import Activation, StoredScanner
-from sawmill_worker.templating import templates_of
-
-TEMPLATES = templates_of("sawmill_service")
 
 
 @dataclass(frozen=True)
@@ -98,9 +96,13 @@ def drift_standing(check: Drift) -> Standing:
 
 def operator_page(conditions: Sequence[ScannerCondition], caller: Caller) -> str:
     """The whole page as HTML, with the buttons that its caller may press."""
-    return TEMPLATES.get_template("operator.html").render(
-        conditions=conditions,
-        drift_standing=drift_standing,
-        caller=caller,
-        may_activate=caller.scope.covers(Scope.ACTIVATE),
+    return (
+        templates()
+        .get_template("operator.html")
+        .render(
+            conditions=conditions,
+            drift_standing=drift_standing,
+            caller=caller,
+            may_activate=caller.scope.covers(Scope.ACTIVATE),
+        )
     )

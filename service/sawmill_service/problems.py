@@ -9,6 +9,7 @@ from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
+from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.routing import compile_path
@@ -86,6 +87,11 @@ def problem_response(
         request_id=get_contextvars().get("request_id"),
     )
     return JSONResponse(problem.model_dump(exclude_none=True), status, headers=headers, media_type=MEDIA_TYPE)
+
+
+def is_navigation(headers: Headers) -> bool:
+    """Whether somebody waits for a page, and not a program for an answer."""
+    return "text/html" in headers.get("accept", "") and "authorization" not in headers
 
 
 class Refused(HTTPException):

@@ -7,7 +7,8 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_service.answers import file
 from sawmill_service.dependencies import TheCaller, TheSessionCookie, TheStore
-from sawmill_service.operator_page import TEMPLATES, operator_page
+from sawmill_service.operator_page import operator_page
+from sawmill_service.pages.frame import ThePage
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_worker.contracts.base import Identifier
 
@@ -17,9 +18,9 @@ router = APIRouter(include_in_schema=False)
 
 
 @router.get("/docs")
-def console(caller: TheCaller) -> HTMLResponse:
+def console(page: ThePage) -> HTMLResponse:
     """The API console: Swagger UI from this service's own files."""
-    return page(TEMPLATES.get_template("console.html").render(caller=caller))
+    return page.answer("console.html")
 
 
 @router.get("/openapi.json")
@@ -39,7 +40,7 @@ def example_scan(request: Request, store: TheStore) -> Response:
 @router.get("/")
 def operator(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> HTMLResponse:
     """The operator's page; a display's cookie is given anew with it."""
-    answer = page(operator_page(conditions_of(store), caller))
+    answer = _page(operator_page(conditions_of(store), caller))
     if caller.display and caller.csrf_token is not None:
         cookie.give(answer, request.scope, cookie.read(request.scope, request.headers), lasting=True)
     return answer
@@ -52,6 +53,6 @@ def accept_or_roll_back(calibration_id: Identifier, store: TheStore) -> Redirect
     return RedirectResponse("/", status_code=303)
 
 
-def page(html: str) -> HTMLResponse:
+def _page(html: str) -> HTMLResponse:
     """A page about whoever looks at it: kept nowhere, so that nobody finds it after the logout."""
     return HTMLResponse(html, headers={"Cache-Control": "no-store"})

@@ -1,45 +1,47 @@
 """The login of browsers: a key is brought once and becomes a session."""
 
-import re
-from collections.abc import Mapping
 from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.responses import RedirectResponse
 
 from sawmill_service.access import CHALLENGES, LOGIN, LOGOUT
 from sawmill_service.dependencies import TheAccess, TheCaller, TheSessionCookie, TheStore
 from sawmill_service.forms import TheForm
-from sawmill_service.operator_page import TEMPLATES
+from sawmill_service.pages.addresses import local_path
+from sawmill_service.pages.frame import ThePage
 from sawmill_service.problems import Refused
 from sawmill_worker.storage.acting import acting_as
 from sawmill_worker.storage.keys import hash_of
 
 router = APIRouter(include_in_schema=False)
 
-UNKNOWN = "This key opens nothing here: it is not one of this service, or it was revoked or has expired."
-
 
 @router.get(LOGIN)
-def login_page(onward: Annotated[str, Query(alias="next")] = "/") -> HTMLResponse:
+def login_page(page: ThePage, onward: Annotated[str, Query(alias="next")] = "/") -> Response:
     """A field for the key, and a button."""
-    return _login_page(_local(onward))
+    return page.answer("login.html", onward=local_path(onward), error="")
 
 
 @router.post(LOGIN)
 async def log_in(
-    request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie
+    request: Request, fields: TheForm, store: TheStore, access: TheAccess, cookie: TheSessionCookie, page: ThePage
 ) -> Response:
     """Go on to where the browser wanted to go, with a session."""
-    secret_hash, onward = hash_of(fields.get("key", "").strip()), _local(fields.get("next", "/"))
+    secret_hash, onward = hash_of(fields.get("key", "").strip()), local_path(fields.get("next", "/"))
     try:
         holder = await access.holder(request.scope, secret_hash)
     except Refused as refused:
-        return _login_page(onward, f"{refused.detail}.", refused.status_code, refused.headers)
+        error, headers = f"{refused.detail}.", dict(refused.headers or {})
+        return page.answer("login.html", status=refused.status_code, headers=headers, onward=onward, error=error)
     if holder is None:
-        return _login_page(onward, UNKNOWN, 401, {"WWW-Authenticate": CHALLENGES[1]})
+        error = page.text.gettext(
+            "This key opens nothing here: it is not one of this service, or it was revoked or has expired."
+        )
+        challenge = {"WWW-Authenticate": CHALLENGES[1]}
+        return page.answer("login.html", status=401, headers=challenge, onward=onward, error=error)
     request.state.caller = holder
     before = cookie.read(request.scope, request.headers)
     with acting_as(holder.acting(request.scope)):
@@ -58,15 +60,3 @@ def log_out(request: Request, store: TheStore, caller: TheCaller, cookie: TheSes
     answer = RedirectResponse(LOGIN, status_code=303)
     cookie.take_back(answer, request.scope)
     return answer
-
-
-def _login_page(
-    onward: str, error: str = "", status: int = 200, headers: Mapping[str, str] | None = None
-) -> HTMLResponse:
-    html = TEMPLATES.get_template("login.html").render(onward=onward, error=error)
-    return HTMLResponse(html, status, {"Cache-Control": "no-store", **(headers or {})})
-
-
-def _local(path: str) -> str:
-    r"""A path of this service, else the operator's page: no login leads to another site, as `//` and `/\` would."""
-    return path if re.fullmatch(r"/(?!/)[!-\[\]-~]*", path) else "/"

@@ -1,0 +1,104 @@
+"""Numbers and times as a language writes them: the filters of the pages' templates."""
+
+import gettext
+import math
+from collections.abc import Callable
+from datetime import UTC, datetime
+from typing import Any
+
+from babel import Locale
+from babel.dates import format_date, format_time, format_timedelta, get_datetime_format
+from babel.numbers import format_decimal
+
+_BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
+
+
+class Formats:
+    """One language's way. What is not known (None, or not finite) is written so.
+
+    Parameters
+    ----------
+    locale
+        Whose way.
+    text
+        Its catalogue.
+    """
+
+    def __init__(self, locale: Locale, text: gettext.NullTranslations) -> None:
+        self._locale = locale
+        self._text = text
+
+    def filters(self) -> dict[str, Callable[..., Any]]:
+        """By the names that templates use."""
+        return {
+            "number": self.number,
+            "mm": self.mm,
+            "percent": self.percent,
+            "degrees": self.degrees,
+            "bytes": self.bytes,
+            "moment": self.moment,
+            "day": self.day,
+            "age": self.age,
+            "iso": iso,
+        }
+
+    def number(self, value: float | None, digits: int = 0, *, signed: bool = False) -> str:
+        """Rounded to `digits` decimals; `signed` writes the plus too."""
+        if value is None or not math.isfinite(value):
+            return self._text.gettext("not known")
+        pattern = "#,##0" + ("." + "0" * digits if digits else "")
+        written: str = format_decimal(value, f"+{pattern};-{pattern}" if signed else pattern, locale=self._locale)
+        return written
+
+    def mm(self, value: float | None, digits: int = 3, *, signed: bool = False) -> str:
+        """Millimetres."""
+        return self._with_unit(value, digits, "mm", signed=signed)
+
+    def percent(self, value: float | None, digits: int = 2, *, signed: bool = False) -> str:
+        """A value that is in per cent already."""
+        return self._with_unit(value, digits, "%", signed=signed)
+
+    def degrees(self, value_deg: float | None, digits: int = 3, *, signed: bool = False) -> str:
+        """A value that is in degrees already."""
+        return self._with_unit(value_deg, digits, "°", signed=signed)
+
+    def bytes(self, value: float | None) -> str:
+        """With a binary prefix."""
+        if value is None:
+            return self._text.gettext("not known")
+        step = min(len(_BINARY) - 1, max(0, int(math.log2(max(value, 1)) // 10)))
+        return f"{self.number(value / 1024**step, 1 if step else 0)} {_BINARY[step]}"
+
+    def moment(self, time: datetime | str | None) -> str:
+        """Day and minute, in the time zone of this machine; the pages' script turns it into the browser's."""
+        if time is None:
+            return self._text.gettext("never")
+        hour = format_time(_local(time), "short", locale=self._locale)
+        return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time))
+
+    def day(self, time: datetime | str | None) -> str:
+        """The day alone, in the time zone of this machine."""
+        return self._text.gettext("never") if time is None else format_date(_local(time), "medium", self._locale)
+
+    def age(self, time: datetime | str | None) -> str:
+        """How long ago, or in how long."""
+        if time is None:
+            return self._text.gettext("never")
+        ago = _local(time) - datetime.now(UTC)
+        written: str = format_timedelta(ago, granularity="second", add_direction=True, locale=self._locale)
+        return written
+
+    def _with_unit(self, value: float | None, digits: int, unit: str, *, signed: bool) -> str:
+        written = self.number(value, digits, signed=signed)
+        if value is None or not math.isfinite(value):
+            return written
+        return f"{written}{unit}" if unit == "°" else f"{written}\N{NO-BREAK SPACE}{unit}"
+
+
+def iso(time: datetime | str) -> str:
+    """For programs: RFC 3339."""
+    return time if isinstance(time, str) else time.isoformat()
+
+
+def _local(time: datetime | str) -> datetime:
+    return (datetime.fromisoformat(time) if isinstance(time, str) else time).astimezone()

@@ -1,0 +1,108 @@
+"""What every page shares: its language, who looks at it, and the templates with both."""
+
+import gettext
+from functools import cache
+from typing import Annotated
+
+from fastapi import Depends, Request
+from fastapi.responses import HTMLResponse
+from jinja2 import Environment
+
+from sawmill_service.access import ANYBODY, Caller
+from sawmill_service.pages.formats import Formats
+from sawmill_service.pages.languages import ENGLISH, LANGUAGES, locale_of, preferred_language, texts
+from sawmill_service.pages.navigation import NAVIGATION
+from sawmill_service.session_cookie import SessionCookie
+from sawmill_worker.contracts.keys import Scope
+from sawmill_worker.templating import templates_of
+
+LANGUAGE_COOKIE, THEME_COOKIE = "sawmill_language", "sawmill_theme"
+THEMES = ("auto", "light", "dark")
+
+
+class PageFrame:
+    """Answers one request with a page, in its browser's language.
+
+    Attributes
+    ----------
+    caller : Caller
+        Who looks at it.
+    language : str
+        A key of `languages.LANGUAGES`.
+    text : gettext.NullTranslations
+        Its catalogue.
+    """
+
+    def __init__(self, request: Request) -> None:
+        self._request = request
+        self.caller: Caller = getattr(request.state, "caller", ANYBODY)
+        self.language = preferred_language(
+            request.cookies.get(LANGUAGE_COOKIE, ""), request.headers.get("accept-language", "")
+        )
+        self.text = texts(self.language)
+
+    def answer(
+        self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
+    ) -> HTMLResponse:
+        """A page about whoever looks at it: kept nowhere, so that nobody finds it after the logout.
+
+        Parameters
+        ----------
+        template
+            In `templates/pages`.
+        status, headers
+            Of the answer.
+        values
+            By the names that the template uses, beside `caller`, `may`, `language` and what `base.html` needs.
+        """
+        html = self.render(template, **values)
+        answer = HTMLResponse(html, status, {"Cache-Control": "no-store", "Vary": "Cookie", **(headers or {})})
+        self._keep_display_open(answer)
+        return answer
+
+    def render(self, template: str, **values: object) -> str:
+        """A template's text, of a page or a part of one."""
+        return (
+            templates(self.language)
+            .get_template(f"pages/{template}")
+            .render(
+                caller=self.caller,
+                may=self.may,
+                language=self.language,
+                languages=LANGUAGES,
+                theme=self._theme(),
+                themes=THEMES,
+                navigation=() if self.caller is ANYBODY else NAVIGATION,
+                here=self._request.url.path,
+                here_with_query=str(self._request.url.replace(scheme="", netloc="")),
+                **values,
+            )
+        )
+
+    def may(self, scope: str) -> bool:
+        """Whether whoever looks may do what needs a scope, as `activate`."""
+        return self.caller.scope.covers(Scope(scope))
+
+    def _theme(self) -> str:
+        chosen = self._request.cookies.get(THEME_COOKIE, "")
+        return chosen if chosen in THEMES else THEMES[0]
+
+    def _keep_display_open(self, answer: HTMLResponse) -> None:
+        """A display's cookie is given anew with each page."""
+        if self.caller.display and self.caller.csrf_token is not None:
+            cookie: SessionCookie = self._request.app.state.session_cookie
+            secret = cookie.read(self._request.scope, self._request.headers)
+            cookie.give(answer, self._request.scope, secret, lasting=True)
+
+
+ThePage = Annotated[PageFrame, Depends()]
+
+
+@cache
+def templates(language: str = ENGLISH) -> Environment:
+    """The templates in a language."""
+    environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
+    text: gettext.NullTranslations = texts(language)
+    environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
+    environment.filters |= Formats(locale_of(language), text).filters()
+    return environment

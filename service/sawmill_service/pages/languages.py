@@ -1,0 +1,69 @@
+"""The languages of the pages: gettext catalogues, and which of them a browser gets."""
+
+import gettext
+import io
+from functools import cache
+from pathlib import Path
+
+from babel import Locale, negotiate_locale
+from babel.messages.mofile import write_mo
+from babel.messages.pofile import read_po
+
+CATALOGUES = Path(__file__).parent.parent / "locale"
+ENGLISH = "en"
+# By their own names, for whoever looks for theirs.
+LANGUAGES = {ENGLISH: "English", "fi": "Suomi"}
+# Whose dates, hours and decimals a language is shown with.
+_REGIONS = {ENGLISH: "en_GB"}
+
+
+def marked(text: str) -> str:
+    """Mark a text for the catalogues where it is written; it is translated where it is shown."""
+    return text
+
+
+@cache
+def texts(language: str) -> gettext.NullTranslations:
+    """The catalogue of a language; English is what the pages are written in and needs none."""
+    if language == ENGLISH:
+        return gettext.NullTranslations()
+    compiled = io.BytesIO()
+    with (CATALOGUES / language / "LC_MESSAGES" / "sawmill.po").open("rb") as file:
+        write_mo(compiled, read_po(file, locale=language))
+    compiled.seek(0)
+    return gettext.GNUTranslations(compiled)
+
+
+def locale_of(language: str) -> Locale:
+    """How a language writes dates and numbers."""
+    return Locale.parse(_REGIONS.get(language, language))
+
+
+def preferred_language(chosen: str, accepted: str) -> str:
+    """The language to answer in.
+
+    Parameters
+    ----------
+    chosen
+        What the browser's cookie says; anything, or nothing.
+    accepted
+        The header `Accept-Language` (RFC 9110, section 12.5.4).
+
+    Returns
+    -------
+    str
+        A key of `LANGUAGES`: the one chosen, else the best of those accepted, else English.
+    """
+    if chosen in LANGUAGES:
+        return chosen
+    wanted = sorted((_weighed(part) for part in accepted.split(",")[:20]), reverse=True)
+    return negotiate_locale([name for weight, name in wanted if weight > 0.0], LANGUAGES, sep="-") or ENGLISH
+
+
+def _weighed(part: str) -> tuple[float, str]:
+    name, _, parameter = part.partition(";")
+    try:
+        weight = float(parameter.strip().removeprefix("q=") or 1.0)
+    except ValueError:  # no weight of the standard's: as good as none
+        weight = 0.0
+    return weight, name.strip()

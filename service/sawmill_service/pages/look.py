@@ -1,0 +1,30 @@
+"""How the pages look in one browser: its language and colours, kept in cookies."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request
+from fastapi.responses import RedirectResponse
+
+from sawmill_service.pages.addresses import local_path
+from sawmill_service.pages.frame import LANGUAGE_COOKIE, THEME_COOKIE, THEMES
+from sawmill_service.pages.languages import LANGUAGES
+
+LOOK = "/look"
+YEAR_S = 365 * 86400
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get(LOOK)
+def look(
+    request: Request,
+    language: Annotated[str, Query()] = "",
+    theme: Annotated[str, Query()] = "",
+    onward: Annotated[str, Query(alias="next")] = "/",
+) -> RedirectResponse:
+    """Keep what of it is known, and go back to the page."""
+    answer = RedirectResponse(local_path(onward), status_code=303)
+    for name, value, known in [(LANGUAGE_COOKIE, language, LANGUAGES), (THEME_COOKIE, theme, THEMES)]:
+        if value in known:
+            answer.set_cookie(name, value, max_age=YEAR_S, secure=request.url.scheme == "https", samesite="lax")
+    return answer

@@ -1,0 +1,5 @@
+"""The pages that the header leads to, in its order."""
+
+from sawmill_service.pages.languages import marked
+
+NAVIGATION = (("/", marked("Today")),)

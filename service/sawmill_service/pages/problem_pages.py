@@ -1,0 +1,120 @@
+"""Errors as pages for people: whoever waits for a page in a browser gets the same problem in words, not as JSON."""
+
+import json
+from http import HTTPStatus
+from typing import Any
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import Request
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from sawmill_service.pages.frame import PageFrame
+from sawmill_service.pages.languages import marked
+from sawmill_service.problems import MEDIA_TYPE, is_navigation
+
+# What happened, what to do, and whether the same again may help.
+_KNOWN = {
+    401: (marked("Please log in"), marked("Log in with a key that this service knows."), False),
+    403: (
+        marked("You may not do this here"),
+        marked("Load the page again; if that does not help, ask whoever gave you your key for one that may do this."),
+        False,
+    ),
+    404: (
+        marked("There is nothing here"),
+        marked("It may have been deleted, or the address is not quite right."),
+        False,
+    ),
+    409: (
+        marked("This cannot be done now"),
+        marked("Something else stands in the way: look at it first, then do this again."),
+        False,
+    ),
+    413: (marked("This is too large"), marked("Send a smaller file, or ask for the limit to be raised."), False),
+    422: (
+        marked("Something was not right"),
+        marked("Go back, change what the sentence names, and send it again."),
+        False,
+    ),
+    429: (marked("Too much at once"), marked("Wait a minute, then try again."), True),
+    503: (
+        marked("The service cannot answer now"),
+        marked("It is starting, stopping, or its database is away. Try again in a few seconds."),
+        True,
+    ),
+    507: (
+        marked("The disk is full"),
+        marked("Nothing was lost and nothing half-written stays. Whoever looks after the service must make room."),
+        True,
+    ),
+}
+_OURS = (
+    marked("Something went wrong inside the service"),
+    marked("This is no fault of yours. Try again; if it stays, tell whoever looks after the service."),
+    True,
+)
+_OTHER = (marked("This did not work"), marked("Go back, and try it in another way."), False)
+
+
+class ProblemPages:
+    """Turn a problem into a page where a browser waits for one."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http" or not is_navigation(Headers(scope=scope)):
+            await self.app(scope, receive, send)
+            return
+        await self.app(scope, receive, _Rewriter(scope, send))
+
+
+class _Rewriter:
+    """Sends what it is given on, but a problem as a page."""
+
+    def __init__(self, scope: Scope, send: Send) -> None:
+        self._scope, self._send = scope, send
+        self._start: Message | None = None
+        self._body = b""
+
+    async def __call__(self, message: Message) -> None:
+        if (
+            message["type"] == "http.response.start"
+            and Headers(raw=message["headers"]).get("content-type") == MEDIA_TYPE
+        ):
+            self._start = message
+        elif self._start is None:
+            await self._send(message)
+        elif message["type"] == "http.response.body":
+            self._body += message.get("body", b"")
+            if not message.get("more_body", False):
+                await self._send_page(self._start)
+
+    async def _send_page(self, start: Message) -> None:
+        html = problem_page(self._scope, json.loads(self._body)).encode()
+        headers = MutableHeaders(raw=list(start["headers"]))
+        headers["Content-Type"], headers["Content-Length"] = "text/html; charset=utf-8", str(len(html))
+        headers["Cache-Control"] = "no-store"
+        await self._send({**start, "headers": headers.raw})
+        await self._send({"type": "http.response.body", "body": html})
+
+
+def _is_problem(message: Message) -> bool:
+    starts = message["type"] == "http.response.start"
+    return starts and Headers(raw=message["headers"]).get("content-type") == MEDIA_TYPE
+
+
+def problem_page(scope: Scope, problem: dict[str, Any]) -> str:
+    """One problem (RFC 9457) as a page: what happened, the sentence, what to do."""
+    page, status = PageFrame(Request(scope)), int(problem["status"])
+    ours = status >= HTTPStatus.INTERNAL_SERVER_ERROR
+    title, advice, again = _KNOWN.get(status, _OURS if ours else _OTHER)
+    return page.render(
+        "problem.html",
+        problem={"errors": None, "request_id": None, **problem},
+        title=page.text.gettext(title),
+        advice=page.text.gettext(advice),
+        again=again and scope["method"] == "GET",
+        tone="bad" if ours else "watch",
+    )

@@ -1,0 +1,23 @@
+// Times of the server become those of the browser's time zone, and ages stay true while a page is open.
+const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
+const moment = new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" });
+const ago = new Intl.RelativeTimeFormat(language, { numeric: "auto" });
+const UNITS = [["year", 31_557_600], ["month", 2_629_800], ["week", 604_800], ["day", 86_400], ["hour", 3600], ["minute", 60]];
+
+export function age(time) {
+  const seconds = (time - Date.now()) / 1000;
+  const [unit, length] = UNITS.find(([, length]) => Math.abs(seconds) >= length) ?? ["second", 1];
+  return ago.format(Math.trunc(seconds / length), unit);
+}
+
+export function showTimes(root = document) {
+  for (const element of root.querySelectorAll("time[data-show]")) {
+    const time = new Date(element.dateTime);
+    const local = moment.format(time);
+    element.textContent = element.dataset.show === "age" ? age(time) : local;
+    element.title = local;
+  }
+}
+
+showTimes();
+setInterval(showTimes, 30_000);

@@ -1,0 +1,85 @@
+"""What every page shares: language, numbers and times, and problems as pages."""
+
+import gettext
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from sawmill_service.pages.formats import Formats
+from sawmill_service.pages.languages import locale_of, preferred_language
+
+BROWSER = {"Accept": "text/html,application/xhtml+xml"}
+
+
+@pytest.mark.parametrize(
+    ("chosen", "accepted", "language"),
+    [
+        ("", "", "en"),
+        ("", "fi-FI,fi;q=0.9,en;q=0.8", "fi"),
+        ("", "sv,en-GB;q=0.9,fi;q=0.5", "en"),
+        ("", "fi;q=0,en", "en"),
+        ("", "fi;q=much", "en"),
+        ("", "*;q=0.1,\xff;q=;,", "en"),
+        ("fi", "en", "fi"),
+        ("xx", "fi", "fi"),
+    ],
+)
+def test_the_language_is_the_one_chosen_else_the_best_accepted(chosen, accepted, language):
+    assert preferred_language(chosen, accepted) == language
+
+
+def test_numbers_are_written_as_the_language_does_and_unknown_ones_are_said_to_be():
+    english, finnish = (Formats(locale_of(name), gettext.NullTranslations()) for name in ("en", "fi"))
+    assert english.mm(0.0431) == "0.043\N{NO-BREAK SPACE}mm"
+    assert finnish.mm(0.0431) == "0,043\N{NO-BREAK SPACE}mm"
+    assert english.percent(1.5, signed=True) == "+1.50\N{NO-BREAK SPACE}%"
+    assert english.degrees(-0.25) == "-0.250°"
+    assert english.mm(None) == english.mm(float("nan")) == english.bytes(None) == "not known"
+    assert [english.bytes(value) for value in (0, 1023, 1536, 2**42)] == ["0 B", "1,023 B", "1.5 KiB", "4.0 TiB"]
+
+
+def test_ages_and_moments_take_times_and_their_text():
+    english = Formats(locale_of("en"), gettext.NullTranslations())
+    time = datetime.now(UTC) - timedelta(hours=3, seconds=5)
+    assert english.age(time) == english.age(time.isoformat()) == "3 hours ago"
+    assert english.moment(time) == time.astimezone().strftime("%-d %b %Y, %H:%M")
+    assert english.moment(None) == english.age(None) == english.day(None) == "never"
+
+
+def test_a_browser_keeps_its_language_and_colours(client):
+    answer = client.get("/look?language=fi&theme=dark&next=/docs?x=1")
+    assert answer.headers["Location"] == "/docs?x=1"
+    kept = [cookie.partition(";")[0] for cookie in answer.headers.get_list("Set-Cookie")]
+    assert kept == ["sawmill_language=fi", "sawmill_theme=dark"]
+    page = client.get("/docs", headers={"Cookie": "; ".join(kept)}).text
+    assert '<html lang="fi" data-theme="dark">' in page
+    assert "Set-Cookie" not in client.get("/look?language=xx&theme=red&next=//evil.example").headers
+    assert client.get("/look?next=//evil.example").headers["Location"] == "/"
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "words"),
+    [
+        ("/nothing/here", 404, "There is nothing here"),
+        ("/v1/scanners/none", 404, "there is no scanner &#39;none&#39;"),
+        ("/v1/scanners?limit=0", 422, "Something was not right"),
+        ("/v1/calibrations/none/report.png", 404, "404 calibration-not-found"),
+    ],
+)
+def test_a_person_gets_a_problem_as_a_page_and_a_program_as_json(client, path, status, words):
+    page = client.get(path, headers=BROWSER)
+    assert page.status_code == status
+    assert page.headers["Content-Type"] == "text/html; charset=utf-8"
+    assert page.headers["Content-Length"] == str(len(page.content))
+    assert words in page.text
+    assert page.headers["X-Request-Id"] in page.text
+    problem = client.get(path)
+    assert problem.headers["Content-Type"] == "application/problem+json"
+    assert problem.json()["code"] in page.text
+
+
+def test_whoever_is_not_let_in_sees_no_names_of_pages(client):
+    unknown = client.get("/docs", headers={**BROWSER, "Host": "evil.example"})
+    assert unknown.status_code == 421
+    assert "does not answer as" in unknown.text
+    assert 'href="/docs"' not in unknown.text
