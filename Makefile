@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
+.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -56,6 +56,10 @@ study-wheel: install-dev
 
 openapi: install
 	@$(BIN)/sawmill openapi
+
+# New texts of the pages into the catalogues, where a person translates them.
+texts: install-dev
+	@$(BIN)/python -m sawmill_service.pages.catalogues
 
 # Studies, minutes each; every figure in the documents names the one it is from.
 bench: bench-speed bench-seeds bench-scanners bench-coverage bench-misspecified bench-drift

@@ -1,12 +1,17 @@
 """What every page shares: language, numbers and times, and problems as pages."""
 
 import gettext
+import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from results import calibration_result
 
+from sawmill_service.access import ANYBODY
 from sawmill_service.pages.formats import Formats
+from sawmill_service.pages.frame import templates
 from sawmill_service.pages.languages import locale_of, preferred_language
+from sawmill_worker.contracts.calibrations import CalibrationResult
 
 BROWSER = {"Accept": "text/html,application/xhtml+xml"}
 
@@ -83,3 +88,27 @@ def test_whoever_is_not_let_in_sees_no_names_of_pages(client):
     assert unknown.status_code == 421
     assert "does not answer as" in unknown.text
     assert 'href="/docs"' not in unknown.text
+
+
+def verdict(language, **changes):
+    answer = CalibrationResult.model_validate(calibration_result(**changes))
+    page = templates(language).from_string('{% from "pages/parts.html" import verdict with context %}{{ verdict(it) }}')
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", page.render(it=answer, caller=ANYBODY))).strip()
+
+
+def test_a_verdict_shows_both_questions_with_their_limits_as_the_language_writes_them():
+    predicted = {"rms": 0.02, "max": 0.05, "upper_95": 0.04, "radius_mm": 150.0}
+    changes = {
+        "rays_verdict": "pass",
+        "predicted_ray_error_mm": predicted,
+        "scale_uncertainty_percent": 0.8,
+        "limits": {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5},
+    }
+    english, finnish = verdict("en", **changes), verdict("fi", **changes)
+    assert "Are the rays right? Yes 0.040 mm of 0.100 mm allowed" in english
+    assert "Are the millimetres right? Look at it 0.80 % of 0.50 % allowed" in english
+    assert "2.4 mm on a log of 300 mm" in english
+    assert "0,040 mm" in finnish
+    assert "2,4 mm" in finnish
+    unknown = verdict("en", predicted_ray_error_mm=None, rays_verdict="watch", limits=None)
+    assert "Are the rays right? Not known" in unknown

@@ -34,6 +34,8 @@ class Formats:
             "number": self.number,
             "mm": self.mm,
             "percent": self.percent,
+            "share": self.share,
+            "log_mm": self.log_mm,
             "degrees": self.degrees,
             "bytes": self.bytes,
             "moment": self.moment,
@@ -57,6 +59,14 @@ class Formats:
     def percent(self, value: float | None, digits: int = 2, *, signed: bool = False) -> str:
         """A value that is in per cent already."""
         return self._with_unit(value, digits, "%", signed=signed)
+
+    def share(self, value: float | None) -> str:
+        """Per cent to two digits that matter."""
+        return self._with_unit(value, _two_digits(value), "%", signed=False)
+
+    def log_mm(self, value: float | None) -> str:
+        """Millimetres as of a log: to two digits that matter below 10 mm, to one mm above."""
+        return self._with_unit(value, _two_digits(value), "mm", signed=False)
 
     def degrees(self, value_deg: float | None, digits: int = 3, *, signed: bool = False) -> str:
         """A value that is in degrees already."""
@@ -102,3 +112,8 @@ def iso(time: datetime | str) -> str:
 
 def _local(time: datetime | str) -> datetime:
     return (datetime.fromisoformat(time) if isinstance(time, str) else time).astimezone()
+
+
+def _two_digits(value: float | None) -> int:
+    """Decimals that leave two digits that matter, of values from 0.1 on."""
+    return 0 if value is None or value >= 9.95 else 1 if value >= 0.995 else 2

@@ -12,6 +12,7 @@ from sawmill_service.access import ANYBODY, Caller
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.languages import ENGLISH, LANGUAGES, locale_of, preferred_language, texts
 from sawmill_service.pages.navigation import NAVIGATION
+from sawmill_service.pages.verdicts import shown_questions
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.templating import templates_of
@@ -104,5 +105,7 @@ def templates(language: str = ENGLISH) -> Environment:
     environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
     text: gettext.NullTranslations = texts(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
-    environment.filters |= Formats(locale_of(language), text).filters()
+    formats = Formats(locale_of(language), text)
+    environment.filters |= formats.filters()
+    environment.globals["two_questions"] = shown_questions(text, formats)
     return environment
