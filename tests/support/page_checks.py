@@ -1,0 +1,62 @@
+"""What every page must keep, asked of a page in a real browser."""
+
+import re
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Page
+
+SCREENSHOTS = Path(__file__).parent.parent.parent / "build" / "screenshots"
+SMALLEST_TARGET_PX = 44
+# Without pictures: what a page is made of.
+LARGEST_PAGE_BYTES = 300_000
+# Links in running text and in tables are as high as their line; so are check boxes, whose label is the target.
+SMALL_TARGETS = """least => [...document.querySelectorAll('button, .button, select, summary, nav a, input, .target')]
+    .filter(each => each.checkVisibility() && !['hidden', 'checkbox', 'radio', 'range', 'color'].includes(each.type))
+    .map(each => [each, each.getBoundingClientRect()])
+    .filter(([each, box]) => box.width > 0 && (box.height < least - 0.5 || box.width < least - 0.5))
+    .map(([each, box]) => `${each.outerHTML.slice(0, 80)} is ${box.width.toFixed(0)} x ${box.height.toFixed(0)}`)"""
+WIDER = """() => [...document.querySelectorAll('main *, header, footer')]
+    .filter(each => each.getBoundingClientRect().right > innerWidth + 1 && !each.closest('.scrolls, nav, svg'))
+    .map(each => each.outerHTML.slice(0, 80))"""
+
+
+def shot(page: Page, name: str) -> None:
+    """Keep the whole page as a picture in build/screenshots."""
+    SCREENSHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=True)
+
+
+def axe_findings(page: Page) -> list[str]:
+    """What axe-core finds, each with its place."""
+    found = Axe().run(page, context={"exclude": [["#console"]]}).response["violations"]
+    return [f"{each['id']}: {node['html'][:120]}" for each in found for node in each["nodes"]]
+
+
+def overflowing(page: Page) -> list[str]:
+    """What reaches beyond the window's right edge, if that makes the page scroll sideways."""
+    scrolls = page.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth + 1")
+    return page.evaluate(WIDER) if scrolls else []
+
+
+def small_targets(page: Page) -> list[str]:
+    """Buttons, fields and links of the header that a glove misses."""
+    return page.evaluate(SMALL_TARGETS, SMALLEST_TARGET_PX)
+
+
+def page_bytes(page: Page, path: str) -> int:
+    """Of a page's HTML, styles and scripts, as they are sent; its scripts' imports too."""
+    seen: dict[str, int] = {}
+    waiting = [path]
+    while waiting:
+        address = waiting.pop()
+        if address in seen:
+            continue
+        text = page.request.get(address, headers={"Accept": "text/html"}).text()
+        seen[address] = len(text.encode())
+        named = re.findall(r"""(?:<script[^>]*src=|<link rel="stylesheet" href=)["']([^"']+)""", text)
+        named += re.findall(r"""^(?:import|export)\b.*?["'](\.?/[^"']+)["']""", text, re.MULTILINE)
+        folder = urlsplit(address).path.rsplit("/", 1)[0]
+        waiting += [f"{folder}/{each[2:]}" if each.startswith("./") else each for each in named]
+    return sum(seen.values())
