@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults clean
+.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -119,6 +119,10 @@ bench-choosing: install-dev
 # No job is lost: kills, stops, outages, wrong clocks. Ten minutes. OPTIONS: --long (an hour), --only, --engine, --seed.
 faults: install-dev
 	@$(BIN)/python benchmarks/inject_faults.py $(OPTIONS)
+
+# The pictures in docs/pictures, by Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
+screenshots: install-dev
+	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

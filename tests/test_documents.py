@@ -40,7 +40,8 @@ from sawmill_worker.vocabulary.physics import Physics
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
-README = ROOT / "README.md"
+README, TOUR = ROOT / "README.md", ROOT / "docs/tour.md"
+HEART = "The heart of it, with curl"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
@@ -98,7 +99,7 @@ def serving(folder: Path) -> Iterator[str]:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    (command,) = [block for block in blocks(sections(README)["A tour with curl"], "sh") if block.startswith(ELSEWHERE)]
+    (command,) = [block for block in blocks(sections(README)[HEART], "sh") if block.startswith(ELSEWHERE)]
     with (folder / "service.log").open("w") as log:
         service = subprocess.Popen(
             [*command.split(), "--port", str(port), "--no-examples"],
@@ -143,7 +144,7 @@ def check_log_volume(path: Path, slices: int) -> None:
 
 def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_path):
     documented = f"http://127.0.0.1:{DOCUMENTED_PORT}"
-    tour = script(sections(README)["A tour with curl"])
+    tour = script(sections(README)[HEART]) + "\n" + script(sections(TOUR)["With curl"])
     assert tour.count(documented) == 1
     further = "\n".join(blocks((ROOT / "docs/http.md").read_text(), "sh"))
     example = 'examples/calibrate.sh "$API" "$scanner" phantom.h5 l-shape > log.txt; echo "$scanner" "$API" > used.txt'
@@ -190,7 +191,7 @@ def test_the_example_script_prints_what_the_service_answers(tmp_path):
 
 
 def test_the_command_line_block_works(tmp_path):
-    run(script(sections(README)["The command line"]), tmp_path)
+    run(script(sections(TOUR)["The command line"]), tmp_path)
     found = json.loads((tmp_path / "result.json").read_text())
     assert found["verdict"] == "pass"
     assert ray_error_mm(found["source_frame"]) < 0.06
@@ -294,8 +295,8 @@ def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path):
 
 def test_every_shell_block_is_run_by_a_test():
     run_here = {
-        *blocks(sections(README)["A tour with curl"], "sh"),
-        *blocks(sections(README)["The command line"], "sh"),
+        *blocks(sections(README)[HEART], "sh"),
+        *blocks(TOUR.read_text(), "sh"),
         *blocks((ROOT / "docs/http.md").read_text(), "sh"),
         *blocks((ROOT / "docs/export.md").read_text(), "sh"),
         *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
@@ -388,8 +389,8 @@ def test_links_lead_to_files(path):
         assert (path.parent / target).exists(), target
 
 
-def test_every_test_that_the_readme_names_exists():
-    named = re.findall(r"(tests/[\w/]+\.py)::(\w+)", README.read_text())
+def test_every_test_that_shows_a_figure_exists():
+    named = re.findall(r"(tests/[\w/]+\.py)::(\w+)", (ROOT / "docs/accuracy.md").read_text())
     assert named
     for file, function in named:
         assert re.search(rf"^def {function}\(", (ROOT / file).read_text(), re.MULTILINE), f"{file}::{function}"

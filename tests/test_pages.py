@@ -49,6 +49,33 @@ def test_links_lead_to_files_and_headings(page):
     assert not broken
 
 
+def test_the_readme_is_read_in_a_minute():
+    assert len((ROOT / "README.md").read_text().splitlines()) <= 100
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=named)
+def test_a_page_opens_with_what_its_reader_can_do_then(page):
+    opening = page.read_text().split("\n\n")[1]
+    in_finnish = page.name.endswith(".fi.md")
+    assert opening.startswith("Tämän sivun luettuasi osaat " if in_finnish else "After reading this page you ")
+
+
+def test_the_index_of_the_documents_has_each_page():
+    index = ROOT / "docs/README.md"
+    listed = set(re.findall(r"\]\(([^)#]+)\)", index.read_text()))
+    assert {page.name for page in (ROOT / "docs").glob("*.md")} - {index.name} <= listed
+
+
+PICTURES = ROOT / "docs/pictures"
+LARGEST_PICTURE_BYTES = 150_000
+
+
+def test_pictures_are_small_and_shown():
+    shown = {name for page in PAGES for name in re.findall(r"pictures/([\w.-]+)\)", page.read_text())}
+    assert {path.name for path in PICTURES.iterdir()} <= shown
+    assert not [path.name for path in PICTURES.iterdir() if path.stat().st_size > LARGEST_PICTURE_BYTES]
+
+
 def test_references_from_code_lead_to_files_and_headings():
     broken = []
     for path in source_files():
