@@ -11,12 +11,12 @@ from babel.messages.catalog import Catalog, Message
 from babel.messages.extract import DEFAULT_KEYWORDS, extract_from_dir
 from babel.messages.pofile import read_po, write_po
 
-import sawmill_worker
 from sawmill_service.pages.languages import CATALOGUES, ENGLISH, LANGUAGES
+from sawmill_worker import contracts
 
 _SERVICE = Path(__file__).parent.parent
 # Where texts for people at the mill are written, and below which of them a text is found.
-_PLACES = (_SERVICE, Path(sawmill_worker.__file__).parent / "contracts")
+_PLACES = (_SERVICE, Path(contracts.__file__).parent)
 _METHODS = [("**/templates/**.html", "jinja2"), ("**.py", "python")]
 _OPTIONS = {"**/templates/**.html": {"newstyle_gettext": "true", "trimmed": "false", "trim_blocks": "true"}}
 _KEYWORDS = {**DEFAULT_KEYWORDS, "marked": None}
