@@ -1,10 +1,12 @@
 """What people see of the queue, the workers and the database."""
 
+from contextlib import closing
 from datetime import timedelta
 
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.database import newest_revision
+from sawmill_worker.storage.store import Store
 
 
 def test_the_line_begins_with_whose_turn_is_next_and_names_who_asked(store, upload):
@@ -36,12 +38,13 @@ def test_workers_are_known_by_their_last_attempt(store, upload, clock):
     upload(store)
     upload(store)
     begun = clock()
-    store.jobs.claim("mill-1")
-    clock.advance(minutes=5)
-    store.jobs.claim("mill-2")
-    seen = store.events.workers_since(begun)
-    assert list(seen.items()) == [("mill-2", begun + timedelta(minutes=5)), ("mill-1", begun)]
-    assert list(store.events.workers_since(begun + timedelta(seconds=1))) == ["mill-2"]
+    with closing(Store(store.settings, clock=clock)) as ticking:
+        ticking.jobs.claim("mill-1")
+        clock.advance(minutes=5)
+        ticking.jobs.claim("mill-2")
+        seen = ticking.events.workers_since(begun)
+        assert list(seen.items()) == [("mill-2", begun + timedelta(minutes=5)), ("mill-1", begun)]
+        assert list(ticking.events.workers_since(begun + timedelta(seconds=1))) == ["mill-2"]
 
 
 def test_a_database_reports_what_it_is(store, database_url, upload):
