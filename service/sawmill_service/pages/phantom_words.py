@@ -12,6 +12,8 @@ from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement, S
 
 # Of an expiry that comes: time enough to find the caliper.
 SOON = timedelta(days=30)
+# From two of a unit on: 14 months are no year.
+_TWO = 2.0
 
 
 @dataclass(frozen=True)
@@ -26,7 +28,7 @@ class SizeKnown:
 def size_text(drawing: PhantomDrawing, formats: Formats) -> str:
     """Along x and y."""
     along_x, along_y = drawing.extent_mm
-    return f"{formats.number(along_x, 1)} × {formats.mm(along_y, 1)}"
+    return f"{formats.number(along_x, 1)} \N{MULTIPLICATION SIGN} {formats.mm(along_y, 1)}"
 
 
 def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnown:
@@ -41,10 +43,10 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
     formats = formats_of(page)
     if ends is not None and ends - today <= SOON:
-        sentence = _("%(when)s. Measure it again by %(day)s.") % {"when": when, "day": formats.calendar_day(ends)}
+        sentence = _("%(when)s. Measure it again by %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("watch", _("Measure soon"), sentence)
     if ends is not None:
-        sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.calendar_day(ends)}
+        sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("good", _("Measured"), sentence)
     return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
 
@@ -70,6 +72,8 @@ def _last_measured(measured: list[SizeMeasurement], page: PageFrame, today: date
     elif last.measured_on >= today:
         when = _("Measured today")
     else:
-        ago = format_timedelta(last.measured_on - today, granularity="day", add_direction=True, locale=page.language)
+        ago = format_timedelta(
+            last.measured_on - today, granularity="day", threshold=_TWO, add_direction=True, locale=page.language
+        )
         when = _("Measured %(ago)s") % {"ago": ago}
     return when if last.instrument is None else _("%(when)s by %(what)s") % {"when": when, "what": last.instrument}
