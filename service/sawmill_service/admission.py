@@ -93,7 +93,7 @@ class Admission:
         caller = who(scope)
         kind = "uploads" if _has_body(headers) else "streams" if _is_stream(scope) else "requests"
         if kind == "streams":
-            detail = f"{self._streams} streams of events are open: ask for the job itself now and then"
+            detail = f"{self._streams} streams of events are open: close one, or ask now and then instead"
             place.enter_context(self._places.one("all streams", self._streams, detail))
         detail = f"{self._at_once[kind]} {kind} of {caller} are being answered: wait for one of them"
         place.enter_context(self._places.one(f"{kind} {caller}", self._at_once[kind], detail))

@@ -12,6 +12,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_service.access import Access, check_scope
 from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
+from sawmill_service.event_feed import EventFeed
 from sawmill_service.forms import check_csrf
 from sawmill_service.gate import Gate, ProtectiveHeaders
 from sawmill_service.measures import Measures
@@ -27,6 +28,7 @@ from sawmill_service.routes import (
     audit,
     calibrations,
     console,
+    events,
     health,
     jobs,
     keys,
@@ -63,12 +65,13 @@ TAGS = [
     {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
     {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
+    {"name": "events", "description": "What happens, as it happens."},
     {"name": "schedules", "description": "Recalibration at fixed times."},
     {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, scans, calibrations, reconstructions, volumes, jobs, schedules),
+    *(scanners, phantoms, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
     *(keys, audit, health, login, console),
 )
 
@@ -117,6 +120,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
     )
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
+    app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     install(app)
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         app.include_router(router)

@@ -6,6 +6,7 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from sawmill_service.access import Access, Caller, caller_of
+from sawmill_service.event_feed import EventFeed
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
@@ -49,10 +50,16 @@ def _session_cookie(request: Request) -> SessionCookie:
     return cookie
 
 
+def _event_feed(request: Request) -> EventFeed:
+    feed: EventFeed = request.app.state.event_feed
+    return feed
+
+
 TheStore = Annotated[Store, Depends(_store)]
 TheSettings = Annotated[ServiceSettings, Depends(_settings)]
 TheWake = Annotated[Wake, Depends(_wake)]
 TheStopping = Annotated[Stopping, Depends(_stopping)]
 TheAccess = Annotated[Access, Depends(_access)]
 TheSessionCookie = Annotated[SessionCookie, Depends(_session_cookie)]
+TheEventFeed = Annotated[EventFeed, Depends(_event_feed)]
 TheCaller = Annotated[Caller, Depends(caller_of)]

@@ -132,7 +132,7 @@ class ServiceSettings(BaseSettings):
         128, description="The same for requests with a body, which hold no thread until it has come."
     )
     max_streams: Annotated[int, Field(ge=1)] = Field(
-        64, description="Streams of events in all; each looks at its job several times a second."
+        64, description="Streams of events in all; each of a job looks at it several times a second."
     )
 
     @model_validator(mode="before")

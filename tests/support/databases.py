@@ -3,3 +3,4 @@
 import pytest
 
 sqlite_alone = pytest.mark.parametrize("database_url", ["sqlite"], indirect=True)
+postgresql_alone = pytest.mark.parametrize("database_url", ["postgresql"], indirect=True)

@@ -2,7 +2,4 @@
 
 from sawmill_service.pages.languages import marked
 
-NAVIGATION = (
-    ("/", marked("Today")),
-    ("/phantoms", marked("Phantoms")),
-)
+NAVIGATION = (("/", marked("Today")),)

@@ -1,4 +1,4 @@
-"""What happened, and when: to attempts at jobs, and to the clock."""
+"""What happened, and when: to scanners and what belongs to them, to jobs and attempts at them, and to the clock."""
 
 from enum import StrEnum
 from typing import Any
@@ -11,6 +11,7 @@ from sawmill_worker.contracts.base import Contract, Identifier, Time
 class EventKind(StrEnum):
     """What happened."""
 
+    QUEUED = "queued"
     STARTED = "started"
     SUCCEEDED = "succeeded"
     FAILED = "failed"
@@ -18,6 +19,22 @@ class EventKind(StrEnum):
     PUT_OFF = "put-off"
     GIVEN_BACK = "given-back"
     CANCELLED = "cancelled"
+    SCANNER_CREATED = "scanner-created"
+    SCANNER_CHANGED = "scanner-changed"
+    SCANNER_DELETED = "scanner-deleted"
+    CALIBRATION_ACTIVATED = "calibration-activated"
+    CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
+    SCAN_READY = "scan-ready"
+    SCAN_REFUSED = "scan-refused"
+    SCAN_DELETED = "scan-deleted"
+    PHANTOM_CREATED = "phantom-created"
+    PHANTOM_READY = "phantom-ready"
+    PHANTOM_REFUSED = "phantom-refused"
+    PHANTOM_DELETED = "phantom-deleted"
+    SCHEDULE_CREATED = "schedule-created"
+    SCHEDULE_CHANGED = "schedule-changed"
+    SCHEDULE_DELETED = "schedule-deleted"
+    SCHEDULE_MISSED = "schedule-missed"
     CLOCK_STEPPED = "clock-stepped"
     CLOCK_OFF = "clock-off"
 
@@ -25,20 +42,31 @@ class EventKind(StrEnum):
 class Event(Contract):
     """One thing that happened."""
 
-    number: int = Field(description="Grows from event to event.")
+    number: int = Field(description="Grows from event to event, not always by 1.")
     at: Time
     what: EventKind = Field(
-        description="`lost`: the attempt ended unanswered; `put-off`: an outage ended it, which is no loss; "
-        "`given-back`: its worker stopped or another job went first; `clock-off`: the worker's clock differs from the "
+        description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
+        "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
+        "`schedule-missed`: a due time passed without a calibration; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock."
+    )
+    scanner_id: Identifier | None = Field(None, description="The scanner that it concerns, where there is one.")
+    subject: str | None = Field(
+        None,
+        description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
+        "`drift` or `schedule`.",
+        examples=["calibration"],
+    )
+    subject_id: Identifier | None = Field(
+        None, description="What it happened to; of a job, what the job works on. Null in events of earlier versions."
     )
     job_id: Identifier | None = None
     attempt: int | None = None
     worker: str | None = Field(None, description="Host and process.")
     detail: dict[str, Any] | None = Field(
         None,
-        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; or seconds "
-        "of the clock.",
+        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `reason` of "
+        "an activation, a refusal or a missed due time, which is `due_at`; or seconds of the clock.",
     )
 
 

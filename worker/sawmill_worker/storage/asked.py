@@ -151,6 +151,7 @@ def queue_asked(
             identifier,
             now,
             short=declared.is_short(options),
+            scanner_id=known.get("scanner_id"),
             needs=needs,
             job_id=job_id,
             priority=priority,

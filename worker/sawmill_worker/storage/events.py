@@ -1,27 +1,92 @@
-"""What happened to attempts and to the clock, written in the transaction of the change itself."""
+"""What happened, written in the transaction of the change itself; `storage/event_reader.py` follows it."""
 
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import and_, func, select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import Event, EventKind
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage import clock
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.event_reader import EventReader, read_event
 from sawmill_worker.storage.paging import found
-from sawmill_worker.storage.tables import EventRow, JobRow
+from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
 
 # In the detail of an attempt's end, where the attempt could tell it.
 PEAK_MEMORY = "peak_memory_bytes"
-# Among which a worker's last is looked for: a busy machine writes about as many in ten minutes.
-_NEWEST = 2000
 
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
     """Add what happens to a job's attempt."""
+    _add(session, now, what, job, scanner_of(session, job.kind, job.subject_id), detail)
+
+
+def record_queued(session: Session, job: JobRow, scanner_id: str | None) -> None:
+    """Add that a job was accepted; what it works on may not be written yet."""
+    _add(session, job.created_at, EventKind.QUEUED, job, scanner_id)
+
+
+def announce(
+    session: Session,
+    now: datetime,
+    what: EventKind,
+    subject: str,
+    subject_id: str,
+    *,
+    scanner_id: str | None = None,
+    detail: dict[str, Any] | None = None,
+) -> None:
+    """Add what happens to anything but a job.
+
+    Parameters
+    ----------
+    session, now
+        Of the change.
+    what
+        Happens.
+    subject, subject_id
+        To what: `scan` and its id.
+    scanner_id
+        The scanner that it concerns.
+    detail
+        More about it, of few words: events are sent to whoever follows them.
+    """
     session.add(
-        EventRow(at=now, what=what, job_id=job.id, attempt=job.attempt or None, worker=job.worker, detail=detail)
+        EventRow(at=now, what=what, scanner_id=scanner_id, subject=subject, subject_id=subject_id, detail=detail)
+    )
+
+
+def scanner_of(session: Session, kind: JobKind, subject_id: str) -> str | None:
+    """The scanner that a job's subject belongs to; None for a phantom, or where the subject is not stored."""
+    if kind is JobKind.TRACE_PHANTOM:
+        return None
+    table = ScanRow if kind is JobKind.INGEST else table_of(kind)
+    return session.scalar(select(table.__table__.c.scanner_id).where(table.id == subject_id))
+
+
+def _add(
+    session: Session,
+    at: datetime,
+    what: EventKind,
+    job: JobRow,
+    scanner_id: str | None,
+    detail: dict[str, Any] | None = None,
+) -> None:
+    session.add(
+        EventRow(
+            at=at,
+            what=what,
+            scanner_id=scanner_id,
+            subject=declaration_of(job.kind).noun,
+            subject_id=job.subject_id,
+            job_id=job.id,
+            attempt=job.attempt or None,
+            worker=job.worker,
+            detail=detail,
+        )
     )
 
 
@@ -35,28 +100,51 @@ class Events:
         """What happened to a job's attempts, the oldest first, or `NotFound`."""
         with self._database.read() as session:
             found(session, JobRow, "job", job_id)
-            rows = session.scalars(select(EventRow).where(EventRow.job_id == job_id).order_by(EventRow.number))
-            return [_read(row) for row in rows]
+            of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what != EventKind.QUEUED)
+            return [read_event(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
 
-    def workers_since(self, since: datetime) -> dict[str, datetime]:
-        """Workers that began or ended an attempt since then, each with the last time; the latest first."""
-        newest = select(EventRow.worker, EventRow.at, EventRow.job_id).order_by(EventRow.number.desc()).limit(_NEWEST)
-        lately = newest.subquery()
-        named = and_(lately.c.at >= since, lately.c.worker.is_not(None), lately.c.job_id.is_not(None))
-        last = func.max(lately.c.at).label("last")
-        by_worker = select(lately.c.worker, last).where(named).group_by(lately.c.worker).order_by(last.desc())
+    def following(
+        self, number: int, *, through: int | None = None, scanner_id: str | None = None, limit: int = 500
+    ) -> list[Event]:
+        """Events behind a number, the oldest first; `EventReader` tells through which one all of them are written.
+
+        Parameters
+        ----------
+        number
+            Of the last event before them.
+        through
+            The last number that is wanted; null: no last one.
+        scanner_id
+            Those that concern this scanner; null: all.
+        limit
+            How many at most.
+        """
+        wanted = select(EventRow).where(EventRow.number > number).order_by(EventRow.number).limit(limit)
+        if through is not None:
+            wanted = wanted.where(EventRow.number <= through)
+        if scanner_id is not None:
+            wanted = wanted.where(EventRow.scanner_id == scanner_id)
         with self._database.read() as session:
-            return {row.worker: row.last for row in session.execute(by_worker)}
+            return [read_event(row) for row in session.scalars(wanted)]
+
+    def newest_number(self) -> int:
+        """Of the newest event that is written; 0: there is none."""
+        with self._database.read() as session:
+            return session.scalar(select(func.max(EventRow.number))) or 0
+
+    def reader(self) -> EventReader:
+        """Reads what happens from now on."""
+        return EventReader(self._database)
 
     def clock_off(self, worker: str, off_s: float) -> None:
         """Say that a process's clock is ahead (or behind, below 0) by this."""
         with self._database.write() as session:
-            self._add(session, EventKind.CLOCK_OFF, worker, off_s)
+            self._add_of_clock(session, EventKind.CLOCK_OFF, worker, off_s)
 
     def step_clock(self, worker: str, off_s: float) -> None:
         """Take over a lasting step of the clock of the process that owns the time."""
         with self._database.write() as session:
-            self._add(session, EventKind.CLOCK_STEPPED, worker, off_s)
+            self._add_of_clock(session, EventKind.CLOCK_STEPPED, worker, off_s)
             clock.set_to(session, clock.machine_offset_s())
         self._database.clock.refresh()
 
@@ -65,21 +153,7 @@ class Events:
         kinds = [EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED]
         with self._database.read() as session:
             rows = session.scalars(select(EventRow).where(EventRow.what.in_(kinds)).order_by(EventRow.number))
-            return [_read(row) for row in rows]
+            return [read_event(row) for row in rows]
 
-    def _add(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
+    def _add_of_clock(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
         session.add(EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)}))
-
-
-def _read(row: EventRow) -> Event:
-    return Event.model_validate(
-        {
-            "number": row.number,
-            "at": row.at,
-            "what": row.what,
-            "job_id": row.job_id,
-            "attempt": row.attempt,
-            "worker": row.worker,
-            "detail": row.detail,
-        }
-    )

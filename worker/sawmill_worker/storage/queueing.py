@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.storage.acting import actor
+from sawmill_worker.storage.events import record_queued
 from sawmill_worker.storage.paging import new_id, refuse_taken
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow
 
@@ -19,6 +20,7 @@ def queue_job(
     now: datetime,
     *,
     short: bool,
+    scanner_id: str | None,
     needs: Sequence[str] = (),
     job_id: str | None = None,
     priority: Priority = Priority.WAITED_FOR,
@@ -30,25 +32,25 @@ def queue_job(
     job_id = job_id or new_id()
     refuse_taken(session, JobRow, "job", job_id)
     asked_by = actor()
-    session.add(
-        JobRow(
-            id=job_id,
-            created_at=now,
-            kind=kind,
-            state=JobState.QUEUED,
-            subject_id=subject_id,
-            priority=priority,
-            short=short,
-            attempt=0,
-            beats=0,
-            losses=0,
-            outages=0,
-            cancel_requested=False,
-            request_id=asked_by.request_id,
-            key_id=asked_by.key_id,
-            asked_by=asked_by.name,
-        )
+    row = JobRow(
+        id=job_id,
+        created_at=now,
+        kind=kind,
+        state=JobState.QUEUED,
+        subject_id=subject_id,
+        priority=priority,
+        short=short,
+        attempt=0,
+        beats=0,
+        losses=0,
+        outages=0,
+        cancel_requested=False,
+        request_id=asked_by.request_id,
+        key_id=asked_by.key_id,
+        asked_by=asked_by.name,
     )
+    session.add(row)
+    record_queued(session, row, scanner_id)
     session.flush()
     session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
     _bring_forward(session, needs, priority)

@@ -7,10 +7,12 @@ from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.scanners import Activation, ScannerSpec, StoredScanner
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.tables import ActivationRow, ScannerRow, ScanRow, ScheduleRow
 from sawmill_worker.storage.uses import kept_by
@@ -35,6 +37,7 @@ class Scanners:
             refuse_taken(session, ScannerRow, "scanner", row.id)
             session.add(row)
             write_audit(session, row.created_at, AuditAction.SCANNER_CREATED, row.id, {"name": spec.name})
+            _announce(session, row.created_at, EventKind.SCANNER_CREATED, row.id)
             return read_scanner(session, row)
 
     def get(self, scanner_id: str) -> StoredScanner:
@@ -60,7 +63,9 @@ class Scanners:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
             before, row.spec = row.spec, spec.model_dump(mode="json")
             difference = changed(before, row.spec)
-            write_audit(session, self._database.now(), AuditAction.SCANNER_CHANGED, scanner_id, difference)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCANNER_CHANGED, scanner_id, difference)
+            _announce(session, now, EventKind.SCANNER_CHANGED, scanner_id)
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:
@@ -80,7 +85,9 @@ class Scanners:
                 if used:
                     msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
                     raise Conflict("scanner-in-use", msg)
-            write_audit(session, self._database.now(), AuditAction.SCANNER_DELETED, scanner_id, row.spec)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCANNER_DELETED, scanner_id, row.spec)
+            _announce(session, now, EventKind.SCANNER_DELETED, scanner_id)
             session.delete(row)
 
     def history(self, scanner_id: str, *, limit: int = 50) -> list[Activation]:
@@ -101,6 +108,10 @@ class Scanners:
             ]
 
 
+def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str) -> None:
+    announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id)
+
+
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:
     """The newest activation's calibration."""
     return session.scalar(
@@ -116,7 +127,9 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
     history = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
     again = calibration_id in session.scalars(history)
     action = AuditAction.CALIBRATION_ROLLED_BACK if again else AuditAction.CALIBRATION_ACTIVATED
+    what = EventKind.CALIBRATION_ROLLED_BACK if again else EventKind.CALIBRATION_ACTIVATED
     write_audit(session, now, action, calibration_id, {"scanner_id": scanner_id, "reason": reason})
+    announce(session, now, what, "calibration", calibration_id, scanner_id=scanner_id, detail={"reason": reason})
     session.add(ActivationRow(scanner_id=scanner_id, calibration_id=calibration_id, activated_at=now, reason=reason))
     session.flush()
 

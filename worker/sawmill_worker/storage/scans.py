@@ -2,16 +2,18 @@
 
 from datetime import datetime
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 
 from sawmill_worker.contracts import scans
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore, Received
 from sawmill_worker.storage.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
@@ -76,6 +78,7 @@ class Scans:
                 row.id,
                 row.created_at,
                 short=scans.DECLARATION.is_short(received.size_bytes),
+                scanner_id=spec.scanner_id,
                 priority=priority,
             )
             session.add(row)
@@ -104,11 +107,6 @@ class Scans:
         with self._database.read() as session:
             return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
 
-    def uploaded_bytes(self) -> int:
-        """Of all scans as they were uploaded."""
-        with self._database.read() as session:
-            return session.scalar(select(func.sum(ScanRow.size_bytes))) or 0
-
     def delete(self, scan_id: str) -> None:
         """Remove a scan, and its files after the commit; calibrations and reconstructions made from it stay.
 
@@ -125,7 +123,9 @@ class Scans:
                 msg = f"scan {scan_id!r} is needed by job {busy!r}, which has not ended; cancel it or wait for it"
                 raise Conflict("scan-in-use", msg)
             known = {"scanner_id": row.scanner_id, "sha256": row.sha256}
-            write_audit(session, self._database.now(), AuditAction.SCAN_DELETED, scan_id, known)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCAN_DELETED, scan_id, known)
+            announce(session, now, EventKind.SCAN_DELETED, "scan", scan_id, scanner_id=row.scanner_id)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.INGEST, scan_id))
         self._files.remove_upload(JobKind.INGEST, scan_id)

@@ -11,6 +11,7 @@ from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
@@ -19,6 +20,7 @@ from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Invalid
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow, ScheduleRow, ScheduleRunRow
 
@@ -45,6 +47,7 @@ class Schedules:
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             session.add(row)
             write_audit(session, now, AuditAction.SCHEDULE_CREATED, row.id, spec.model_dump(mode="json"))
+            _announce(session, now, EventKind.SCHEDULE_CREATED, row)
             session.flush()
             return _read(session, row)
 
@@ -67,6 +70,7 @@ class Schedules:
             before, now = _spec(row), self._database.now()
             _describe(row, spec, now)
             write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, changed(before, _spec(row)))
+            _announce(session, now, EventKind.SCHEDULE_CHANGED, row)
             session.flush()
             return _read(session, row)
 
@@ -74,7 +78,9 @@ class Schedules:
         """Remove a schedule and the list of its runs; the calibrations stay."""
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
-            write_audit(session, self._database.now(), AuditAction.SCHEDULE_DELETED, schedule_id, _spec(row))
+            now = self._database.now()
+            write_audit(session, now, AuditAction.SCHEDULE_DELETED, schedule_id, _spec(row))
+            _announce(session, now, EventKind.SCHEDULE_DELETED, row)
             session.delete(row)
 
     def runs(self, schedule_id: str, *, limit: int = 50) -> list[ScheduleRun]:
@@ -100,7 +106,7 @@ class Schedules:
             row = session.get(ScheduleRow, schedule_id)
             if row is None or row.next_due_at is None or row.next_due_at > now:
                 return None
-            due_at = _latest_due(row.cron, now)
+            due_at, first_due_at = _latest_due(row.cron, now), row.next_due_at
             if not _moved_on(session, row, now) or _ran_already(session, schedule_id, due_at):
                 return None
             scan = _new_phantom_scan(session, row.scanner_id)
@@ -111,7 +117,21 @@ class Schedules:
                 calibration_id=calibration_id,
             )
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
+            if first_due_at < due_at:
+                _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")
+            if scan is None:
+                _announce_missed(session, row, now, due_at, "there was no new scan of a phantom")
             return run
+
+
+def _announce(
+    session: Session, now: datetime, what: EventKind, row: ScheduleRow, detail: dict[str, Any] | None = None
+) -> None:
+    announce(session, now, what, "schedule", row.id, scanner_id=row.scanner_id, detail=detail)
+
+
+def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:
+    _announce(session, now, EventKind.SCHEDULE_MISSED, row, {"due_at": due_at.isoformat(), "reason": reason})
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:

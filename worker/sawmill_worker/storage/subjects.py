@@ -5,12 +5,14 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.acting import THE_SERVICE, Actor, acting_as
 from sawmill_worker.storage.asked import found_asked
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.scanners import activate
 from sawmill_worker.storage.tables import CalibrationRow, Json, PhantomRow, ScanRow
@@ -38,19 +40,24 @@ def record_success(session: Session, kind: JobKind, subject_id: str, result: Jso
     elif kind is JobKind.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reading = ScanState.READY, result
+        announce(session, now, EventKind.SCAN_READY, "scan", scan.id, scanner_id=scan.scanner_id)
     else:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.drawing = PhantomState.READY, result
+        announce(session, now, EventKind.PHANTOM_READY, "phantom", phantom.id)
 
 
-def record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str) -> None:
+def record_end_without_result(session: Session, kind: JobKind, subject_id: str, reason: str, now: datetime) -> None:
     """Refuse the scan or phantom whose job failed or was cancelled; other subjects have their job's state."""
     if kind is JobKind.INGEST:
         scan = found(session, ScanRow, "scan", subject_id)
         scan.state, scan.reason = ScanState.REFUSED, reason
+        why = {"reason": reason}
+        announce(session, now, EventKind.SCAN_REFUSED, "scan", scan.id, scanner_id=scan.scanner_id, detail=why)
     elif kind is JobKind.TRACE_PHANTOM:
         phantom = found(session, PhantomRow, "phantom", subject_id)
         phantom.state, phantom.reason = PhantomState.REFUSED, reason
+        announce(session, now, EventKind.PHANTOM_REFUSED, "phantom", phantom.id, detail={"reason": reason})
 
 
 def _activate_on_pass(session: Session, calibration: CalibrationRow, result: Json, now: datetime) -> None:

@@ -159,13 +159,17 @@ class JobDependencyRow(Base):
 
 
 class EventRow(Base):
-    """What happened to an attempt or to the clock; written with the change itself."""
+    """What happened; written with the change itself. Rows of jobs of the first versions name no subject."""
 
     __tablename__ = "events"
+    __table_args__ = (Index(None, "scanner_id", "number"),)
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     at: Mapped[datetime]
     what: Mapped[EventKind]
+    scanner_id: Mapped[str | None] = mapped_column(String(64))
+    subject: Mapped[str | None] = mapped_column(String(20))
+    subject_id: Mapped[str | None] = mapped_column(String(64))
     job_id: Mapped[str | None] = mapped_column(String(64), index=True)
     attempt: Mapped[int | None]
     worker: Mapped[str | None] = mapped_column(String(200))

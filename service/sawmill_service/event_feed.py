@@ -1,0 +1,98 @@
+"""What happens, read once for all streams of this process, however many tablets follow it."""
+
+import time
+from collections import deque
+from collections.abc import Sequence
+
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_worker.contracts.events import Event
+from sawmill_worker.storage.event_reader import EventReader
+from sawmill_worker.storage.events import Events
+
+_KEPT = 2000  # of the newest; whoever is further behind reads the table itself
+_BATCH = 500
+# Nobody has followed for so long: starting anew is cheaper than reading on.
+_FORGOTTEN_S = 60.0
+
+
+class EventFeed:
+    """Looks at the table as often as any one stream would; used by one event loop.
+
+    Parameters
+    ----------
+    events
+        The table.
+    poll_s
+        Time between two looks, while somebody follows.
+    """
+
+    def __init__(self, events: Events, poll_s: float) -> None:
+        self._events, self._poll_s = events, poll_s
+        self._reader: EventReader | None = None
+        self._recent: deque[Event] = deque(maxlen=_KEPT)
+        self._complete_from = 0  # what is kept begins behind this number
+        self._looked_at_s = float("-inf")
+        self._looking = False
+
+    async def start(self, after: int | None) -> int:
+        """From which number on a new stream follows.
+
+        Parameters
+        ----------
+        after
+            The last one that its client has seen; null: it follows what happens from now on, as does one that has seen
+            what this database has not, for it was put back.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        newest = await run_in_threadpool(self._events.newest_number)
+        if after is not None and after <= newest:
+            return after
+        return (await run_in_threadpool(self._events.reader)).number
+
+    async def after(self, number: int, scanner_id: str | None = None) -> tuple[int, Sequence[Event]]:
+        """What there is behind a number by now, and the number through which that is all.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        await self._look()
+        if self._reader is None:  # somebody else's first look has not ended
+            return number, ()
+        if number >= self._complete_from:
+            behind = [event for event in self._recent if event.number > number]
+            through = max(number, self._reader.number)
+        else:
+            behind = await run_in_threadpool(
+                self._events.following, number, through=self._complete_from, scanner_id=scanner_id, limit=_BATCH
+            )
+            through = behind[-1].number if len(behind) == _BATCH else self._complete_from
+        return through, [event for event in behind if scanner_id in {None, event.scanner_id}]
+
+    async def _look(self) -> None:
+        """Read on, unless somebody does or has just done so."""
+        since_s = time.monotonic() - self._looked_at_s
+        if self._looking or since_s < self._poll_s:
+            return
+        self._looking = True
+        try:
+            if self._reader is None or since_s > _FORGOTTEN_S:
+                self._reader = await run_in_threadpool(self._events.reader)
+                self._recent.clear()
+                self._complete_from = self._reader.number
+            self._keep(await run_in_threadpool(self._reader.read))
+            self._looked_at_s = time.monotonic()
+        finally:
+            self._looking = False
+
+    def _keep(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if len(self._recent) == _KEPT:
+                self._complete_from = self._recent[0].number
+            self._recent.append(event)

@@ -1,0 +1,139 @@
+"""/v1/events."""
+
+import math
+import time
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Header, Query, Request
+from fastapi.sse import EventSourceResponse, ServerSentEvent
+from pydantic import Field
+
+from sawmill_service.access import Access
+from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
+from sawmill_service.openapi_document import trying
+from sawmill_service.problems import Refused
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.storage.errors import StorageUnavailable
+
+# A page that hears nothing for three of these shows that its data may be old.
+ALIVE_S = 5.0
+# A stream ends that soon after its key.
+_ACCESS_S = 30.0
+_LARGEST = 2**53
+EXAMPLE = """\
+event: alive
+data: {"number": 41}
+id: 41
+retry: 1000
+
+event: succeeded
+data: {"number": 42, "at": "2026-03-02T05:31:04Z", "what": "succeeded", "scanner_id": "example", \
+"subject": "calibration", "subject_id": "example", "job_id": "example", "attempt": 1, "worker": "mill:71"}
+id: 42
+
+"""
+DESCRIBED: dict[int | str, dict[str, Any]] = {
+    200: {
+        "description": "Server-sent events: each event of the service under its kind, as in `what`, with the `Event` "
+        "as JSON and its number as the id; `alive` with the number through which the client has seen all of them; "
+        "`closing` before the service ends the stream.",
+        "content": {
+            "text/event-stream": {
+                "example": EXAMPLE,
+                "x-event-data": {"$ref": "#/components/schemas/Event"},
+            }
+        },
+    }
+}
+
+router = APIRouter(prefix="/v1/events", tags=["events"])
+
+
+class EventFilter(Queried):
+    """Which events to send."""
+
+    scanner_id: Identifier | None = Field(None, description="Those that concern this scanner; nothing: all.")
+    after: Annotated[int, Field(ge=0, le=_LARGEST)] | None = Field(
+        None,
+        description="The number of the last event that the client has seen, for one that cannot send `Last-Event-ID`.",
+    )
+    duration_s: Annotated[float, Field(gt=0, le=86_400)] | None = Field(
+        None, description="Seconds after which the stream ends; nothing: the service's life."
+    )
+
+
+LastEventId = Annotated[
+    int | None,
+    Header(
+        alias="Last-Event-ID",
+        ge=0,
+        le=_LARGEST,
+        description="The `id` of the last event that the client has seen, as browsers send it by themselves. What "
+        "happened since comes first, nothing of it twice; without it comes what happens from now on.",
+    ),
+]
+
+
+@router.get(
+    "",
+    response_class=EventSourceResponse,
+    summary="Follow what happens",
+    responses=DESCRIBED,
+    openapi_extra=trying(duration_s=0.5),
+)
+async def stream_events(
+    request: Request,
+    query: Annotated[EventFilter, Query()],
+    feed: TheEventFeed,
+    settings: TheSettings,
+    stopping: TheStopping,
+    access: TheAccess,
+    last_event_id: LastEventId = None,
+) -> AsyncIterator[ServerSentEvent]:
+    """Jobs, scans, calibrations, scanners and schedules, from when they change on.
+
+    `alive` comes at once and then every five seconds in which nothing happened. While the database does not answer,
+    comments come in its place, and the stream goes on afterwards. When the service stops, the key or `duration_s` has
+    ended, the last event is `closing`: the client connects again, after the time in `retry`.
+    """
+    number = await feed.start(query.after if last_event_id is None else last_event_id)
+    retry_ms = 1000 * settings.retry_after_s
+    yield _alive(number, retry_ms)
+    heard_at_s = checked_at_s = time.monotonic()
+    ends_at_s = heard_at_s + (query.duration_s or math.inf)
+    while not stopping.begun and time.monotonic() < ends_at_s:
+        await stopping.sleep(settings.event_poll_s)
+        now_s = time.monotonic()
+        if now_s - checked_at_s > _ACCESS_S:
+            checked_at_s = now_s
+            if not await _may_listen(request, access):
+                break
+        sign = _alive(number)
+        try:
+            number, events = await feed.after(number, query.scanner_id)
+        except StorageUnavailable:
+            events, sign = (), ServerSentEvent(comment="the database does not answer")
+        for event in events:
+            heard_at_s = now_s
+            yield ServerSentEvent(data=event, event=event.what, id=str(event.number))
+        if now_s - heard_at_s > ALIVE_S:
+            heard_at_s = now_s
+            yield sign
+    yield ServerSentEvent(data={"number": number}, event="closing", id=str(number), retry=retry_ms)
+
+
+def _alive(number: int, retry_ms: int | None = None) -> ServerSentEvent:
+    return ServerSentEvent(data={"number": number}, event="alive", id=str(number), retry=retry_ms)
+
+
+async def _may_listen(request: Request, access: Access) -> bool:
+    """Whether the key or the session with which the stream began is good still, as far as can be found out."""
+    try:
+        await access.caller(request.scope, request.headers)
+    except Refused:
+        return False
+    except StorageUnavailable:
+        return True
+    return True

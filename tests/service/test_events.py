@@ -1,0 +1,177 @@
+"""The stream of what happens."""
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from sawmill_service import event_feed
+from sawmill_service.app import create_app
+from sawmill_service.routes import events as route
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.errors import StorageUnavailable
+from sawmill_worker.storage.event_reader import EventReader
+
+HEARD_S = 0.2  # some twenty looks at the table, by the settings of these tests
+
+
+def blocks(text: str) -> list[dict[str, Any]]:
+    """Each event of a stream, its data read; comments under an empty name."""
+    found = []
+    for block in text.strip().split("\n\n"):
+        fields = dict(line.split(": ", 1) for line in block.splitlines())
+        found.append(fields | ({"data": json.loads(fields["data"])} if "data" in fields else {}))
+    return found
+
+
+@pytest.fixture
+def follow(seeded, store) -> Callable[..., list[dict[str, Any]]]:
+    """Listens to a stream while something is done, and until the service stops."""
+    stopping, feed = seeded.app.state.stopping, seeded.app.state.event_feed
+
+    def act(do: Callable[[], None]) -> None:
+        begun_at_s = time.monotonic()
+        wait_until(lambda: feed._looked_at_s > begun_at_s)
+        do()
+        newest = store.events.newest_number()
+        wait_until(lambda: feed._reader.number >= newest)
+        time.sleep(HEARD_S)
+        stopping.begin()
+
+    def listen(do: Callable[[], None] = lambda: None, query: str = "", **headers: str) -> list[dict[str, Any]]:
+        stopping.begun = False
+        acting = threading.Thread(target=act, args=[do])
+        acting.start()
+        answer = seeded.get(f"/v1/events{query}", headers=headers, timeout=60)
+        acting.join()
+        assert answer.headers["Content-Type"].startswith("text/event-stream")
+        return blocks(answer.text)
+
+    return listen
+
+
+def wait_until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 30.0
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.005)
+
+
+def happened(heard: list[dict[str, Any]]) -> list[str]:
+    return [block["event"] for block in heard if block["event"] not in {"alive", "closing"}]
+
+
+def test_a_stream_begins_with_now_and_tells_what_happens_until_the_service_stops(seeded, store, worker, follow):
+    def calibrate() -> None:
+        seeded.post("/v1/calibrations", json={"scan_id": "example"})
+        worker.finish_calibration()
+
+    first, *heard, last = follow(calibrate)
+    assert (first["event"], first["retry"]) == ("alive", "1000")
+    assert happened(heard) == ["queued", "started", "succeeded"]
+    assert [int(block["id"]) for block in heard] == [int(first["id"]) + step for step in (1, 2, 3)]
+    seen = heard[-1]["data"]
+    assert (seen["number"], seen["what"]) == (int(heard[-1]["id"]), "succeeded")
+    assert (seen["scanner_id"], seen["subject"]) == ("example", "calibration")
+    assert store.calibrations.get(seen["subject_id"]).state == "succeeded"
+    assert (last["event"], last["id"], last["retry"]) == ("closing", heard[-1]["id"], "1000")
+
+
+def test_a_stream_goes_on_where_its_client_has_been(follow):
+    every = follow(query="?after=0")
+    numbers = [block["id"] for block in every if block["event"] not in {"alive", "closing"}]
+    assert len(numbers) > 20
+    assert numbers == sorted(set(numbers), key=int)
+    seen, rest = numbers[9], numbers[10:]
+    for heard in (follow(query=f"?after={seen}"), follow(query="?after=0", **{"Last-Event-ID": seen})):
+        assert [block["id"] for block in heard if block["event"] not in {"alive", "closing"}] == rest
+
+
+def test_a_client_of_a_database_that_was_put_back_hears_what_happens_from_now_on(store, follow):
+    activate = lambda: store.calibrations.activate("example", "again")  # noqa: E731
+    assert happened(follow(activate, **{"Last-Event-ID": "999999"})) == ["calibration-rolled-back"]
+
+
+def test_a_stream_of_one_scanner_leaves_the_others_out(seeded, follow):
+    def change() -> None:
+        for scanner_id in ("example", "example-spare"):
+            scanner = seeded.get(f"/v1/scanners/{scanner_id}").json()
+            spec = {name: scanner[name] for name in ("name", "constants")}
+            assert seeded.put(f"/v1/scanners/{scanner_id}", json=spec).status_code == 200
+
+    heard = follow(change, query="?scanner_id=example-spare")
+    assert [block["data"]["scanner_id"] for block in heard[1:-1]] == ["example-spare"]
+    # The service knows how far this client has heard, though the last event was not for it.
+    assert int(heard[-1]["id"]) >= int(heard[-2]["id"])
+
+
+def test_silence_is_broken_and_an_outage_is_outlived(store, follow, monkeypatch):
+    monkeypatch.setattr(route, "ALIVE_S", 0.02)
+    read, away = EventReader.read, []
+
+    def sometimes(reader: EventReader) -> list:
+        away.append(None)
+        if 5 < len(away) < 12:
+            raise StorageUnavailable("the database does not answer: away")
+        return read(reader)
+
+    monkeypatch.setattr(EventReader, "read", sometimes)
+    heard = follow(lambda: store.calibrations.activate("example", "again"))
+    names = [block.get("event", "comment") for block in heard]
+    assert {"alive", "comment", "calibration-rolled-back"} <= set(names)
+    assert names.index("comment") < len(names) - 1 - names[::-1].index("alive")
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
+def test_a_stream_ends_with_its_key(seeded, store, follow, monkeypatch):
+    monkeypatch.setattr(route, "_ACCESS_S", 0.02)
+    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
+    bearer = {"Authorization": f"Bearer {key.secret}"}
+    heard = follow(lambda: store.keys.revoke(key.id), **bearer)
+    assert heard[-1]["event"] == "closing"
+    assert seeded.get("/v1/events", headers=bearer).status_code == 401
+
+
+def test_a_stream_may_be_asked_for_some_seconds(seeded):
+    heard = blocks(seeded.get("/v1/events?duration_s=0.05").text)
+    assert [block["event"] for block in heard] == ["alive", "closing"]
+
+
+@pytest.mark.parametrize("wrong", ["-1", "x"])
+def test_a_wrong_number_is_refused_in_a_sentence(seeded, wrong):
+    answer = seeded.get("/v1/events", headers={"Last-Event-ID": wrong})
+    assert (answer.status_code, "Last-Event-ID" in answer.json()["detail"]) == (422, True)
+    assert seeded.get(f"/v1/events?after={wrong}").status_code == 422
+
+
+def test_many_streams_look_at_the_table_as_one_would_and_the_slow_ones_miss_nothing(store, monkeypatch):
+    monkeypatch.setattr(event_feed, "_KEPT", 3)
+    app = create_app(ServiceSettings(event_poll_s=0.05), store, lambda _: None)
+    reads, read = [], EventReader.read
+
+    def counted(reader: EventReader) -> list:
+        reads.append(None)
+        return read(reader)
+
+    monkeypatch.setattr(EventReader, "read", counted)
+
+    async def listen() -> list[str]:
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000") as client:
+            async with asyncio.TaskGroup() as group:
+                tasks = [group.create_task(client.get("/v1/events?after=0")) for _ in range(20)]
+                await asyncio.sleep(1.0)
+                app.state.stopping.begin()
+            return [task.result().text for task in tasks]
+
+    texts = asyncio.run(listen())
+    assert len(reads) <= 25  # 20 in a second, whoever looks
+    every = [str(event.number) for event in store.events.following(0)]
+    for text in texts:
+        assert [block["id"] for block in blocks(text) if block["event"] not in {"alive", "closing"}] == every

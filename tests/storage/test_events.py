@@ -1,0 +1,174 @@
+"""What happened, as a follower of a scanner reads it."""
+
+import shutil
+import time
+
+import pytest
+from databases import postgresql_alone, sqlite_alone
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.store import Store
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def store(settings, clock, empty_data):
+    if settings.database_url is None:
+        shutil.copytree(empty_data, settings.data_folder)
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def reader(store):
+    return store.events.reader()
+
+
+def words(events) -> list[tuple[str, str | None, str | None]]:
+    return [(event.what.value, event.subject, event.scanner_id) for event in events]
+
+
+def announced(session: Session, store, scanner_id: str) -> None:
+    announce(session, store._database.now(), EventKind.SCANNER_CHANGED, "scanner", scanner_id, scanner_id=scanner_id)
+    session.flush()
+
+
+def test_a_scan_and_its_calibration_are_announced_from_acceptance_to_activation(store, scanner, upload, finish, reader):
+    scan = upload(store)
+    finish(store)
+    store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape", activate=True), identifier="first")
+    finish(store)
+    store.calibrations.activate("first", "again")
+    events = reader.read()
+    mine = scanner.id
+    assert words(events) == [
+        ("queued", "scan", mine),
+        ("started", "scan", mine),
+        ("succeeded", "scan", mine),
+        ("scan-ready", "scan", mine),
+        ("queued", "calibration", mine),
+        ("started", "calibration", mine),
+        ("succeeded", "calibration", mine),
+        ("calibration-activated", "calibration", mine),
+        ("calibration-rolled-back", "calibration", mine),
+    ]
+    assert [event.subject_id for event in events] == [scan.id] * 4 + ["first"] * 5
+    assert events[-1].detail == {"reason": "again"}
+    # Attempts alone are a job's history.
+    assert [event.what.value for event in store.events.of_job(events[4].job_id)] == ["started", "succeeded"]
+    assert reader.read() == []
+
+
+def test_what_is_refused_cancelled_and_deleted_is_announced(store, upload, clock, reader):
+    refused = upload(store)
+    clock.advance(seconds=1)
+    cancelled = upload(store)
+    failure = Failure(kind=FailureKind.INPUT, code="not-a-scan", detail="the file holds no stack")
+    store.jobs.fail(store.jobs.claim("test"), failure)
+    store.jobs.request_cancel(cancelled.job_id)
+    store.scans.delete(refused.id)
+    seen = [(event.what.value, event.subject_id, (event.detail or {}).get("reason")) for event in reader.read()[3:]]
+    assert seen == [
+        ("failed", refused.id, None),
+        ("scan-refused", refused.id, "the file holds no stack"),
+        ("cancelled", cancelled.id, None),
+        ("scan-refused", cancelled.id, "its job was cancelled before it ended"),
+        ("scan-deleted", refused.id, None),
+    ]
+
+
+def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announced(store, scanner, clock, reader):
+    store.scanners.update(scanner.id, scanner.model_copy(update={"name": "Line 3"}))
+    spec = ScheduleSpec(scanner_id=scanner.id, cron="30 5 * * *")
+    schedule = store.schedules.create(spec)
+    clock.advance(days=2)
+    store.schedules.run_due()
+    store.schedules.update(schedule.id, spec)
+    store.schedules.delete(schedule.id)
+    store.scanners.delete(scanner.id)
+    events = reader.read()
+    assert [event.what.value for event in events] == [
+        "scanner-changed",
+        "schedule-created",
+        "schedule-missed",
+        "schedule-missed",
+        "schedule-changed",
+        "schedule-deleted",
+        "scanner-deleted",
+    ]
+    assert [event.detail for event in events[2:4]] == [
+        {"due_at": "2026-03-02T05:30:00+00:00", "reason": "nothing ran schedules then"},
+        {"due_at": "2026-03-03T05:30:00+00:00", "reason": "there was no new scan of a phantom"},
+    ]
+    assert {event.scanner_id for event in events} == {scanner.id}
+
+
+def test_events_behind_a_number_are_those_of_one_scanner_or_of_all(store, scanner, reader):
+    other = store.scanners.create(scanner.model_copy(update={"name": "Line 9"}))
+    store.scanners.delete(other.id)
+    number = reader.number
+    every = store.events.following(number)
+    assert words(every) == [("scanner-created", "scanner", other.id), ("scanner-deleted", "scanner", other.id)]
+    assert store.events.following(number, scanner_id=scanner.id) == []
+    assert store.events.following(number, through=every[0].number) == every[:1]
+    assert store.events.following(every[0].number, scanner_id=other.id) == every[1:]
+
+
+def write_pair(store, reader) -> tuple[Session, list[str]]:
+    """A transaction that holds a number, beside one that took a later number and is committed; and what is read."""
+    late = Session(store._database.engine)
+    announced(late, store, "late")
+    with store._database.write() as session:
+        announced(session, store, "early")
+    return late, [event.scanner_id for event in reader.read()]
+
+
+def read_until(reader, wanted: list[str]) -> list[str]:
+    read = []
+    for _ in range(200):
+        read += [event.scanner_id for event in reader.read()]
+        if len(read) >= len(wanted):
+            break
+        time.sleep(0.05)
+    return read
+
+
+@postgresql_alone
+def test_a_number_that_is_committed_late_is_waited_for(store, reader):
+    late, read = write_pair(store, reader)
+    assert read == []
+    # Whoever comes now stands before the gap too.
+    newcomer = store.events.reader()
+    assert newcomer.number == reader.number
+    time.sleep(0.7)
+    assert reader.read() == []
+    late.commit()
+    late.close()
+    for each in (reader, newcomer):
+        assert read_until(each, ["late", "early"]) == ["late", "early"]
+
+
+@postgresql_alone
+def test_a_number_that_is_never_committed_is_passed_by(store, reader):
+    late, read = write_pair(store, reader)
+    assert read == []
+    late.rollback()
+    late.close()
+    assert read_until(reader, ["early"]) == ["early"]
+    # The gap is of the last minute, but no transaction is open: nothing is missing.
+    assert store.events.reader().number == reader.number
+
+
+@sqlite_alone
+def test_on_sqlite_numbers_are_committed_in_their_order(store, reader):
+    for name in ("first", "second"):
+        with store._database.write() as session:
+            announced(session, store, name)
+    assert [event.scanner_id for event in reader.read()] == ["first", "second"]
