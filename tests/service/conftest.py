@@ -15,7 +15,7 @@ import httpx
 import numpy as np
 import pytest
 import results
-import structlog
+from plain_logs import log_plainly
 
 from sawmill_service.app import create_app
 from sawmill_service.openapi_document import Application
@@ -110,7 +110,7 @@ def log_text(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[Literal["con
         return text
 
     yield start
-    structlog.reset_defaults()
+    log_plainly()
 
 
 @pytest.fixture
