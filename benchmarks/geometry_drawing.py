@@ -1,12 +1,13 @@
 """Draw docs/geometry.svg, the picture in docs/conventions.md, from the product's own geometry.
 
-    python benchmarks/geometry_drawing.py [docs/geometry.svg]
+    python benchmarks/geometry_drawing.py [FOLDER]
 
 Every point comes from `FanBeamGeometry.vectors` and `SourceFrame`: a change of a sign there changes the drawing.
 """
 
 import math
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import matplotlib as mpl
@@ -15,6 +16,7 @@ import numpy as np
 mpl.use("agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sawmill_worker.tomography.geometry import (
     FanBeamGeometry,
@@ -26,7 +28,7 @@ from sawmill_worker.tomography.geometry import (
     rotate,
 )
 
-DRAWING = Path(__file__).parents[1] / "docs/geometry.svg"
+FOLDER = Path(__file__).parents[1] / "docs"
 # Not to any scanner's scale: shifts and tilt are large, so that they can be seen.
 SCANNER = Scanner(source_to_cor_mm=500.0, num_detector_pixels=14, detector_pitch_mm=40.0)
 THETA = Theta(
@@ -47,13 +49,15 @@ def line(axes: Axes, start: FloatArray, end: FloatArray, **style: object) -> Non
     axes.plot(*np.stack([start, end], -1), **{"lw": 0.8, "color": GREY, **style})
 
 
-def dimension(axes: Axes, start: FloatArray, end: FloatArray, name: str, *, aside: float = 16.0) -> None:
+def dimension(
+    axes: Axes, start: FloatArray, end: FloatArray, name: str, *, aside: float = 16.0, colour: str = BLUE
+) -> None:
     """A double arrow with its symbol beside the middle, `aside` mm to its left."""
-    arrow = {"arrowstyle": "<->", "color": BLUE, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
+    arrow = {"arrowstyle": "<->", "color": colour, "lw": 0.9, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", end, start, arrowprops=arrow)
     along = (end - start) / np.linalg.norm(end - start)
     place = 0.5 * (start + end) + aside * np.array([-along[1], along[0]])
-    axes.text(*place, name, color=BLUE, ha="center", va="center", fontsize=10)
+    axes.text(*place, name, color=colour, ha="center", va="center", fontsize=10 if name.startswith("$") else 12)
 
 
 def arc(axes: Axes, radius: float, low_rad: float, high_rad: float, name: str, centre: FloatArray = ORIGIN) -> None:
@@ -133,17 +137,26 @@ def draw_source_frame(axes: Axes, geometry: FanBeamGeometry) -> None:
     arc(axes, 300.0, 0.0, turned, r"$\varphi + \psi$")
 
 
+def same_every_time() -> AbstractContextManager[None]:
+    """With ids of a fixed seed and text as outlines; `write` leaves the date out."""
+    return mpl.rc_context({"svg.hashsalt": "geometry", "svg.fonttype": "path", "font.size": 9.0})
+
+
+def write(figure: Figure, path: Path) -> None:
+    """The same file in every run, on white: a dark page shows it too."""
+    figure.savefig(path, metadata={"Date": None, "Creator": None})
+    plt.close(figure)
+
+
 def main() -> None:
     """Write the drawing."""
-    path = Path(sys.argv[1]) if len(sys.argv) > 1 else DRAWING
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
     geometry = FanBeamGeometry(SCANNER, THETA, np.array([PHI_RAD]))
-    # The same text in every run: no date, and ids of a fixed seed.
-    with mpl.rc_context({"svg.hashsalt": "geometry", "svg.fonttype": "path", "font.size": 9.0}):
+    with same_every_time():
         figure, (left, right) = plt.subplots(1, 2, figsize=(11.0, 5.6), layout="constrained")
         draw_theta(left, geometry)
         draw_source_frame(right, geometry)
-        figure.savefig(path, metadata={"Date": None, "Creator": None})
-        plt.close(figure)
+        write(figure, folder / "geometry.svg")
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import socket
 import subprocess
@@ -41,6 +42,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 README, TOUR = ROOT / "README.md", ROOT / "docs/tour.md"
+FIRST_CALIBRATION = ROOT / "docs/first-calibration.md"
 HEART = "The heart of it, with curl"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
@@ -168,10 +170,28 @@ def test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone(tmp_
     check_either_file_is_enough(tmp_path)
 
 
-def in_process(*arguments: object) -> None:
-    """What stands in no document needs no shell."""
+def in_process(*arguments: object) -> str:
+    """What needs no shell; its standard output."""
     done = CliRunner().invoke(main, [str(argument) for argument in arguments])
     assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+def test_a_first_calibration_goes_as_its_page_has_it(tmp_path, monkeypatch):
+    """In this process, which has imported everything: a shell would do so six times."""
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    for line in "".join(blocks(FIRST_CALIBRATION.read_text(), "sh")).splitlines():
+        _, *arguments = shlex.split(line)
+        command, redirected = (arguments[:-2], arguments[-1]) if ">" in arguments else (arguments, "unused")
+        (tmp_path / redirected).write_text(in_process(*command))
+    found = json.loads((tmp_path / "result.json").read_text())
+    assert (found["verdict"], found["predicted_ray_error_mm"]["upper_95"] < 0.1) == ("pass", True)
+    assert found["scale_uncertainty_percent"] == pytest.approx(0.14, abs=0.01)
+    measured_wrongly = ("--source-to-cor-mm", 855, "--phantom", "examples/phantom-measured.json", "--json")
+    other = json.loads(in_process("calibrate", "phantom-scan.h5", "--data", "counts", *measured_wrongly))
+    assert other["source_frame"] == pytest.approx(found["source_frame"], rel=1e-6)
+    assert other["theta"]["source_shift_mm"] != pytest.approx(found["theta"]["source_shift_mm"], rel=0.1)
 
 
 def check_either_file_is_enough(folder: Path) -> None:
@@ -297,6 +317,7 @@ def test_every_shell_block_is_run_by_a_test():
     run_here = {
         *blocks(sections(README)[HEART], "sh"),
         *blocks(TOUR.read_text(), "sh"),
+        *blocks(FIRST_CALIBRATION.read_text(), "sh"),
         *blocks((ROOT / "docs/http.md").read_text(), "sh"),
         *blocks((ROOT / "docs/export.md").read_text(), "sh"),
         *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
@@ -376,7 +397,8 @@ def test_the_table_of_routes_is_the_openapi_document_s():
 
 
 def test_the_example_inputs_are_valid():
-    contracts = {"bad-day": Physics, "phantom-tee": PhantomDrawing, "scanner": ScannerSpec, "schedule": ScheduleSpec}
+    contracts = {"bad-day": Physics, "scanner": ScannerSpec, "schedule": ScheduleSpec}
+    contracts |= dict.fromkeys(("phantom-measured", "phantom-tee"), PhantomDrawing)
     files = {path.stem: path for path in (ROOT / "examples").glob("*.json")}
     assert files.keys() == contracts.keys()
     for name, contract in contracts.items():

@@ -133,10 +133,18 @@ def test_the_directions_of_imports_are_the_linter_s():
     assert re.findall(r"^- (.+)$", section, re.MULTILINE) == [contract["name"] for contract in contracts]
 
 
-def test_the_drawing_of_the_geometry_is_that_of_the_code(tmp_path):
-    drawn = tmp_path / "geometry.svg"
-    subprocess.run([sys.executable, ROOT / "benchmarks/geometry_drawing.py", drawn], check=True)
-    assert drawn.read_text() == (ROOT / "docs/geometry.svg").read_text()
+@pytest.mark.parametrize(
+    ("script", "names"),
+    [
+        ("geometry_drawing.py", ["geometry.svg"]),
+        ("scanner_drawings.py", ["handedness.svg", "phantom.svg", "scanner-numbers.svg", "scanner.svg"]),
+    ],
+)
+def test_the_drawings_are_those_of_the_code(tmp_path, script, names):
+    subprocess.run([sys.executable, ROOT / "benchmarks" / script, tmp_path], check=True)
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    for name in names:
+        assert (tmp_path / name).read_text() == (ROOT / "docs" / name).read_text()
 
 
 GLOSSARY = ROOT / "docs/glossary.md"

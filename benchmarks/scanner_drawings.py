@@ -1,0 +1,172 @@
+"""Draw the scanner for people: docs/scanner.svg, scanner-numbers.svg, handedness.svg and phantom.svg.
+
+    python benchmarks/scanner_drawings.py [FOLDER]
+
+Points come from `FanBeamGeometry`, `Rotation` and the built-in phantom, as in `geometry_drawing.py`.
+"""
+
+import math
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from geometry_drawing import BLUE, ORIGIN, RED, arc, dimension, line, plt, same_every_time, write
+from matplotlib.axes import Axes
+
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta, cell_borders_mm
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.vocabulary import Rotation
+
+FOLDER = Path(__file__).parents[1] / "docs"
+# The published scanner's size, with shifts and a tilt that can be seen.
+SCANNER = Scanner(source_to_cor_mm=860.0, num_detector_pixels=16, detector_pitch_mm=72.0)
+THETA = Theta(
+    initial_angle_rad=0.0, detector_to_cor_mm=560.0, source_shift_mm=70.0, detector_shift_mm=60.0, detector_tilt=0.16
+)
+LOG_RADIUS_MM = 190.0
+WOOD, BARK, PALE = "#f3e6d0", "#c8a26b", "#e3e3e3"
+PHANTOM = L_SHAPE.scaled(0.55)
+# A drawing lies on its side, the beam from left to right.
+SIDEWAYS = np.array([[0.0, -1.0], [1.0, 0.0]])
+WORDS = {
+    "source": "source",
+    "axis": "axis of rotation",
+    "detector": "detector",
+    "wood": "log, phantom on its end",
+    "measured": "measure: source to axis",
+    "distance": "found: axis to detector",
+    "column": "found: where the axis falls",
+    "tilt": "found: tilt",
+}
+NUMBERS = {"source": "1", "axis": "2", "wood": "3", "detector": "4"}
+
+
+def sideways(points: FloatArray) -> FloatArray:
+    """Points (..., 2) with the beam along x."""
+    return points @ SIDEWAYS
+
+
+def outline(axes: Axes, body: Phantom, place: Callable[[FloatArray], FloatArray] = np.asarray) -> None:
+    """The body's outlines, filled."""
+    for corners in body.outlines():
+        axes.fill(*place(corners).T, facecolor="#d9b27c", edgecolor="#7d5a2b", lw=1.2, zorder=2)
+
+
+def draw_scanner(axes: Axes, words: dict[str, str]) -> None:
+    """The scanner from above: what stands where, and, where there are words for it, what is measured and what found."""
+    source, centre, axis = (sideways(vectors[0]) for vectors in FanBeamGeometry(SCANNER, THETA, np.zeros(1)).vectors())
+    cells = centre + cell_borders_mm(SCANNER)[:, None] * axis
+    axes.fill(*np.stack([source, cells[0], cells[-1]]).T, color=PALE, alpha=0.5, lw=0, zorder=0)
+    axes.add_patch(plt.Circle((0.0, 0.0), LOG_RADIUS_MM, facecolor=WOOD, edgecolor=BARK, lw=1.5, zorder=1))
+    outline(axes, PHANTOM, sideways)
+    axes.plot(*cells.T, color="black", lw=3.0, marker="_", markersize=7)
+    axes.plot(*source, "o", color="black", markersize=11)
+    axes.plot(0.0, 0.0, "+", color="black", markersize=14, markeredgewidth=2.0, zorder=4)
+    arc(axes, LOG_RADIUS_MM + 45.0, 0.6, 2.0, "")
+    named = {
+        "source": source + np.array([-15.0, 75.0]),
+        "axis": np.array([-70.0, 95.0]) if "measured" in words else np.array([-52.0, 52.0]),
+        "wood": np.array([0.0, -LOG_RADIUS_MM - 60.0]),
+        "detector": max(cells[0], cells[-1], key=lambda end: float(end[1])) + np.array([-15.0, 62.0]),
+    }
+    for part, place in named.items():
+        name(axes, words[part], place)
+    if "measured" in words:
+        measured_and_found(axes, words, source, centre, axis)
+    axes.set_aspect("equal")
+    axes.axis("off")
+    axes.margins(0.03)
+
+
+def name(axes: Axes, text: str, place: FloatArray) -> None:
+    """A part's name, or its number in a disc."""
+    disc = {"boxstyle": "circle,pad=0.25", "fc": BLUE, "ec": "none"} if text.isdecimal() else None
+    colour = "white" if disc else "black"
+    axes.text(*place, text, ha="center", va="center", color=colour, bbox=disc, fontsize=19 if disc else 13, zorder=5)
+
+
+def measured_and_found(
+    axes: Axes, words: dict[str, str], source: FloatArray, centre: FloatArray, axis: FloatArray
+) -> None:
+    """Arrows: blue what a tape measures, red what the calibration finds."""
+    below = np.array([0.0, -390.0])
+    foot = np.array([-SCANNER.source_to_cor_mm, 0.0])
+    for end in (foot, ORIGIN):
+        line(axes, end if end is ORIGIN else source, end + below, ls=":")
+    dimension(axes, foot + below, below, words["measured"], aside=38.0)
+    along = -source / np.linalg.norm(source)
+    # Where the ray through the axis of rotation meets the detector's line.
+    _, column = np.linalg.solve(np.stack([along, -axis], 1), centre)
+    shadow = centre + column * axis
+    line(axes, source, shadow, ls="--", color=RED)
+    far = np.array([THETA.detector_to_cor_mm, 0.0])
+    line(axes, far, far + below, ls=":")
+    dimension(axes, below, far + below, words["distance"], aside=38.0, colour=RED)
+    axes.plot(*shadow, "o", color=RED, markersize=7, zorder=5)
+    low = centre - math.copysign(330.0, axis[1]) * axis
+    for (x, y), found in ((shadow, "column"), (low, "tilt")):
+        axes.text(x + 35.0, y, words[found], color=RED, ha="left", va="center", fontsize=12)
+    axes.set_xlim(source[0] - 80.0, centre[0] + 560.0)
+
+
+def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]") -> None:
+    """The phantom as drawn and from behind, and the log turning as the angles say and the other way."""
+    for row, (seen, body) in enumerate((("as-drawn", L_SHAPE), ("from-behind", L_SHAPE.mirrored()))):
+        for column, rotation in enumerate(Rotation):
+            axes: Axes = panels[row, column]
+            outline(axes, body)
+            first, last = rotation.apply(np.radians([20.0, 120.0]))
+            arc(axes, 235.0, float(first), float(last), "")
+            axes.plot(0.0, 0.0, "+", color="black", markersize=9)
+            axes.set_title(f"handedness {seen}, rotation {rotation}", fontsize=10)
+            axes.set_aspect("equal")
+            axes.set_xlim(-270.0, 270.0)
+            axes.set_ylim(-270.0, 270.0)
+            axes.axis("off")
+
+
+def draw_measured_phantom(axes: Axes) -> None:
+    """Where a calliper is put on a phantom: its whole extent along x and y, at both ends."""
+    outline(axes, L_SHAPE)
+    (corners,) = L_SHAPE.outlines()
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    for aside in (26.0, 62.0):
+        dimension(axes, np.array([left, low - aside]), np.array([right, low - aside]), "", aside=0.0)
+        dimension(axes, np.array([left - aside, low]), np.array([left - aside, high]), "", aside=0.0)
+    axes.text(0.5 * (left + right), low - 92.0, "x, at both ends", color=BLUE, ha="center", va="center", fontsize=12)
+    axes.text(
+        left - 92.0,
+        0.5 * (low + high),
+        "y, at both ends",
+        color=BLUE,
+        ha="center",
+        va="center",
+        fontsize=12,
+        rotation=90,
+    )
+    axes.set_xlim(left - 110.0, right + 20.0)
+    axes.set_ylim(low - 110.0, high + 20.0)
+    axes.set_aspect("equal")
+    axes.axis("off")
+
+
+def main() -> None:
+    """Write the drawings."""
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER
+    with same_every_time():
+        for name_of_file, words in (("scanner", WORDS), ("scanner-numbers", NUMBERS)):
+            figure, axes = plt.subplots(figsize=(11.0, 6.2), layout="constrained")
+            draw_scanner(axes, words)
+            write(figure, folder / f"{name_of_file}.svg")
+        figure, panels = plt.subplots(2, 2, figsize=(7.6, 7.8), layout="constrained")
+        draw_hypotheses(panels)
+        write(figure, folder / "handedness.svg")
+        figure, axes = plt.subplots(figsize=(6.4, 6.0), layout="constrained")
+        draw_measured_phantom(axes)
+        write(figure, folder / "phantom.svg")
+
+
+if __name__ == "__main__":
+    main()
