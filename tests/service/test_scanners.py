@@ -54,3 +54,16 @@ def test_bounds_that_no_scanner_has_are_a_problem(client, bounds):
     answer = client.post("/v1/scanners", json={**SPEC, "bounds": bounds})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
     assert answer.json()["detail"].startswith(f"body.bounds.{next(iter(bounds))}")
+
+
+def test_measurements_are_listed_newest_first_from_a_time_on(seeded):
+    page = seeded.get("/v1/scanners/example/measurements").json()
+    assert [(one["kind"], one["subject_id"]) for one in page["items"]] == [
+        ("drift", "example"),
+        ("calibration", "example"),
+    ]
+    later = seeded.get("/v1/scanners/example/measurements", params={"since": "2999-01-01T00:00:00Z"}).json()
+    assert later == {"items": [], "next": None}
+    assert seeded.get("/v1/scanners/nobody/measurements").status_code == 404
+    refused = seeded.get("/v1/scanners/example/measurements", params={"since": "yesterday"})
+    assert (refused.status_code, "since" in refused.text) == (422, True)

@@ -3,14 +3,23 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
+from pydantic import AwareDatetime, Field
 
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.measurements import Measurement
 from sawmill_worker.contracts.scanners import Activation, ScannerAsk, StoredScanner
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
+
+
+class Since(Paging):
+    """Which measurements, and which page of them."""
+
+    since: AwareDatetime | None = Field(None, description="Leave out those before; RFC 3339.")
+
 
 EXAMPLE = {
     "name": "Line 2",
@@ -68,3 +77,9 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
 def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
     """Newest first; the first one is active."""
     return store.scanners.history(scanner_id)
+
+
+@router.get("/{scanner_id}/measurements", summary="List what calibrations and drift checks measured")
+def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
+    """One entry for each that succeeded, newest first: what the rays, u_c and the tilt did over months."""
+    return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)

@@ -204,6 +204,9 @@ class Comparison(Contract):
     cor_column_change_mm: float
     source_distance_change_mm: float
     tilt_change_deg: float
+    tolerance_mm: float | None = Field(
+        None, description="What `ray_change_mm` may be. Null: an answer of an earlier version."
+    )
     within_tolerance: bool
     reason: str
 

@@ -1,6 +1,5 @@
 """Who did what: written in the transaction of the change itself, and changed or removed by nothing (migration 0007)."""
 
-import re
 from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any
@@ -12,7 +11,7 @@ from sawmill_worker.contracts.audit import AuditAction, AuditEntry
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.errors import Invalid
+from sawmill_worker.storage.paging import numbered_before
 from sawmill_worker.storage.tables import AuditRow
 
 _BATCH = 500
@@ -57,9 +56,7 @@ class Audit:
         Invalid
             `after` is not a cursor that an earlier page gave.
         """
-        statement = select(AuditRow).order_by(AuditRow.number.desc()).limit(limit + 1)
-        if after is not None:
-            statement = statement.where(AuditRow.number < _parse_cursor(after))
+        statement = numbered_before(select(AuditRow), AuditRow.number, after).limit(limit + 1)
         with self._database.read() as session:
             entries = [_read(row) for row in session.scalars(statement)]
         shown = entries[:limit]
@@ -76,12 +73,6 @@ class Audit:
         statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
         with self._database.read() as session:
             return [_read(row) for row in session.scalars(statement)]
-
-
-def _parse_cursor(cursor: str) -> int:
-    if re.fullmatch(r"[0-9]{1,18}", cursor) is None:
-        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
-    return int(cursor)
 
 
 def _read(row: AuditRow) -> AuditEntry:

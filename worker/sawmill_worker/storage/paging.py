@@ -1,5 +1,6 @@
 """Lists, newest first, one page at a time."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
@@ -95,6 +96,22 @@ def rows_of_page(
     rows: Sequence[Row] = session.scalars(newest_first).all()
     shown = rows[:limit]
     return shown, _cursor(shown[-1]) if len(rows) > limit else None
+
+
+def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], after: str | None) -> Select[Any]:
+    """Rows that have a number, the newest first, from a cursor on: the last number of the page before.
+
+    Raises
+    ------
+    Invalid
+        `after` is not a cursor that an earlier page gave.
+    """
+    newest_first = statement.order_by(number.desc())
+    if after is None:
+        return newest_first
+    if re.fullmatch(r"[0-9]{1,18}", after) is None:
+        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
+    return newest_first.where(number < int(after))
 
 
 def _cursor(row: Resource) -> str:

@@ -19,6 +19,7 @@ from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
 from sawmill_worker.storage.leftovers import Leftovers
+from sawmill_worker.storage.measurements import Measurements
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
@@ -33,8 +34,8 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, jobs, schedules, events,
-    keys, sessions, audit
+    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, measurements, jobs,
+    schedules, events, keys, sessions, audit
         The rows.
     tallies
         Counts of them.
@@ -55,6 +56,7 @@ class Store:
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
+        self.measurements = Measurements(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
         self.schedules = Schedules(self._database)

@@ -13,6 +13,7 @@ from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.acting import THE_SERVICE, Actor, acting_as
 from sawmill_worker.storage.asked import found_asked
 from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.measurements import record_measurement
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.scanners import activate
 from sawmill_worker.storage.tables import CalibrationRow, Json, PhantomRow, ScanRow
@@ -35,6 +36,7 @@ def record_success(session: Session, kind: JobKind, subject_id: str, result: Jso
     if isinstance(declared, AskedKind):
         row = found_asked(session, declared, subject_id)
         row.result = result
+        record_measurement(session, row, now)
         if isinstance(row, CalibrationRow):
             _activate_on_pass(session, row, result, now)
     elif kind is JobKind.INGEST:

@@ -26,6 +26,7 @@ from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.contracts.keys import Scope
+from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 
@@ -92,6 +93,7 @@ class Base(DeclarativeBase):
         EventKind: _words(EventKind, 40),
         JobKind: _words(JobKind),
         JobState: _words(JobState),
+        MeasurementKind: _words(MeasurementKind),
         Priority: Ranked(),
         PhantomState: _words(PhantomState),
         ScanState: _words(ScanState),
@@ -325,6 +327,38 @@ class ActivationRow(Base):
     calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
     activated_at: Mapped[datetime]
     reason: Mapped[str]
+
+
+class MeasurementRow(Base):
+    """What a calibration or a drift check measured of its scanner."""
+
+    __tablename__ = "measurements"
+    # Those of a scanner, and the last weeks of all of them.
+    __table_args__ = (Index(None, "scanner_id", "number"), Index(None, "scanner_id", "at"))
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    at: Mapped[datetime] = mapped_column(index=True)
+    kind: Mapped[MeasurementKind]
+    subject_id: Mapped[str] = mapped_column(String(64))
+    against_id: Mapped[str | None] = mapped_column(String(64))
+    ray_change_mm: Mapped[float | None] = mapped_column(Float(53))
+    ray_change_tolerance_mm: Mapped[float | None] = mapped_column(Float(53))
+    within_tolerance: Mapped[bool | None]
+    scale_change_percent: Mapped[float | None] = mapped_column(Float(53))
+    cor_column_mm: Mapped[float] = mapped_column(Float(53))
+    cor_column_change_mm: Mapped[float | None] = mapped_column(Float(53))
+    tilt_deg: Mapped[float] = mapped_column(Float(53))
+    tilt_change_deg: Mapped[float | None] = mapped_column(Float(53))
+    source_to_detector_mm: Mapped[float] = mapped_column(Float(53))
+    source_distance_mm: Mapped[float | None] = mapped_column(Float(53))
+    relative_residual: Mapped[float] = mapped_column(Float(53))
+    gain: Mapped[float | None] = mapped_column(Float(53))
+    ray_error_rms_mm: Mapped[float | None] = mapped_column(Float(53))
+    ray_error_upper_95_mm: Mapped[float | None] = mapped_column(Float(53))
+    scale_uncertainty_percent: Mapped[float | None] = mapped_column(Float(53))
+    verdict: Mapped[str | None] = mapped_column(String(20))
+    rays_verdict: Mapped[str | None] = mapped_column(String(20))
 
 
 class ScheduleRow(Resource):

@@ -25,4 +25,4 @@ def compared(active: CalibrationSucceeded, new: CalibratedGeometry, scanner: Sto
     radius_mm = scanner.log_radius_mm or active.radius_mm
     limits = ChangeLimits(tolerances.ray_change_mm, tolerances.angle_change_deg, radius_mm, tolerances.scale_percent)
     change = compare(scanner.constants, geometry_of(active), new, limits)
-    return Comparison(calibration_id=active.id, **vars(change))
+    return Comparison(calibration_id=active.id, tolerance_mm=limits.ray_change_mm, **vars(change))

@@ -1,0 +1,146 @@
+"""What calibrations and drift checks leave for charts, on both databases, and what an upgrade fills in."""
+
+import math
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from results import calibration_result, drift_result
+from sqlalchemy import JSON, column, table, text
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.engines import make_engine
+from sawmill_worker.storage.errors import Invalid, NotFound
+from sawmill_worker.storage.store import Store
+
+BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
+COMPARISON = {
+    "calibration_id": "first",
+    "ray_change_mm": 0.75,
+    "scale_change_percent": 0.1,
+    "angle_change_deg": 0.1,
+    "cor_column_change_mm": -1.25,
+    "source_distance_change_mm": 2.5,
+    "tilt_change_deg": 0.05,
+    "within_tolerance": False,
+    "reason": "the rays moved",
+}
+WHOLE = calibration_result(comparison=COMPARISON | {"tolerance_mm": 0.5})
+
+
+@pytest.fixture
+def measured(store, ready_scan, finish):
+    """A first calibration, a second one that found the scanner moved, and a drift check."""
+    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True), identifier="first")
+    finish(store)
+    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id), identifier="second")
+    finish(store, comparison=WHOLE["comparison"])
+    store.drifts.accept(DriftAsk(scan_id=ready_scan.id), identifier="check")
+    finish(store)
+
+
+@pytest.mark.usefixtures("measured")
+def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
+    check, second, first = store.measurements.page(scanner.id).items
+    assert [(one.kind, one.subject_id, one.against_id) for one in (check, second, first)] == [
+        ("drift", "check", "first"),
+        ("calibration", "second", "first"),
+        ("calibration", "first", None),
+    ]
+    job = store.jobs.get(store.calibrations.get("second").job_id)
+    assert abs(second.at - job.finished_at) < timedelta(seconds=1)  # the two are read from the clock one after another
+    assert (second.ray_change_mm, second.ray_change_tolerance_mm, second.within_tolerance) == (0.75, 0.5, False)
+    assert (second.cor_column_mm, second.cor_column_change_mm, second.tilt_change_deg) == (-209.1, -1.25, 0.05)
+    assert (second.verdict, second.gain, second.ray_error_upper_95_mm) == ("pass", 1.0, 0.04)
+    assert (check.ray_change_mm, check.ray_change_tolerance_mm, check.within_tolerance) == (0.01, 0.5, True)
+    assert check.tilt_deg == pytest.approx(math.degrees(-0.083))
+    assert check.tilt_change_deg == pytest.approx(math.degrees(0.1))
+    assert (check.source_distance_mm, check.gain, check.verdict) == (None, None, None)
+    changes = (first.ray_change_mm, first.within_tolerance, first.cor_column_change_mm, first.tilt_change_deg)
+    assert changes == (None, None, None, None)
+
+
+def test_what_fails_measures_nothing(store, scanner, ready_scan):
+    store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    claim = store.jobs.claim("test")
+    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom"))
+    assert store.measurements.page(scanner.id).items == []
+
+
+@pytest.mark.usefixtures("measured")
+def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
+    page = store.measurements.page(scanner.id, limit=2)
+    rest = store.measurements.page(scanner.id, after=page.next, limit=2)
+    assert [one.subject_id for one in (*page.items, *rest.items)] == ["check", "second", "first"]
+    assert rest.next is None
+    since = page.items[1].at
+    assert [one.subject_id for one in store.measurements.page(scanner.id, since=since).items] == ["check", "second"]
+    movements = store.measurements.movements(since)
+    assert [one.subject_id for one in movements[scanner.id]] == ["second", "check"]
+    assert movements == store.measurements.movements(since, scanner_id=scanner.id)
+    assert store.measurements.movements(BEFORE, scanner_id="other") == {}
+    with pytest.raises(NotFound, match="no scanner 'other'"):
+        store.measurements.page("other")
+    with pytest.raises(Invalid, match="after must be the next"):
+        store.measurements.page(scanner.id, after="x")
+
+
+# Of the version before: less than an answer of today has.
+OLD_COMPARISON = {name: value for name, value in COMPARISON.items() if name != "scale_change_percent"}
+OLD = {
+    name: value
+    for name, value in calibration_result(comparison=OLD_COMPARISON).items()
+    if name not in {"rays_verdict", "status", "scale_uncertainty_percent", "adjustments"}
+}
+
+
+@pytest.mark.slow
+def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
+    database = Database(make_engine(empty_url))
+    database.upgrade("0007")
+    with database.write() as session:
+        for number, state in enumerate(("succeeded", "succeeded", "failed")):
+            _insert_old(session, number, state)
+    database.engine.dispose()
+    store = Store.open(settings.model_copy(update={"database_url": empty_url}))
+    check, calibration = store.measurements.page("old").items
+    store.close()
+    assert (calibration.kind, calibration.subject_id, calibration.at) == ("calibration", "old-0", BEFORE)
+    assert (calibration.against_id, calibration.ray_change_mm, calibration.within_tolerance) == ("first", 0.75, False)
+    unknown = (calibration.ray_change_tolerance_mm, calibration.scale_change_percent, calibration.rays_verdict)
+    assert unknown == (None, None, None)
+    assert (calibration.tilt_deg, calibration.ray_error_rms_mm) == (pytest.approx(math.degrees(-0.083)), 0.02)
+    assert (check.kind, check.against_id, check.ray_change_tolerance_mm, check.verdict) == ("drift", "old-0", 0.5, None)
+    assert check.at == BEFORE + timedelta(hours=1)
+
+
+def _insert_old(session, number, state):
+    """The first is a calibration, the second a drift check against it, the third a calibration that failed."""
+    at = BEFORE + timedelta(hours=number)
+    if number == 0:
+        session.execute(text("INSERT INTO scanners (id, created_at, spec) VALUES ('old', :at, '{}')"), {"at": at})
+        session.execute(
+            text(
+                "INSERT INTO phantoms (id, created_at, name, built_in, state)"
+                " VALUES ('old', :at, 'L-shape', false, 'ready')"
+            ),
+            {"at": at},
+        )
+    kind, plural = ("drift", "drifts") if number == 1 else ("calibrate", "calibrations")
+    session.execute(
+        text(
+            "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested, finished_at)"
+            " VALUES (:id, :at, :kind, :state, :id, 1, false, :at)"
+        ),
+        {"id": f"old-{number}", "at": at, "kind": kind, "state": state},
+    )
+    own = {"calibration_id": "old-0"} if number == 1 else {"phantom_id": "old", "activate": False}
+    result = {0: OLD, 1: drift_result(), 2: None}[number]
+    values = {"id": f"old-{number}", "created_at": at, "scanner_id": "old", "scan_id": "old", "job_id": f"old-{number}"}
+    values |= {"options": {}, "result": result} | own
+    columns = [
+        column(name, JSON(none_as_null=True)) if name in {"options", "result"} else column(name) for name in values
+    ]
+    session.execute(table(plural, *columns).insert().values(values))

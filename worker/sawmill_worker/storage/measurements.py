@@ -1,0 +1,115 @@
+"""What each calibration and each drift check measured, kept in the transaction that ends its job (migration 0009)."""
+
+import math
+from collections.abc import Mapping
+from datetime import datetime
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, Movement
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.paging import found, numbered_before
+from sawmill_worker.storage.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
+
+
+class Measurements:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def page(
+        self, scanner_id: str, *, since: datetime | None = None, after: str | None = None, limit: int = 50
+    ) -> Page[Measurement]:
+        """Those of one scanner, newest first.
+
+        Raises
+        ------
+        NotFound, Invalid
+            There is no such scanner; `after` is not a cursor that an earlier page gave.
+        """
+        statement = select(MeasurementRow).where(MeasurementRow.scanner_id == scanner_id)
+        if since is not None:
+            statement = statement.where(MeasurementRow.at >= since)
+        newest_first = numbered_before(statement, MeasurementRow.number, after).limit(limit + 1)
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", scanner_id)
+            items = [_read(row) for row in session.scalars(newest_first)]
+        shown = items[:limit]
+        return Page[Measurement](items=shown, next=str(shown[-1].number) if len(items) > limit else None)
+
+    def movements(self, since: datetime, *, scanner_id: str | None = None) -> Mapping[str, list[Movement]]:
+        """What charts draw of everything since a time, or of one scanner: by scanner, the oldest first."""
+        columns = [getattr(MeasurementRow, name) for name in Movement._fields]
+        statement = select(*columns).where(MeasurementRow.at >= since).order_by(MeasurementRow.at)
+        if scanner_id is not None:
+            statement = statement.where(MeasurementRow.scanner_id == scanner_id)
+        by_scanner: dict[str, list[Movement]] = {}
+        with self._database.read() as session:
+            for row in session.execute(statement):
+                by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
+        return by_scanner
+
+
+def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
+    """Add what a calibration or a drift check with its result measured; other kinds measure nothing of a scanner."""
+    if isinstance(subject, CalibrationRow):
+        session.add(_of_calibration(subject, CalibrationResult.model_validate(subject.result), now))
+    elif isinstance(subject, DriftRow):
+        session.add(_of_drift(subject, DriftResult.model_validate(subject.result), now))
+
+
+def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetime) -> MeasurementRow:
+    frame, change, error = result.source_frame, result.comparison, result.predicted_ray_error_mm
+    return MeasurementRow(
+        scanner_id=row.scanner_id,
+        at=now,
+        kind=MeasurementKind.CALIBRATION,
+        subject_id=row.id,
+        against_id=change and change.calibration_id,
+        ray_change_mm=change and change.ray_change_mm,
+        ray_change_tolerance_mm=change and change.tolerance_mm,
+        within_tolerance=change and change.within_tolerance,
+        scale_change_percent=change and change.scale_change_percent,
+        cor_column_mm=frame.cor_column_mm,
+        cor_column_change_mm=change and change.cor_column_change_mm,
+        tilt_deg=math.degrees(frame.tilt_rad),
+        tilt_change_deg=change and change.tilt_change_deg,
+        source_to_detector_mm=frame.source_to_detector_mm,
+        source_distance_mm=frame.source_distance_mm,
+        relative_residual=result.residual.relative,
+        gain=result.gain,
+        ray_error_rms_mm=error and error.rms,
+        ray_error_upper_95_mm=error and error.upper_95,
+        scale_uncertainty_percent=result.scale_uncertainty_percent,
+        verdict=result.verdict,
+        rays_verdict=result.rays_verdict,
+    )
+
+
+def _of_drift(row: DriftRow, result: DriftResult, now: datetime) -> MeasurementRow:
+    return MeasurementRow(
+        scanner_id=row.scanner_id,
+        at=now,
+        kind=MeasurementKind.DRIFT,
+        subject_id=row.id,
+        against_id=row.calibration_id,
+        ray_change_mm=result.ray_change_mm,
+        ray_change_tolerance_mm=result.tolerance_mm,
+        within_tolerance=result.within_tolerance,
+        scale_change_percent=result.scale_change_percent,
+        cor_column_mm=result.measured.cor_column_mm,
+        cor_column_change_mm=result.change.cor_column_mm,
+        tilt_deg=math.degrees(result.measured.tilt_rad),
+        tilt_change_deg=math.degrees(result.change.tilt_rad),
+        source_to_detector_mm=result.measured.source_to_detector_mm,
+        relative_residual=result.relative_residual,
+    )
+
+
+def _read(row: MeasurementRow) -> Measurement:
+    return Measurement.model_validate({name: getattr(row, name) for name in Measurement.model_fields})
