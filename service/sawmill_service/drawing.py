@@ -10,6 +10,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sawmill_service.problems import Refused
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.store import Store
@@ -29,6 +30,12 @@ class CalibrationPicture(StrEnum):
 
     REPORT = "report.png"
     OVERLAY = "overlay.png"
+    LOG_BEFORE = "log-before.png"
+    LOG_AFTER = "log-after.png"
+
+
+# In result.h5; both pictures of a log are drawn in the grey window of the second, and so can be compared.
+_LOGS = {CalibrationPicture.LOG_BEFORE: "log_before", CalibrationPicture.LOG_AFTER: "log_after"}
 
 
 def calibration_picture(store: Store, calibration_id: str, picture: CalibrationPicture) -> Path:
@@ -40,20 +47,39 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
     ------
     NotFound
         The calibration has no result.h5.
+    Refused
+        404 `no-log`: its scan shows no log beside the phantom.
     StorageFull
         The disk is full.
     """
+    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
 
     def draw() -> bytes:
-        from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
-        from sawmill_worker.files import calibration_file
-        from sawmill_worker.pictures.calibration_report import overlay_png, report_png
-
-        record = calibration_file.read_calibration(store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5"))
-        drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
-        return drawn(CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays))
+        return _log_png(path, calibration_id, _LOGS[picture]) if picture in _LOGS else _page_png(path, picture)
 
     return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+
+
+def _page_png(path: Path, picture: CalibrationPicture) -> bytes:
+    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+    from sawmill_worker.files import calibration_file
+    from sawmill_worker.pictures.calibration_report import overlay_png, report_png
+
+    record = calibration_file.read_calibration(path)
+    drawn = report_png if picture is CalibrationPicture.REPORT else overlay_png
+    return drawn(CalibrationResult.model_validate(record.answer), CalibrationArrays.of(record.arrays))
+
+
+def _log_png(path: Path, calibration_id: str, name: str) -> bytes:
+    from sawmill_worker.files.calibration_file import read_arrays
+    from sawmill_worker.pictures.images import bare_png
+    from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
+
+    arrays = read_arrays(path, "log_field_mm", "log_after", name)
+    if name not in arrays:
+        raise Refused(404, "no-log", f"the scan of calibration {calibration_id!r} gives no {name}: it shows no log")
+    window = window_of(arrays["log_after"], *LOG_WINDOW)
+    return bare_png(arrays[name], field_mm=float(arrays["log_field_mm"]), window=window)
 
 
 def drawn_alpha_curve(columns: "Mapping[str, NDArray[Any]]") -> bytes:

@@ -275,6 +275,10 @@ def write_calibration(folder: Path) -> None:
         "phantom_field_mm": np.array(200.0),
         "phantom_outlines_mm": np.array([(-50.0, -50.0), (50.0, 0.0), (0.0, 50.0), (-50.0, -50.0)]),
         "search_history": np.array([(1.0, 0.5), (2.0, 0.001)]),
+        "log_row": np.array(3),
+        "log_field_mm": np.array(345.0),
+        "log_after": np.hypot(*np.mgrid[-1:1:32j, -1:1:32j]).astype(np.float32),
+        "log_before": np.hypot(*np.mgrid[-1:1:32j, -0.5:1.5:32j]).astype(np.float32),
     }
     write_calibration_file(
         folder / "result.h5",

@@ -142,3 +142,23 @@ def test_calibrations_are_listed_by_scanner_and_state(seeded):
     assert listed["succeeded"][0]["links"]["self"] == "/v1/calibrations/example"
     assert len(listed["queued"]) == 1
     assert seeded.get("/v1/calibrations?scanner_id=example-spare").json()["items"] == []
+
+
+def test_the_log_before_and_after_are_of_one_size_and_one_window(seeded, store):
+    before, after = (seeded.get(f"/v1/calibrations/example/log-{name}.png") for name in ("before", "after"))
+    assert (before.status_code, after.status_code) == (200, 200)
+    with Image.open(io.BytesIO(before.content)) as first, Image.open(io.BytesIO(after.content)) as second:
+        assert first.size == second.size == (512, 512)
+        # The same value, at the middle of the first and a quarter beside it in the second, is the same grey.
+        assert abs(first.getpixel((136, 250)) - second.getpixel((264, 250))) < 12  # a pixel's step of the ramp
+    folder = store.files.results(JobKind.CALIBRATE, "example")
+    assert (folder / "log-before.png").read_bytes() == before.content
+
+
+def test_a_calibration_that_shows_no_log_has_no_picture_of_one(seeded, store, worker):
+    identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+    worker.finish_calibration()
+    with h5py.File(store.files.result(JobKind.CALIBRATE, identifier, "result.h5"), "r+") as file:
+        del file["entry/arrays/log_before"]
+    refused = seeded.get(f"/v1/calibrations/{identifier}/log-before.png")
+    assert (refused.status_code, refused.json()["code"]) == (404, "no-log")

@@ -43,6 +43,23 @@ def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
+@router.head("/{calibration_id}/log-before.png", include_in_schema=False)
+@router.get("/{calibration_id}/log-before.png", response_class=Png, summary="Get the log before the calibration")
+def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+    """A log of the same scan with the calibration that was active then; without one, with nothing shifted or tilted.
+
+    In the grey window of `log-after.png`, of the same size. 404 where the scan shows no log beside the phantom.
+    """
+    return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
+
+
+@router.head("/{calibration_id}/log-after.png", include_in_schema=False)
+@router.get("/{calibration_id}/log-after.png", response_class=Png, summary="Get the log with the calibration")
+def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
+    """A log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
+    return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
+
+
 @router.head("/{calibration_id}/result.h5", include_in_schema=False)
 @router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Self
 
 import numpy as np
@@ -10,17 +11,34 @@ from numpy.typing import NDArray
 from sawmill_worker.vocabulary import ReconstructionMethod
 
 
+class LogBefore(StrEnum):
+    """With which geometry a log is reconstructed before a calibration."""
+
+    ACTIVE = "active"
+    UNSHIFTED = "unshifted"
+
+    @property
+    def phrase(self) -> str:
+        """For a title in English."""
+        if self is LogBefore.ACTIVE:
+            return "with the calibration that was active"
+        return "uncalibrated: nothing shifted, nothing tilted"
+
+
 @dataclass(frozen=True)
 class LogImages:
-    """A row of the scan that shows a log: reconstructions (x, y) float32 with this calibration and the one before it.
+    """A row of the scan that shows a log: reconstructions (x, y) float32 with this calibration and as it was before.
 
-    `field_mm` is the side of both images; `before` is None where there is no calibration to compare with.
+    `field_mm` is the side of both images. `before_with` is the geometry of `before`: of the calibration that was active
+    or, where there was none, of the scanner's constants with the detector as far away as it was found and neither
+    shifted nor tilted. `before` is None where such a geometry does not reconstruct.
     """
 
     row: int
     field_mm: float
     after: NDArray[np.float32]
     before: NDArray[np.float32] | None
+    before_with: LogBefore = LogBefore.ACTIVE
 
 
 @dataclass(frozen=True)
@@ -68,6 +86,7 @@ class CalibrationArrays:
                 field_mm=float(arrays["log_field_mm"]),
                 after=arrays["log_after"],
                 before=arrays.get("log_before"),
+                before_with=_log_before(arrays),
             )
         return cls(
             sinogram=arrays["sinogram"],
@@ -87,3 +106,9 @@ def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
     """By its name; an earlier version had FBP alone."""
     name = arrays.get("phantom_image_method")
     return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
+
+
+def _log_before(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
+    """By its name; an earlier version had the active calibration's alone."""
+    name = arrays.get("log_before_with")
+    return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))

@@ -70,6 +70,13 @@ def write_calibration(
             group[name].attrs["axes_description"] = axes
 
 
+def read_arrays(path: Path, *names: str) -> dict[str, NDArray[Any]]:
+    """Those arrays of result.h5 that it holds, by name."""
+    with open_hdf5(path) as file:
+        group = file[ARRAYS]
+        return {name: np.asarray(group[name][()]) for name in names if name in group}
+
+
 def read_calibration(path: Path) -> CalibrationRecord:
     """Read result.h5 of a calibration."""
     with open_hdf5(path) as file:

@@ -131,9 +131,9 @@ def _draw_phantom(figure: FigureBase, ax: Axes, arrays: CalibrationArrays) -> No
 def _draw_log(part: SubFigure, log: LogImages) -> None:
     images = [(f"the log in row {log.row}, with this calibration", log.after)]
     if log.before is None:
-        part.text(0.75, 0.5, "no earlier calibration\nto compare it with", ha="center", fontsize=12)
+        part.text(0.75, 0.5, "no geometry from before\nthat shows it", ha="center", fontsize=12)
     else:
-        images.insert(0, (f"the log in row {log.row}, with the calibration that was active", log.before))
+        images.insert(0, (f"the log in row {log.row}, {log.before_with.phrase}", log.before))
     draw_logs(part, images, log.field_mm, "")
 
 

@@ -11,11 +11,9 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from sawmill_worker.pictures.windows import Window, round_length, window_of
+from sawmill_worker.pictures.windows import LOG_WINDOW, Window, round_length, window_of
 
 OUTLINE = "#ff7f0e"
-# Percentiles of the grey window: the ring of a dead cell must not darken the wood.
-SHOWN = (0.5, 99.5)
 
 
 def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: float, outlines: NDArray[Any]) -> None:
@@ -30,7 +28,7 @@ def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: fl
     outlines : (points, 2) float
         Closed outlines as (x, y) in mm, NaN between two of them.
     """
-    shown = show_image(ax, image, field_mm, window_of(image, *SHOWN))
+    shown = show_image(ax, image, field_mm, window_of(image, *LOG_WINDOW))
     if len(outlines):
         ax.plot(outlines[:, 1], outlines[:, 0], color=OUTLINE, linewidth=1.4, label="the drawing's outline")
         ax.legend(loc="upper right", framealpha=0.85)
@@ -65,7 +63,7 @@ def log_comparison_png(
 
 def draw_logs(figure: FigureBase, images: list[tuple[str, NDArray[Any]]], field_mm: float, unit: str) -> None:
     """Draw one or two reconstructions (x, y) of a log, each under its title, in the grey window of the last."""
-    window = window_of(images[-1][1], *SHOWN)
+    window = window_of(images[-1][1], *LOG_WINDOW)
     axes = [figure.add_subplot(1, 2, 1 + index) for index in range(len(images))]
     for ax, (title, image) in zip(axes, images, strict=True):
         shown = show_image(ax, image, field_mm, window)

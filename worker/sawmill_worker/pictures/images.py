@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_worker.pictures.pages import (
@@ -18,10 +18,11 @@ from sawmill_worker.pictures.pages import (
     draw_orientation,
     draw_scale_bar,
     encoded,
+    font_of,
     page_of,
     panel_of,
 )
-from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
+from sawmill_worker.pictures.windows import Window, labelled_views, round_length, to_unit, window_of
 from sawmill_worker.vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512
@@ -74,6 +75,31 @@ def image_png(
         draw_scale_bar(draw, layout, pixel_mm / factor)
     draw_orientation(draw, layout)
     return encoded(page)
+
+
+def bare_png(image: NDArray[np.floating[Any]], *, field_mm: float, window: Window) -> bytes:
+    """An image alone, 8-bit grey and enlarged to 512 pixels or more, with a scale bar in it: to lie over another one.
+
+    Parameters
+    ----------
+    image : (x, y) float
+        Row +x, column +y.
+    field_mm : float
+        Its side.
+    window : (low, high)
+        Values of black and white.
+    """
+    _check_two_dimensional("image", image)
+    factor = max(1, -(-SMALLEST_SIDE_PX // min(image.shape)))
+    panel = panel_of(image, window, (image.shape[1] * factor, image.shape[0] * factor))
+    draw, side = ImageDraw.Draw(panel), panel.width
+    length_mm = round_length(field_mm / 4)
+    left, bottom, thickness = side // 25, panel.height - side // 25, max(4, side // 100)
+    right = left + round(length_mm / field_mm * side)
+    draw.rectangle((left, bottom - thickness, right, bottom), fill="white", outline="black")
+    place, font = ((left + right) / 2, bottom - 2 * thickness), font_of(side // 22)
+    draw.text(place, f"{length_mm:g} mm", fill="white", stroke_fill="black", stroke_width=2, font=font, anchor="mb")
+    return encoded(panel)
 
 
 def image_png16(image: NDArray[np.floating[Any]], window: Window | None = None) -> bytes:

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 Window = tuple[float, float]
 MOST_LABELS = 7
+# Percentiles of a log's grey window: the ring of a dead cell must not darken the wood.
+LOG_WINDOW = (0.5, 99.5)
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:

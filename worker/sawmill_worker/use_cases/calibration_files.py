@@ -128,4 +128,5 @@ def _log_arrays(log: LogImages, unit: str) -> dict[str, NamedArray]:
     }
     if log.before is not None:
         arrays["log_before"] = NamedArray(log.before, unit, "x, y")
+        arrays["log_before_with"] = NamedArray(np.array(log.before_with.encode("ascii")), "1", "geometry's name")
     return arrays

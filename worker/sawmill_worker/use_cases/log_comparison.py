@@ -1,16 +1,16 @@
 """A log in the same scan as the phantom, reconstructed with the geometry found and with the one before it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.contracts.calibration_arrays import LogImages
+from sawmill_worker.contracts.calibration_arrays import LogBefore, LogImages
 from sawmill_worker.tomography.calibration.calibration import CalibratedGeometry
 from sawmill_worker.tomography.calibration.phantom_rows import shows_another_body
 from sawmill_worker.tomography.fbp import fbp
-from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, GeometryError, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.present_rows import filled
 from sawmill_worker.tomography.projector import Projector
@@ -53,14 +53,29 @@ def log_row_beside(
 def log_images(
     log: LogRow, given: CalibrationInput, found: CalibratedGeometry, active: CalibratedGeometry | None
 ) -> LogImages | None:
-    """The log with the geometry found, and with the active calibration's; None where the views do not go all round."""
+    """The log with the geometry found, and with the active calibration's or, without one, with nothing shifted.
+
+    None where the views do not go all round.
+    """
     field = 2.0 * MARGIN * (given.log_radius_mm or LARGEST_ASSUMED_LOG_RADIUS_MM)
     after = _image(log, given, found, field)
     if after is None:
         return None
     comparable = active is not None and active.scanner.num_detector_pixels == given.scanner.num_detector_pixels
-    before = _image(log, given, active, field) if active is not None and comparable else None
-    return LogImages(log.row, field, after, before)
+    if active is not None and comparable:
+        return LogImages(log.row, field, after, _image(log, given, active, field), LogBefore.ACTIVE)
+    return LogImages(log.row, field, after, _image(log, given, unshifted(found), field), LogBefore.UNSHIFTED)
+
+
+def unshifted(found: CalibratedGeometry) -> CalibratedGeometry:
+    """A scanner as drawn: its constants, and source and detector neither shifted nor tilted.
+
+    No constant has the detector's distance nor the first angle: they are as found, so that the log keeps its size and
+    its place.
+    """
+    theta = Theta(found.frame.psi_rad, found.theta.detector_to_cor_mm, 0.0, 0.0, 0.0)
+    frame = theta.source_frame(found.scanner.source_to_cor_mm)
+    return replace(found, theta=theta, frame=frame, covariance=None)
 
 
 def _image(
