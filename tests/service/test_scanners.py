@@ -37,7 +37,12 @@ def test_a_used_scanner_cannot_be_deleted(seeded):
 
 
 def test_history_names_the_active_calibration(seeded):
-    assert [entry["calibration_id"] for entry in seeded.get("/v1/scanners/example/history").json()] == ["example"]
+    seeded.post("/v1/calibrations/example/activate", json={"reason": "checked"})
+    history = seeded.get("/v1/scanners/example/history").json()
+    assert [(entry["calibration_id"], entry["activated_by"]) for entry in history] == [
+        ("example", "somebody at this machine"),
+        ("example", "the service"),
+    ]
     assert seeded.get("/v1/scanners/example").json()["active_calibration_id"] == "example"
 
 

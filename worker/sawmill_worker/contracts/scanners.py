@@ -91,4 +91,7 @@ class Activation(Contract):
 
     calibration_id: Identifier
     activated_at: str
+    activated_by: str | None = Field(
+        None, description="The name of the key; null: an entry from before there was an audit."
+    )
     reason: str = Field(description="Who or what activated it.")

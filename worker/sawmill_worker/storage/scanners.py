@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
@@ -14,8 +14,15 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
-from sawmill_worker.storage.tables import ActivationRow, ScannerRow, ScanRow, ScheduleRow
+from sawmill_worker.storage.tables import ActivationRow, AuditRow, ScannerRow, ScanRow, ScheduleRow
 from sawmill_worker.storage.uses import kept_by
+
+# The audit's entry of an activation: both are written at one time.
+_ITS_ENTRY = and_(
+    AuditRow.subject_id == ActivationRow.calibration_id,
+    AuditRow.at == ActivationRow.activated_at,
+    AuditRow.action.in_((AuditAction.CALIBRATION_ACTIVATED, AuditAction.CALIBRATION_ROLLED_BACK)),
+)
 
 
 class Scanners:
@@ -94,17 +101,21 @@ class Scanners:
         """Which calibrations were active, newest first."""
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
-            rows = session.scalars(
-                select(ActivationRow)
+            rows = session.execute(
+                select(ActivationRow, AuditRow.who)
+                .outerjoin(AuditRow, _ITS_ENTRY)
                 .where(ActivationRow.scanner_id == scanner_id)
                 .order_by(ActivationRow.number.desc())
                 .limit(limit)
             )
             return [
                 Activation(
-                    calibration_id=row.calibration_id, activated_at=row.activated_at.isoformat(), reason=row.reason
+                    calibration_id=row.calibration_id,
+                    activated_at=row.activated_at.isoformat(),
+                    activated_by=who,
+                    reason=row.reason,
                 )
-                for row in rows
+                for row, who in rows
             ]
 
 

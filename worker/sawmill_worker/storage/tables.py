@@ -420,6 +420,7 @@ class AuditRow(Base):
     """Who did what; the database refuses to change or remove a row."""
 
     __tablename__ = "audit"
+    __table_args__ = (Index(None, "subject_id", "at"),)
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     at: Mapped[datetime]

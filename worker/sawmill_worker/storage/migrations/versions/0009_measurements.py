@@ -1,4 +1,4 @@
-"""What each calibration and each drift check measured of its scanner, filled from what is stored."""
+"""What calibrations and drift checks measured, a row each, filled from what is stored; the audit by its subject."""
 
 import math
 from collections.abc import Iterator
@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from alembic import op
 
 revision = "0009"
-down_revision = "0007"
+down_revision = "0008"
 branch_labels = None
 depends_on = None
 
@@ -52,6 +52,7 @@ def upgrade() -> None:
     op.create_index("ix_measurements_at", "measurements", ["at"])
     op.create_index("ix_measurements_scanner_id_number", "measurements", ["scanner_id", "number"])
     op.create_index("ix_measurements_scanner_id_at", "measurements", ["scanner_id", "at"])
+    op.create_index("ix_audit_subject_id_at", "audit", ["subject_id", "at"])
     for batch in _batches():
         op.bulk_insert(measurements, batch)
 
@@ -140,4 +141,5 @@ def _of_drift(result: dict[str, Any]) -> dict[str, Any]:
 
 
 def downgrade() -> None:
+    op.drop_index("ix_audit_subject_id_at", "audit")
     op.drop_table("measurements")
