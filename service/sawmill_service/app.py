@@ -30,6 +30,7 @@ from sawmill_service.routes import (
     console,
     events,
     health,
+    inspections,
     jobs,
     keys,
     login,
@@ -60,6 +61,7 @@ TAGS = [
         "name": "phantoms",
         "description": "Wooden bodies of known size: built in, drawn in mm, or traced from a picture.",
     },
+    {"name": "inspections", "description": "What is in a file, and what is missing, before it becomes a scan."},
     {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
     {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
     {"name": "reconstructions", "description": "Slices of a log with a calibrated geometry."},
@@ -71,7 +73,7 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
+    *(scanners, phantoms, inspections, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
     *(keys, audit, health, login, console),
 )
 
@@ -141,6 +143,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,
+            ("POST", "/v1/inspections"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
         },
         stopping=app.state.stopping,

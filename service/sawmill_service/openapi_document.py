@@ -27,12 +27,18 @@ def trying(**values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
     return {TRY: values}
 
 
-def trying_file(media_type: str, file: str, **values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
+def trying_file(
+    media_type: str,
+    file: str,
+    *,
+    required: bool = True,
+    **values: Any,  # noqa: ANN401 - any JSON value
+) -> dict[str, Any]:
     """As `trying`, for an operation whose body is a file; `file` is where the service offers one to try."""
     return {
         TRY: values,
         "x-example-file": file,
-        "requestBody": {"required": True, "content": {media_type: {"schema": BINARY}}},
+        "requestBody": {"required": required, "content": {media_type: {"schema": BINARY}}},
     }
 
 

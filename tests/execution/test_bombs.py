@@ -10,6 +10,7 @@ import pytest
 from hostile import checkers, deflated_twice
 
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.scanners import ScannerSpec
@@ -95,12 +96,14 @@ def test_small_files_that_unpack_to_gigabytes_are_refused_once_before_they_are_u
 
     scans = [store.scans.accept(spec, upload(make)) for make in (deflated_twice, packed_zeros)]
     picture = store.phantoms.accept_picture(PhantomPicture(name="checkers", width_mm=400), upload(checkers))
+    inspected = store.inspections.accept_file(InspectionOptions(), upload(deflated_twice))
     good = store.scans.accept(spec, upload(small_scan))
-    states = [reader.run_next() for _ in range(5)]
-    assert states == [JobState.FAILED] * 3 + [JobState.SUCCEEDED, None]
+    states = [reader.run_next() for _ in range(6)]
+    assert states == [JobState.FAILED] * 3 + [JobState.SUCCEEDED] * 2 + [None]
     codes = [store.jobs.get(job_id).failure.code for job_id in (*(scan.job_id for scan in scans), picture.job_id)]
     assert codes == ["unsupported-storage", "too-large", "phantom"]
     assert "packed twice" in store.scans.get(scans[0].id).reason
+    assert "packed twice" in store.inspections.get(inspected.id).result.refusal.detail
     assert "a clean drawing" in store.phantoms.get(picture.id).reason
     assert store.scans.get(good.id).state is ScanState.READY
     # The process as it is, with its libraries, and what a refusal takes: all are seen before they are unpacked.

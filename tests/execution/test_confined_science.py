@@ -11,6 +11,7 @@ from small_scanner import CONSTANTS, SCANNER, THETA
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.plans import PlanAsk
@@ -51,6 +52,7 @@ def asked(store):
     scan = store.scans.accept(spec, store.files.receive([stack_of_an_l()], max_bytes=10**7)).id
     picture = PhantomPicture(name="ell", width_mm=400)
     store.phantoms.accept_picture(picture, store.files.receive([picture_of_an_l()], max_bytes=10**7))
+    store.inspections.accept_file(InspectionOptions(), store.files.receive([stack_of_an_l()], max_bytes=10**7))
     calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan, activate=True)).id
     store.plans.accept(PlanAsk(scanner_id=scanner, theta=THETA, views=VIEWS), given={"phantom_id": "l-shape"})
     for method in ReconstructionMethod:

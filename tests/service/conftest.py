@@ -23,6 +23,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.plans import PlanAsk
@@ -175,6 +176,9 @@ class FakeWorker:
     def finish_drift(self, **changes: Any) -> None:
         self._finish(lambda _: None, results.drift_result(**changes))
 
+    def finish_inspection(self, **changes: Any) -> None:
+        self._finish(lambda _: None, results.inspection_result(**changes))
+
     def finish_plan(self) -> None:
         self._finish(lambda _: None, results.plan_result())
 
@@ -209,6 +213,10 @@ def seed(store: Store, worker: FakeWorker) -> None:
     worker.finish_plan()
     store.drifts.accept(DriftAsk(scan_id="example"), identifier="example")
     worker.finish_drift()
+    for inspection_id in ("example", "example-spare"):
+        received = store.files.receive([b"original"], max_bytes=100)
+        store.inspections.accept_file(InspectionOptions(), received, identifier=inspection_id)
+        worker.finish_inspection()
     for schedule_id in ("example", "example-spare"):
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     add_finished_job(store, "example")

@@ -147,12 +147,26 @@ def drift_result(**changes: Any) -> dict[str, Any]:
     } | changes
 
 
+def inspection_result(**changes: Any) -> dict[str, Any]:
+    missing = {"what": "what the numbers are", "flag": "--data counts", "field": "data", "why": "never guessed"}
+    return {
+        "file": "scan.npz",
+        "size_bytes": 8,
+        "format": "NPZ",
+        "verdict": "incomplete",
+        "parts": [{"name": "projections", "kind": "array", "shape": (12, 4, 16), "type": "uint16"}],
+        "reading": {"shape": {"views": 12, "rows": 4, "detector": 16}, "flats": 1},
+        "missing": [missing],
+    } | changes
+
+
 RESULTS: dict[JobKind, Callable[..., dict[str, Any]]] = {
     JobKind.INGEST: reading,
     JobKind.CALIBRATE: calibration_result,
     JobKind.RECONSTRUCT: reconstruction_result,
     JobKind.PLAN: plan_result,
     JobKind.DRIFT: drift_result,
+    JobKind.INSPECT: inspection_result,
     JobKind.TRACE_PHANTOM: lambda: {
         "name": "traced",
         "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],

@@ -18,6 +18,7 @@ import structlog
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.kinds import Ask, asked_kinds
 from sawmill_worker.contracts.phantoms import PhantomDrawing
@@ -128,6 +129,7 @@ def seed_examples(store: Store) -> None:
     if SPARE not in {item.id for item in store.phantoms.page().items}:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store, stack)
+    _seed_inspections(store, folder / "phantom-scan.npz")
     _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
@@ -144,7 +146,7 @@ def seed_examples(store: Store) -> None:
     plan = PlanAsk(scanner_id=EXAMPLE, theta=THETA, views=20)
     _ask_once(store.plans, plan, given={"phantom_id": L_SHAPE.name})
     # Any other kind is asked for as the console's example asks.
-    for declared in asked_kinds():
+    for declared in filter(lambda kind: kind.upload is None, asked_kinds()):
         given = dict(declared.to_ask.example)
         _ask_once(store.asked(declared), declared.ask.model_validate(given.pop("body")), given=given)
     scheduled = {item.id for item in store.schedules.page().items}
@@ -199,6 +201,15 @@ def _seed_scans(store: Store, stack: Path) -> None:
             )
             received = store.files.receive([stack.read_bytes()], max_bytes=2**30)
             store.scans.accept(spec, received, scan_id=identifier, priority=Priority.BACKGROUND)
+
+
+def _seed_inspections(store: Store, file: Path) -> None:
+    known = {item.id for item in store.inspections.page().items}
+    for identifier in {SPARE, EXAMPLE} - known:
+        received = store.files.receive([file.read_bytes()], max_bytes=2**30)
+        store.inspections.accept_file(
+            InspectionOptions(), received, name=file.name, identifier=identifier, priority=Priority.BACKGROUND
+        )
 
 
 def _write_npz(path: Path) -> None:

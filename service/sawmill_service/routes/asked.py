@@ -37,23 +37,22 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         answer = store.asked(declared).accept(ask, priority=priority, given=given)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
-        return _linked(declared, answer)
+        return linked(declared, answer)
 
     def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
         page = store.asked(declared).page(**query.model_dump())
-        return page.model_copy(update={"items": [_linked(declared, item) for item in page.items]})
+        return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
     def get(identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore) -> Any:  # noqa: ANN401
-        return _linked(declared, store.asked(declared).get(identifier))
+        return linked(declared, store.asked(declared).get(identifier))
 
     # What FastAPI reads as the types of body and query is known only here.
     ask.__annotations__["ask"] = declared.ask
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
-    asked_at = declared.asked_at or folder
-    router.add_api_route(
-        asked_at, ask, methods=["POST"], status_code=202, **_described(f"ask_{declared.noun}", one, declared.to_ask)
-    )
+    if declared.upload is None:
+        asking = _described(f"ask_{declared.noun}", one, declared.to_ask)
+        router.add_api_route(declared.asked_at or folder, ask, methods=["POST"], status_code=202, **asking)
     router.add_api_route(folder, list_all, **_described(f"list_{declared.kind.plural}", many, declared.to_list))
     router.add_api_route(
         f"{folder}/{{{declared.noun}_id}}", get, **_described(f"get_{declared.noun}", one, declared.to_get)
@@ -91,7 +90,7 @@ def _given_in_path(declared: AskedKind[Any, Any]) -> Any:  # noqa: ANN401 - a de
     return one if names else none
 
 
-def _linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
+def linked(declared: AskedKind[Any, Any], answer: Any) -> Any:  # noqa: ANN401 - the kind's answer
     """The answer with the paths of itself, its job, its files and what it refers to."""
     path = f"/v1/{declared.kind.plural}/{answer.id}"
     links = {"self": path, "job": f"/v1/jobs/{answer.job_id}"}

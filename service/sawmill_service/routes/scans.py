@@ -11,7 +11,7 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.uploads import chunks
+from sawmill_service.uploads import InspectionId, received_file
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
@@ -32,11 +32,12 @@ class ScanUpload(Queried, ScanSpec):
     """What is given with a file, and how urgent its reading is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
+    inspection_id: InspectionId = None
 
     @property
     def spec(self) -> ScanSpec:
         """What is stored of it."""
-        return ScanSpec.model_validate(self.model_dump(exclude={"priority"}, exclude_unset=True))
+        return ScanSpec.model_validate(self.model_dump(exclude={"priority", "inspection_id"}, exclude_unset=True))
 
 
 class SinogramQuery(Queried):
@@ -52,6 +53,7 @@ class SinogramQuery(Queried):
     openapi_extra=trying_file(
         "application/octet-stream",
         "/examples/phantom-scan.npz",
+        required=False,
         scanner_id="example",
         data="counts",
         name="a first scan",
@@ -67,13 +69,13 @@ async def upload_scan(
     settings: TheSettings,
     wake: TheWake,
 ) -> Scan:
-    """Send the file's bytes as the body; a job reads it.
+    """Send the file's bytes as the body, or name an inspection of it; a job reads it.
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their content.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
-    received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_upload_bytes)
+    received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
     scan = await run_in_threadpool(store.scans.accept, upload.spec, received, priority=upload.priority)
     await run_in_threadpool(wake, scan.job_id)
     accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)

@@ -18,6 +18,7 @@ class AuditAction(StrEnum):
     SCANNER_DELETED = "scanner-deleted"
     PHANTOM_DELETED = "phantom-deleted"
     SCAN_DELETED = "scan-deleted"
+    INSPECTION_DELETED = "inspection-deleted"
     SCHEDULE_CREATED = "schedule-created"
     SCHEDULE_CHANGED = "schedule-changed"
     SCHEDULE_DELETED = "schedule-deleted"

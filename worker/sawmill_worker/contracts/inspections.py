@@ -1,13 +1,20 @@
-"""What `sawmill inspect` says of a file: what is in it, what of it would be read, and what is missing."""
+"""Inspections: what is in a file, what of it would be read, and what is missing."""
 
+from collections.abc import Mapping
+from datetime import timedelta
 from enum import StrEnum
+from typing import Any, Literal
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract
-from sawmill_worker.contracts.jobs import Failure
-from sawmill_worker.contracts.scans import ScanShape
+from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, Time
+from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.kinds import AskedKind, Operation
+from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
 from sawmill_worker.vocabulary import DataKind
+
+# A day's work: whoever comes back after it sends the file again.
+FILE_KEPT = timedelta(days=1)
 
 
 class Verdict(StrEnum):
@@ -62,7 +69,12 @@ class MissingPart(Contract):
     """What the file does not carry, and how to give it."""
 
     what: str
-    flag: str
+    flag: str = Field(description="Of the command line, which gives it.")
+    field: str | None = Field(
+        None,
+        description="What gives it to the service: a parameter of `POST /v1/scans`, or for a pitch or a distance one "
+        "of the scanner's constants. Null: nothing does, and the file must carry it.",
+    )
     why: str
     needed: bool = Field(default=True, description="Whether nothing can be read, or calibrated, without it.")
 
@@ -81,3 +93,72 @@ class InspectionResult(Contract):
     reading: InspectedReading | None = None
     missing: list[MissingPart] = Field([], description="What the file does not carry.")
     refusal: Failure | None = Field(None, description="Why the file would be refused, however it is read.")
+
+
+class InspectionOptions(Contract):
+    """How the file would be read, as far as it is known: as for a scan, and nothing of it is needed."""
+
+    data: DataKind | None = Field(None, description="What the numbers are; null: not given.")
+    dataset: Dataset = None
+    angles_deg: AnglesText = None
+
+
+class InspectedFile(InspectionOptions):
+    """The file beside them."""
+
+    name: Name = "file"
+    size_bytes: int
+    sha256: str
+
+
+class InspectionLinks(Contract):
+    """Where it hangs together."""
+
+    self: str
+    job: str
+
+
+class Inspection(Stamped):
+    """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
+
+    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    job_id: Identifier
+    options: InspectedFile
+    file_kept_until: Time = Field(description="Until then scans can be made of its file.")
+    result: InspectionResult | None = None
+    failure: Failure | None = None
+    links: InspectionLinks | None = None
+
+
+def _read(record: Mapping[str, Any]) -> Inspection:
+    stored = {name: record[name] for name in Inspection.model_fields if name in record}
+    return Inspection.model_validate(stored | {"file_kept_until": record["created_at"] + FILE_KEPT})
+
+
+DECLARATION = AskedKind(
+    kind=JobKind.INSPECT,
+    noun="inspection",
+    upload="file",
+    lighter="give a smaller file",
+    ask=InspectedFile,
+    options=InspectedFile,
+    result=InspectionResult,
+    answer=Inspection,
+    read=_read,
+    links=InspectionLinks,
+    is_short=lambda _: True,
+    processor_s=3600,
+    time_limit_s=6 * 3600,
+    to_ask=Operation(
+        "Inspect a file before it becomes a scan",
+        """\
+Send the file's bytes as the body; a job finds out what is in it, what of it would be read, and what is missing.
+
+What is missing stands there with the `field` of `POST /v1/scans` that gives it. Then `POST /v1/scans?inspection_id=…`
+with an empty body makes a scan of the file, which is not sent again; so does `POST /v1/inspections?inspection_id=…`
+to inspect it with another option. The file is kept for a day.
+[A file to try](/examples/phantom-scan.npz).""",
+    ),
+    to_list=Operation("List inspections, newest first", "All of them, or those in one state."),
+    to_get=Operation("Get an inspection", "Its state, and what was found once it has succeeded."),
+)

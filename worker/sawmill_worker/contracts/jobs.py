@@ -20,6 +20,7 @@ class JobKind(StrEnum):
     RECONSTRUCT = "reconstruct", "reconstructions"
     PLAN = "plan", "plans"
     DRIFT = "drift", "drifts"
+    INSPECT = "inspect", "inspections"
 
     plural: str
 

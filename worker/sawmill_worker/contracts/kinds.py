@@ -74,6 +74,8 @@ class KindDeclaration:
         (`docs/operations.md#time-and-progress`).
     lighter : str
         What to do about a job that takes too long.
+    upload : str or None
+        The name in sentences of the file that somebody sent and the job reads. None: there is none.
     """
 
     kind: JobKind
@@ -83,17 +85,12 @@ class KindDeclaration:
     time_limit_s: int
     stall_s: int
     lighter: str
+    upload: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class UploadedKind(KindDeclaration):
-    """A job that reads a file that somebody sent.
-
-    Attributes
-    ----------
-    upload : str
-        The file's name in sentences.
-    """
+    """A job that reads a file that somebody sent, into a row of a table of its own."""
 
     upload: str
     processor_s: int = 3600
@@ -108,7 +105,7 @@ class UploadedKind(KindDeclaration):
 
 @dataclass(frozen=True, kw_only=True)
 class AskedKind(KindDeclaration, Generic[Ask, Answer]):
-    """A job that somebody asks for, and whose answer is stored.
+    """A job that somebody asks for, and whose answer is stored. The route of one with an upload is written by hand.
 
     Attributes
     ----------

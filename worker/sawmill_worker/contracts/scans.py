@@ -21,17 +21,25 @@ class ScanState(StrEnum):
     REFUSED = "refused"
 
 
+Dataset = Annotated[
+    Name | None, Field(description="Path or variable of the projections, where the file holds several.")
+]
+AnglesText = Annotated[
+    str | None,
+    Field(
+        max_length=100_000,
+        description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
+        examples=["0.5:1"],
+    ),
+]
+
+
 class ScanFileOptions(PrepareOptions):
     """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
 
     data: DataKind = Field(description="What the numbers are; never guessed.")
-    dataset: Name | None = Field(None, description="Path or variable of the projections, where the file holds several.")
-    angles_deg: str | None = Field(
-        None,
-        max_length=100_000,
-        description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
-        examples=["0.5:1"],
-    )
+    dataset: Dataset = None
+    angles_deg: AnglesText = None
 
 
 class UnregisteredScanOptions(ScanFileOptions):

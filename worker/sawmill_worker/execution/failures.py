@@ -8,7 +8,7 @@ import resource
 import signal
 
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
-from sawmill_worker.contracts.kinds import UploadedKind, declaration_of
+from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.execution.limits import processor_s
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable, means_disk_full
 
@@ -54,7 +54,7 @@ def died(exit_code: int, kind: JobKind) -> Failure:
 
 def _crashed(how: signal.Signals, kind: JobKind) -> Failure:
     declared = declaration_of(kind)
-    if isinstance(declared, UploadedKind):
+    if declared.upload is not None:
         detail = (
             f"reading the {declared.upload} crashed the reader ({how.name}): it is damaged, or needs more memory than "
             "reading may take; export it again"

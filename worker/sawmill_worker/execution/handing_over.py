@@ -39,6 +39,10 @@ def _of_asked(store: Store, declared: AskedKind[Any, Any], subject_id: str) -> d
         fields["file"] = store.files.results(JobKind.INGEST, asked.scan_id) / SCAN_FILE
     if hasattr(asked, "phantom_id"):
         fields["phantom"] = store.phantoms.get(asked.phantom_id)
+    if declared.upload is not None:
+        fields["file"] = store.files.upload(declared.kind, subject_id)
+    if not hasattr(asked, "scanner_id"):
+        return fields
     scanner = fields["scanner"] = store.scanners.get(asked.scanner_id)
     if not hasattr(asked, "calibration_id"):
         fields["active"] = _calibration(store, scanner.active_calibration_id)

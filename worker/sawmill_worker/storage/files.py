@@ -2,6 +2,7 @@
 
 incoming/                       uploads while they arrive
 uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
+uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
 scans/<id>/scan.h5              line integrals
 phantoms/<id>/                  nothing
 calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
@@ -76,7 +77,7 @@ class FileStore:
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
-        """Where the uploaded file of a scan (`ingest`) or a phantom's picture (`trace-phantom`) lies."""
+        """Where the file lies that was uploaded for a job of this kind, as a scan's (`ingest`)."""
         return self.folder / "uploads" / kind.plural / _checked(subject_id) / "original"
 
     def results(self, kind: JobKind, subject_id: str) -> Path:
@@ -216,6 +217,16 @@ class FileStore:
                 raise StorageUnavailable("the upload stood still until it was given up: send it again") from error
             _flush(path.parent)
             _flush(path.parent.parent)
+
+    def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
+        """An upload that has an owner, under a second name for another one: no byte is copied. None: it is gone."""
+        path = self.folder / "incoming" / uuid4().hex
+        with disk_full_reported("the upload"):
+            try:
+                path.hardlink_to(self.upload(kind, subject_id))
+            except FileNotFoundError:
+                return None
+        return Received(path, size_bytes, sha256)
 
     def remove_upload(self, kind: JobKind, subject_id: str) -> None:
         """Remove an uploaded file."""

@@ -10,26 +10,29 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from sqlalchemy import select
+from sqlalchemy import or_, select
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.inspections import FILE_KEPT
 from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.kinds import UploadedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.files import FileStore
-from sawmill_worker.storage.tables import JobRow, PhantomRow, ScanRow, table_of
+from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow, table_of
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
 _SUBJECT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 # Of a job and a number; those of the first versions had no third part.
 _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
+
+_UNFINISHED = [state for state in JobState if not state.ended]
 
 Known = Callable[[Session, Sequence[str]], set[str]]
 
@@ -70,7 +73,7 @@ class Leftovers:
         self._files = files
         self._grace_s = grace_s
         self._now_s = now_s
-        self._places = _places(files.folder)
+        self._places = _places(files.folder, database.now)
         self._batches = self._look()
         self._rests_until_s = now_s()
         # By path: when it was first seen, and how it looked.
@@ -155,16 +158,17 @@ def _noted(errors: list[OSError]) -> Iterator[None]:
         errors.append(error)
 
 
-def _places(folder: Path) -> list[_Place]:
+def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
+    uploaded: dict[JobKind, Known] = {
+        JobKind.INGEST: partial(_owned, ScanRow),
+        JobKind.TRACE_PHANTOM: partial(_owned, PhantomRow),
+        JobKind.INSPECT: partial(_inspected, now),
+    }
     return [
         *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
         _Place(folder / "kept", _SUBJECT_NAME, _unfinished_jobs),
-        *(
-            _Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, partial(_uploaded, kind))
-            for kind in JobKind
-            if isinstance(declaration_of(kind), UploadedKind)
-        ),
+        *(_Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, known) for kind, known in uploaded.items()),
         *(_Place(folder / kind.plural, _SUBJECT_NAME, partial(_succeeded, kind)) for kind in JobKind),
     ]
 
@@ -184,13 +188,18 @@ def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
 
 
 def _unfinished_jobs(session: Session, names: Sequence[str]) -> set[str]:
-    unfinished = [state for state in JobState if not state.ended]
-    return set(session.scalars(select(JobRow.id).where(JobRow.id.in_(names), JobRow.state.in_(unfinished))))
+    return set(session.scalars(select(JobRow.id).where(JobRow.id.in_(names), JobRow.state.in_(_UNFINISHED))))
 
 
-def _uploaded(kind: JobKind, session: Session, names: Sequence[str]) -> set[str]:
-    row = ScanRow if kind is JobKind.INGEST else PhantomRow
+def _owned(row: type[ScanRow] | type[PhantomRow], session: Session, names: Sequence[str]) -> set[str]:
     return set(session.scalars(select(row.id).where(row.id.in_(names))))
+
+
+def _inspected(now: Callable[[], datetime], session: Session, names: Sequence[str]) -> set[str]:
+    """Inspections whose file is kept still: for its time, or until it has been inspected."""
+    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
+    inspected = select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == JobKind.INSPECT, AskedRow.id.in_(names))
+    return set(session.scalars(inspected.where(kept)))
 
 
 def _succeeded(kind: JobKind, session: Session, names: Sequence[str]) -> set[str]:

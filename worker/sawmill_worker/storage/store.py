@@ -16,6 +16,7 @@ from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.inspections import Inspections
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
 from sawmill_worker.storage.leftovers import Leftovers
@@ -34,7 +35,7 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, calibrations, reconstructions, plans, drifts, measurements, jobs,
+    scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, jobs,
     schedules, events, keys, sessions, audit
         The rows.
     tallies
@@ -52,6 +53,7 @@ class Store:
         self.scanners = Scanners(self._database)
         self.phantoms = Phantoms(self._database, self.files)
         self.scans = Scans(self._database, self.files)
+        self.inspections = Inspections(self._database, self.files)
         self.calibrations = Calibrations(self._database)
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)

@@ -35,10 +35,12 @@ from sawmill_worker.vocabulary import DataKind
 MOST_PARTS = 2_000
 NO_SCAN = {
     OwnKind.VOLUME: "it is a reconstructed volume and no scan; docs/formats.md names the programs that show it",
-    OwnKind.CALIBRATION: "it is a calibration and no scan; give it as --calibration",
+    OwnKind.CALIBRATION: "it is a calibration and no scan",
 }
+GIVEN_ELSEWHERE = {OwnKind.CALIBRATION: "give it as --calibration"}
 PNG = "PNG"
-PICTURE = "it is a picture and no scan; a phantom's drawing is given as --phantom, with --phantom-width-mm"
+PICTURE = "it is a picture and no scan"
+PICTURE_GIVEN = "a phantom's drawing is given as --phantom, with --phantom-width-mm"
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,8 @@ class GivenBeside:
     flats: Path | None = None
     darks: Path | None = None
     follow_links: bool = False
+    uploaded: bool = False
+    """Whether a service has it, which reads one file alone and has no flags."""
 
 
 @dataclass
@@ -91,7 +95,7 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
         return InspectionResult(file=file, size_bytes=size_bytes, verdict=Verdict.REFUSED, parts=[], refusal=refusal)
     kind = own_kind(given.path)
     parts, ended = _listed(given.path, known, follow_links=given.follow_links)
-    found = _read(given, kind) if known else _Found(refusal=_failure("not-a-scan", PICTURE))
+    found = _read(given, kind) if known else _no_scan(given, PICTURE, PICTURE_GIVEN)
     return InspectionResult(
         file=file,
         size_bytes=size_bytes,
@@ -129,7 +133,7 @@ def _listed(path: Path, known: Format | None, *, follow_links: bool) -> tuple[li
 
 def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
     if kind in NO_SCAN:
-        return _Found(refusal=_failure("not-a-scan", NO_SCAN[kind]))
+        return _no_scan(given, NO_SCAN[kind], GIVEN_ELSEWHERE.get(kind))
     try:
         opened = reading_contents(
             given.path,
@@ -139,22 +143,27 @@ def _read(given: GivenBeside, kind: OwnKind | None) -> _Found:
             follow_links=given.follow_links,
             free_bytes=memory_available(),
         )
-        with links_offered(followed=given.follow_links), opened as contents:
+        with links_offered(followed=given.follow_links or given.uploaded), opened as contents:
             return _of_contents(contents, given, kind)
     except UnreadableScan as error:
-        return _refused_or_missing(error)
+        return _refused_or_missing(error, given)
 
 
-def _refused_or_missing(error: UnreadableScan) -> _Found:
-    supplied_by = {
-        "dataset-ambiguous": ("which array holds the projections", "--dataset"),
-        "external-storage": ("what other files hold", "--follow-links"),
-        "angles-missing": ("the views' angles", "--angles-deg or --angles-file"),
+def _no_scan(given: GivenBeside, what: str, given_elsewhere: str | None) -> _Found:
+    known = what if given.uploaded or given_elsewhere is None else f"{what}; {given_elsewhere}"
+    return _Found(refusal=_failure("not-a-scan", known))
+
+
+def _refused_or_missing(error: UnreadableScan, given: GivenBeside) -> _Found:
+    supplied_by: dict[str, tuple[str, str, str | None]] = {
+        "dataset-ambiguous": ("which array holds the projections", "--dataset", "dataset"),
+        "external-storage": ("what other files hold", "--follow-links", None),
+        "angles-missing": ("the views' angles", "--angles-deg or --angles-file", "angles_deg"),
     }
-    if error.code not in supplied_by:
+    what, flag, field = supplied_by.get(error.code, ("", "", None))
+    if not what or (given.uploaded and field is None):
         return _Found(refusal=_failure(error.code, str(error)))
-    what, flag = supplied_by[error.code]
-    return _Found(missing=(MissingPart(what=what, flag=flag, why=str(error)),))
+    return _Found(missing=(MissingPart(what=what, flag=flag, field=field, why=str(error)),))
 
 
 def _of_contents(contents: FileContents, given: GivenBeside, kind: OwnKind | None) -> _Found:
@@ -162,10 +171,10 @@ def _of_contents(contents: FileContents, given: GivenBeside, kind: OwnKind | Non
         scan = _canonical(contents, given)
         found = _Found()
     except UnreadableScan as error:
-        scan, found = None, _refused_or_missing(error)
+        scan, found = None, _refused_or_missing(error, given)
     found.format = contents.format
     found.reading = _reading(contents, given, scan)
-    missing = (*found.missing, *_missing(contents, found.reading, kind))
+    missing = (*found.missing, *_missing(contents, found.reading, kind, uploaded=given.uploaded))
     found.missing = tuple(sorted(missing, key=lambda part: not part.needed))
     return found
 
@@ -210,32 +219,41 @@ def _angles(scan: CanonicalScan, contents: FileContents) -> ViewAngles:
     )
 
 
-def _missing(contents: FileContents, reading: InspectedReading, kind: OwnKind | None) -> Iterator[MissingPart]:
+def _missing(
+    contents: FileContents, reading: InspectedReading, kind: OwnKind | None, *, uploaded: bool
+) -> Iterator[MissingPart]:
     if reading.data is None:
-        yield _missing_kind(contents, kind)
+        yield _missing_kind(contents, kind, uploaded=uploaded)
     if contents.flats is None and reading.data is DataKind.COUNTS:
         yield MissingPart(what="flat fields", flag="--flats", why="counts need at least one")
     hint = "" if contents.unused is None else f"; no name states what these are: {contents.unused}"
     if reading.detector_pitch_mm is None:
         why = f"the file carries no distance between detector cells{hint}"
-        yield MissingPart(what="detector pitch", flag="--detector-pitch-mm", why=why)
+        yield MissingPart(what="detector pitch", flag="--detector-pitch-mm", field="detector_pitch_mm", why=why)
     if reading.row_pitch_mm is None and reading.shape.rows > 1:
         why = "without the distance between rows slices are counted, not placed in mm"
-        yield MissingPart(what="row pitch", flag="--row-pitch-mm", why=why, needed=False)
+        yield MissingPart(what="row pitch", flag="--row-pitch-mm", field="row_pitch_mm", why=why, needed=False)
     if contents.darks is None and reading.data is DataKind.COUNTS:
         why = "without dark fields the detector's offset is taken as zero"
         yield MissingPart(what="dark fields", flag="--darks", why=why, needed=False)
     why = f"calibrate needs the distance from the source to the centre of rotation, and reads it from no scan{hint}"
-    yield MissingPart(what="source to centre of rotation", flag="--source-to-cor-mm", why=why, needed=False)
+    yield MissingPart(
+        what="source to centre of rotation",
+        flag="--source-to-cor-mm",
+        field="source_to_cor_mm",
+        why=why,
+        needed=False,
+    )
 
 
-def _missing_kind(contents: FileContents, kind: OwnKind | None) -> MissingPart:
-    flag, why = "--data counts|line-integrals", "no file states reliably what its numbers are; counts need --flats here"
+def _missing_kind(contents: FileContents, kind: OwnKind | None, *, uploaded: bool) -> MissingPart:
+    flats = "flat fields in the same file" if uploaded else "--flats here"
+    flag, why = "--data counts|line-integrals", f"no file states reliably what its numbers are; counts need {flats}"
     if contents.flats is not None:
         flag, why = "--data counts", "the file carries flat fields, as counts do; line integrals are refused with them"
     elif kind is OwnKind.SCAN:
         flag, why = "--data line-integrals", "this product wrote the file, of line integrals"
-    return MissingPart(what="what the numbers are", flag=flag, why=why)
+    return MissingPart(what="what the numbers are", flag=flag, field="data", why=why)
 
 
 def _failure(code: str, detail: str) -> Failure:

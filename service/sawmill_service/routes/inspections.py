@@ -1,0 +1,69 @@
+"""/v1/inspections: what is special to the kind whose file is sent."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_service.answers import AskedPriority, accept
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.routes.asked import linked
+from sawmill_service.uploads import InspectionId, received_file
+from sawmill_worker.contracts.base import Identifier, Name
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionOptions
+from sawmill_worker.contracts.jobs import Priority
+
+router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
+
+
+class InspectionUpload(Queried, InspectionOptions):
+    """What is given with a file."""
+
+    name: Name = "file"
+    priority: AskedPriority = Priority.WAITED_FOR
+    inspection_id: InspectionId = None
+
+    @property
+    def options(self) -> InspectionOptions:
+        """What is looked for in it."""
+        return InspectionOptions(**self.model_dump(include=set(InspectionOptions.model_fields)))
+
+
+@router.post(
+    "",
+    status_code=202,
+    name="inspect_file",
+    summary=DECLARATION.to_ask.summary,
+    description=DECLARATION.to_ask.description,
+    openapi_extra=trying_file("application/octet-stream", "/examples/phantom-scan.npz", required=False),
+)
+async def inspect_file(
+    upload: Annotated[InspectionUpload, Query()],
+    *,
+    request: Request,
+    response: Response,
+    store: TheStore,
+    settings: TheSettings,
+    wake: TheWake,
+) -> Inspection:
+    """As declared."""
+    received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
+    inspection = await run_in_threadpool(
+        store.inspections.accept_file, upload.options, received, name=upload.name, priority=upload.priority
+    )
+    await run_in_threadpool(wake, inspection.job_id)
+    accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
+    return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
+
+
+@router.delete(
+    "/{inspection_id}",
+    status_code=204,
+    summary="Delete an inspection",
+    openapi_extra=trying(inspection_id="example-spare"),
+)
+def delete_inspection(inspection_id: Identifier, store: TheStore) -> None:
+    """Its file too; a scan that was made of it stays. Refused (409) while its job has not ended."""
+    store.inspections.delete(inspection_id)

@@ -1,0 +1,69 @@
+"""An upload is inspected as the command inspects a file, in the words of the service."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from sawmill_worker.contracts.inspections import InspectionOptions, InspectionResult
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.jobs.running import run
+from sawmill_worker.use_cases.failures import JobFailure
+from sawmill_worker.vocabulary import DataKind
+
+COUNTS = np.random.default_rng(7).integers(1000, 30_000, (12, 1, 8)).astype(np.uint16)
+
+
+@pytest.fixture
+def inspected(store, attempt):
+    """The result for a file's bytes."""
+
+    def inspect(content, **options):
+        received = store.files.receive([content], max_bytes=10**7)
+        store.inspections.accept_file(InspectionOptions(**options), received, name="morning.npz")
+        return InspectionResult.model_validate(run(attempt(JobKind.INSPECT)))
+
+    return inspect
+
+
+def npz(**arrays):
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def needed(result):
+    return [part.field for part in result.missing if part.needed]
+
+
+def test_what_the_file_does_not_carry_is_named_by_its_field(inspected):
+    result = inspected(npz(projections=COUNTS, flats=COUNTS[:2]))
+    assert (result.file, result.verdict) == ("morning.npz", "incomplete")
+    assert (result.reading.shape.views, result.reading.flats, result.reading.angles) == (12, 2, None)
+    assert needed(result) == ["angles_deg", "data", "detector_pitch_mm"]
+
+
+def test_with_what_was_given_nothing_is_missing_but_the_scanner_s_constants(inspected):
+    content = npz(projections=COUNTS, flats=COUNTS[:2])
+    result = inspected(content, data=DataKind.COUNTS, angles_deg="0.5:30")
+    assert (result.reading.angles.first_deg, result.reading.angles.last_deg) == pytest.approx((0.5, 330.5))
+    assert needed(result) == ["detector_pitch_mm"]
+
+
+def test_of_several_arrays_one_is_asked_for(inspected):
+    content = npz(one=COUNTS, two=COUNTS)
+    assert needed(inspected(content)) == ["dataset"]
+
+
+def test_a_wrong_angle_is_one_sentence(inspected):
+    with pytest.raises(JobFailure, match="an angle must be a number of degrees, not 'abc'"):
+        inspected(npz(projections=COUNTS), angles_deg="abc")
+
+
+def test_what_is_no_scan_is_refused_without_a_flag_of_the_command_line(inspected):
+    buffer = io.BytesIO()
+    Image.fromarray(np.zeros((8, 8), np.uint8)).save(buffer, format="PNG")
+    refused = [inspected(content) for content in (buffer.getvalue(), b"a letter to the editor" * 100)]
+    assert [result.verdict for result in refused] == ["refused", "refused"]
+    assert not any("--" in result.refusal.detail for result in refused)

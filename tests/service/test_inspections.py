@@ -1,0 +1,102 @@
+"""A file is inspected before it becomes a scan, and is sent once."""
+
+import numpy as np
+import pytest
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.store import Store
+
+CONTENT = np.random.default_rng(5).bytes(5000)
+AS_SCAN = "/v1/scans?scanner_id=example&data=counts"
+
+
+def arriving(store: Store) -> list[str]:
+    return [path.name for path in (store.files.folder / "incoming").iterdir()]
+
+
+@pytest.fixture
+def inspection(seeded):
+    return seeded.post("/v1/inspections?name=morning.npz", content=CONTENT).json()
+
+
+def test_a_file_is_inspected_by_a_job(seeded, store, woken):
+    answer = seeded.post("/v1/inspections?name=morning.npz&dataset=entry", content=CONTENT)
+    assert (answer.status_code, answer.headers["Retry-After"]) == (202, "1")
+    found = seeded.get(answer.headers["Location"]).json()
+    assert found == answer.json()
+    assert woken == [found["job_id"]]
+    assert (found["state"], found["result"]) == ("queued", None)
+    assert found["links"]["job"] == f"/v1/jobs/{found['job_id']}"
+    options = found["options"]
+    assert (options["name"], options["dataset"], options["size_bytes"]) == ("morning.npz", "entry", len(CONTENT))
+    assert store.files.upload(JobKind.INSPECT, found["id"]).read_bytes() == CONTENT
+
+
+def test_what_is_missing_has_the_field_that_gives_it(seeded, inspection, worker):
+    worker.finish_inspection()
+    found = seeded.get(f"/v1/inspections/{inspection['id']}").json()
+    assert (found["state"], found["result"]["verdict"]) == ("succeeded", "incomplete")
+    assert [part["field"] for part in found["result"]["missing"]] == ["data"]
+
+
+def test_an_inspected_file_becomes_scans_without_being_sent_again(seeded, store, inspection):
+    scans = [seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json() for _ in range(2)]
+    for scan in scans:
+        assert (scan["state"], scan["size_bytes"], scan["sha256"]) == (
+            "ingesting",
+            len(CONTENT),
+            inspection["options"]["sha256"],
+        )
+        assert store.files.upload(JobKind.INGEST, scan["id"]).read_bytes() == CONTENT
+    # One file with three names: a scan costs no second room on the disk.
+    assert store.files.upload(JobKind.INGEST, scans[0]["id"]).stat().st_nlink == 3
+    assert arriving(store) == []
+
+
+def test_a_file_is_inspected_again_with_another_option(seeded, store, inspection):
+    again = seeded.post(f"/v1/inspections?inspection_id={inspection['id']}&dataset=other").json()
+    assert (again["options"]["dataset"], again["options"]["size_bytes"]) == ("other", len(CONTENT))
+    assert store.files.upload(JobKind.INSPECT, again["id"]).read_bytes() == CONTENT
+
+
+@pytest.mark.parametrize(
+    ("path", "content", "status", "code"),
+    [
+        ("/v1/inspections", b"", 422, "empty-body"),
+        ("/v1/inspections?data=guess", b"x", 422, "invalid-request"),
+        ("/v1/inspections?scanner_id=example", b"x", 422, "invalid-request"),
+        ("/v1/inspections?inspection_id=nothing", b"", 404, "inspection-not-found"),
+        (f"{AS_SCAN}&inspection_id=nothing", b"", 404, "inspection-not-found"),
+        (f"{AS_SCAN}&inspection_id=example", b"x", 422, "two-files"),
+        ("/v1/scans?scanner_id=nowhere&data=counts&inspection_id=example", b"", 404, "scanner-not-found"),
+    ],
+)
+def test_what_is_refused_leaves_nothing(seeded, store, woken, path, content, status, code):
+    answer = seeded.post(path, content=content)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert (arriving(store), woken) == ([], [])
+    assert store.files.upload(JobKind.INSPECT, "example").read_bytes() == b"original"
+
+
+def test_a_file_above_the_limit_of_scans_is_refused_before_a_byte_is_read(seeded, settings):
+    answer = seeded.post("/v1/inspections", content=bytes(settings.max_upload_bytes + 1))
+    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+
+
+def test_a_deleted_inspection_leaves_the_scan_its_file(seeded, store, inspection, worker):
+    path = f"/v1/inspections/{inspection['id']}"
+    assert seeded.delete(path).json()["code"] == "inspection-in-use"
+    worker.finish_inspection()
+    scan = seeded.post(f"{AS_SCAN}&inspection_id={inspection['id']}").json()
+    assert seeded.delete(path).status_code == 204
+    assert seeded.get(path).json()["code"] == "inspection-not-found"
+    assert not store.files.upload(JobKind.INSPECT, inspection["id"]).exists()
+    assert store.files.upload(JobKind.INGEST, scan["id"]).read_bytes() == CONTENT
+    assert seeded.get("/v1/audit").json()["items"][0]["action"] == "inspection-deleted"
+
+
+def test_a_file_that_has_been_removed_must_be_sent_again(seeded, store):
+    store.files.remove_upload(JobKind.INSPECT, "example")
+    answer = seeded.post(f"{AS_SCAN}&inspection_id=example")
+    assert (answer.status_code, answer.json()["code"]) == (409, "inspection-expired")
+    assert "send it again" in answer.json()["detail"]

@@ -1,0 +1,91 @@
+"""Inspections: uploads that are looked at before they become scans."""
+
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.inspections import DECLARATION, InspectedFile, Inspection, InspectionOptions
+from sawmill_worker.contracts.jobs import JobKind, Priority
+from sawmill_worker.storage.asked import Asked, found_asked, queue_asked
+from sawmill_worker.storage.audit import write_audit
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.paging import new_id
+from sawmill_worker.storage.uploading import kept_upload
+
+
+class Inspections(Asked[InspectedFile, Inspection]):
+    """As of every kind that is asked for, and their files; every method is one transaction."""
+
+    def __init__(self, database: Database, files: FileStore) -> None:
+        super().__init__(database, DECLARATION)
+        self._files = files
+
+    def accept_file(
+        self,
+        options: InspectionOptions,
+        received: Received,
+        *,
+        name: str = "file",
+        identifier: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+    ) -> Inspection:
+        """Keep an upload and queue the job that inspects it.
+
+        Parameters
+        ----------
+        options
+            What its uploader gives with the file.
+        received
+            From `FileStore.receive`. When this method raises, the upload is discarded.
+        name
+            What the file is called in the answer.
+        identifier
+            A fixed id; null for a new one.
+        priority
+            Which jobs go before it.
+
+        Raises
+        ------
+        Conflict
+            The id is taken.
+        """
+        file = InspectedFile(**options.model_dump(), name=name, size_bytes=received.size_bytes, sha256=received.sha256)
+        identifier = identifier or new_id()
+        with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
+            now = self._database.now()
+            row = queue_asked(session, self._declared, file, now, identifier=identifier, priority=priority)
+            keep(session)
+            return self._read(row)
+
+    def received_again(self, identifier: str) -> Received:
+        """The inspected file as if it had been sent once more; `accept` or `discard` must follow, as after an upload.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such inspection, or its file has been removed.
+        """
+        file = self.get(identifier).options
+        again = self._files.receive_again(JobKind.INSPECT, identifier, size_bytes=file.size_bytes, sha256=file.sha256)
+        if again is None:
+            msg = f"the file of inspection {identifier!r} has been removed, a day after it came: send it again"
+            raise Conflict("inspection-expired", msg)
+        return again
+
+    def delete(self, identifier: str) -> None:
+        """Remove an inspection, and its file after the commit; scans made of it keep theirs.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is none, or its job has not ended.
+        """
+        with self._database.write() as session:
+            row = found_asked(session, self._declared, identifier)
+            if not row.job.state.ended:
+                msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
+                raise Conflict("inspection-in-use", msg)
+            known = {"sha256": row.options["sha256"]}
+            write_audit(session, self._database.now(), AuditAction.INSPECTION_DELETED, identifier, known)
+            session.delete(row)
+        self._files.remove(self._files.results(JobKind.INSPECT, identifier))
+        self._files.remove_upload(JobKind.INSPECT, identifier)
