@@ -58,6 +58,7 @@ NEEDED = {
     ("DELETE", "/v1/schedules/{schedule_id}"): Scope.ACTIVATE,
     ("POST", "/v1/calibrations/{calibration_id}/activate"): Scope.ACTIVATE,
     ("POST", "/operator/activate/{calibration_id}"): Scope.ACTIVATE,
+    ("POST", "/phantoms/{phantom_id}/delete"): Scope.ADMIN,
     ("POST", LOGIN): Scope.READ,
     ("POST", LOGOUT): Scope.READ,
 }

@@ -164,6 +164,10 @@ class FakeWorker:
         shape = {"views": VIEWS, "rows": ROWS, "detector": CELLS}
         self._finish(write_scan, {"format": "NPZ", "shape": shape, "angular_range_deg": (0.0, 330.0)})
 
+    def finish_tracing(self) -> None:
+        outline = {"kind": "polygon", "vertices_mm": [[-100, -150], [100, -150], [100, 150], [-100, 150]]}
+        self._finish(lambda _: None, {"name": "ell", "shapes": [outline]})
+
     def finish_calibration(self, **changes: Any) -> None:
         self._finish(write_calibration, calibration_result(**changes))
 

@@ -131,3 +131,14 @@ def test_a_polygon_that_is_closed_by_its_first_corner_is_the_same_polygon(client
     shape = {"kind": "polygon", "vertices_mm": [*corners, corners[0]]}
     created = client.post("/v1/phantoms", json={"name": "board", "shapes": [shape]})
     assert (created.status_code, created.json()["drawing"]["shapes"][0]["vertices_mm"]) == (201, corners)
+
+
+def test_a_phantom_measured_anew_is_another_one_that_follows_it(client):
+    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
+    made = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]})
+    assert made.status_code == 201
+    newer = client.get(made.headers["Location"]).json()
+    assert (newer["built_in"], newer["drawing"]["follows"]) == (False, "l-shape")
+    assert client.get("/v1/phantoms/l-shape").json()["drawing"]["measurements"] == []
+    refused = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length | {"measured_mm": 20}]})
+    assert (refused.status_code, refused.json()["code"]) == (422, "measurement-of-another-phantom")

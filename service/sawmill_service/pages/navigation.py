@@ -2,4 +2,7 @@
 
 from sawmill_service.pages.languages import marked
 
-NAVIGATION = (("/", marked("Today")),)
+NAVIGATION = (
+    ("/", marked("Today")),
+    ("/phantoms", marked("Phantoms")),
+)

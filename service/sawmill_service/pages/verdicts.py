@@ -49,24 +49,28 @@ def shown_questions(
     """What templates call with a calibration and its scanner's tolerances (`two_questions`)."""
 
     def shown(calibration: CalibrationResult, tolerances: Tolerances | None = None) -> list[ShownQuestion]:
-        two = TwoQuestions.of(calibration, tolerances)
-        rays, millimetres = two.rays, two.millimetres
-        rays_sentence = rays.sentence(text.gettext, formats.mm)
-        lengths = millimetres.sentence(text.gettext, formats.log_mm, formats.share)
-        return [
-            _shown(text, rays.question, rays.answer, rays_sentence, rays.upper_95_mm, rays.limit_mm, formats.mm),
-            _shown(
-                text,
-                millimetres.question,
-                millimetres.answer,
-                lengths,
-                millimetres.percent_95,
-                millimetres.limit_percent,
-                formats.share,
-            ),
-        ]
+        return shown_pair(TwoQuestions.of(calibration, tolerances), text, formats)
 
     return shown
+
+
+def shown_pair(two: TwoQuestions, text: gettext.NullTranslations, formats: Formats) -> list[ShownQuestion]:
+    """Both, of a calibration or a plan."""
+    rays, millimetres = two.rays, two.millimetres
+    rays_sentence = rays.sentence(text.gettext, formats.mm)
+    lengths = millimetres.sentence(text.gettext, formats.log_mm, formats.share)
+    return [
+        _shown(text, rays.question, rays.answer, rays_sentence, rays.upper_95_mm, rays.limit_mm, formats.mm),
+        _shown(
+            text,
+            millimetres.question,
+            millimetres.answer,
+            lengths,
+            millimetres.percent_95,
+            millimetres.limit_percent,
+            formats.share,
+        ),
+    ]
 
 
 def _shown(

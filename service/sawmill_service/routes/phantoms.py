@@ -13,7 +13,7 @@ from sawmill_service.uploads import chunks
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.phantoms import PhantomAsk, PhantomPicture, StoredPhantom
+from sawmill_worker.contracts.phantoms import MeasurementsAsk, PhantomAsk, PhantomPicture, StoredPhantom
 from sawmill_worker.pictures.phantom_drawing import phantom_svg
 
 router = APIRouter(prefix="/v1/phantoms", tags=["phantoms"])
@@ -25,6 +25,20 @@ EXAMPLE = {
         {"kind": "polygon", "vertices_mm": [[-100, -150], [100, -150], [100, 150], [-100, 150]]},
         {"kind": "disc", "center_mm": [-50, -50], "radius_mm": 26, "density": -1},
     ],
+}
+
+MEASURED = {
+    "measurements": [
+        {
+            "what": "x",
+            "measured_mm": 200.1,
+            "standard_uncertainty_mm": 0.05,
+            "measured_on": "2026-11-02",
+            "instrument": "caliper 12",
+            "moisture_percent": 11,
+            "expires_on": "2027-11-02",
+        }
+    ]
 }
 
 
@@ -102,6 +116,24 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
         raise Refused(409, "phantom-without-drawing", detail)
     tag = etag(drawing)
     return picture(request, tag, lambda: phantom_svg(drawing), answer=Svg)
+
+
+@router.post(
+    "/{phantom_id}/measurements",
+    status_code=201,
+    summary="Measure a phantom anew",
+    openapi_extra=trying(phantom_id="l-shape", body=MEASURED),
+)
+def measure_phantom(
+    phantom_id: Identifier, measured: MeasurementsAsk, store: TheStore, response: Response
+) -> StoredPhantom:
+    """Makes a phantom of the size measured now, which `follows` this one; this one stays for what refers to it.
+
+    A length takes the place of an earlier one of the same name, and others stay.
+    """
+    phantom = store.phantoms.measure(phantom_id, measured)
+    response.headers["Location"] = f"/v1/phantoms/{phantom.id}"
+    return phantom
 
 
 @router.delete(

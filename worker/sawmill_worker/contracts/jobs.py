@@ -121,6 +121,10 @@ class Job(Stamped):
         None, description="The `X-Request-Id` of the request that queued it; null: none did, as for a schedule's."
     )
     key_id: str | None = Field(None, description="Of the key that this request brought; null: none.")
+    asked_by: str | None = Field(
+        None,
+        description="The name of the key with which it was asked for, or who else did; null: an earlier version's.",
+    )
     started_at: datetime | None = None
     finished_at: datetime | None = None
     failure: Failure | None = None

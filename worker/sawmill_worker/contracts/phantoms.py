@@ -1,6 +1,7 @@
 """Phantoms: polygons and discs in mm, or a picture and its width."""
 
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import date
 from enum import StrEnum
@@ -12,7 +13,7 @@ from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
-from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Shape, TrueAxis, fault_of_outline
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Point, Shape, TrueAxis, fault_of_outline
 
 # The smallest body that can be drawn, and the least and the largest density against wood's: the science squares them.
 SMALLEST_RADIUS_MM, SMALLEST_AREA_MM2 = 0.1, 0.01
@@ -45,6 +46,10 @@ class SizeMeasurement(Contract):
         None, description="Of the wood when it was measured, against its dry weight."
     )
     expires_on: date | None = Field(None, description="After this day an answer asks for a new measurement.")
+
+    def expired(self, today: date) -> bool:
+        """Whether it should have been repeated before this day."""
+        return self.expires_on is not None and self.expires_on < today
 
     @property
     def relative_uncertainty(self) -> float:
@@ -86,6 +91,66 @@ class PhantomDrawing(Contract):
     true_axis: TrueAxis | None = Field(
         None, description="Axis along which the size is right, where the phantom may differ along the other."
     )
+    follows: Identifier | None = Field(
+        None, description="The stored phantom that was measured anew to make this one; it stays for what refers to it."
+    )
+
+    @property
+    def extent_mm(self) -> tuple[float, float]:
+        """Of the wood along x and y, mm."""
+        low_x, low_y, high_x, high_y = extent_of_wood(self.shapes)
+        return high_x - low_x, high_y - low_y
+
+    def measured_anew(self, phantom_id: str, new: list[SizeMeasurement], *, stretched: bool) -> "PhantomDrawing":
+        """With new measurements, each in the place of an earlier one of the same length.
+
+        Parameters
+        ----------
+        phantom_id
+            Under which this drawing is stored: what the new one follows.
+        new
+            What was measured.
+        stretched
+            Whether the shapes are stretched along x and y, from the rotation centre, to what was measured there. A disc
+            stays one: its radius grows by the geometric mean of both.
+
+        Raises
+        ------
+        ValueError
+            A length along x or y is off by so much that it is another phantom's.
+        """
+        measured = {each.what: each for each in (*self.measurements, *new)}
+        factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
+        shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
+        return PhantomDrawing(
+            name=self.name,
+            shapes=shapes,
+            measurements=list(measured.values()),
+            true_axis=self.true_axis,
+            follows=phantom_id,
+        )
+
+    def _factor(self, axis: str, measured: SizeMeasurement | None) -> float:
+        """What was measured along an axis against what is drawn; 1 where nothing was."""
+        if measured is None:
+            return 1.0
+        drawn_mm = self.extent_mm["xy".index(axis)]
+        if abs(measured.measured_mm - drawn_mm) > LARGEST_SIZE_TOLERANCE * drawn_mm:
+            msg = (
+                f"{axis} was measured as {measured.measured_mm:g} mm and is drawn {drawn_mm:g} mm long: give a length "
+                f"within {LARGEST_SIZE_TOLERANCE:.0%} of the drawing, or draw the other phantom"
+            )
+            raise ValueError(msg)
+        return measured.measured_mm / drawn_mm
+
+
+class MeasurementsAsk(Given):
+    """A stored phantom's sides, measured anew."""
+
+    measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100)
+    stretch_drawing: bool = Field(
+        default=True, description="Stretch the shapes along x and y to what was measured there."
+    )
 
 
 class PhantomAsk(PhantomDrawing, Given):
@@ -95,17 +160,47 @@ class PhantomAsk(PhantomDrawing, Given):
     @classmethod
     def _are_a_body(cls, shapes: list[DrawnShape]) -> list[DrawnShape]:
         shapes = [_unclosed(shape) for shape in shapes]
-        for number, shape in enumerate(shapes):
-            if (fault := _fault(shape)) is not None:
-                msg = f"shape {number}, counted from 0, {fault}"
-                raise ValueError(msg)
-        if (outside := _hole_outside(shapes)) is not None:
-            raise ValueError(outside)
-        masses = [shape.density * shape.area_mm2 for shape in shapes]
-        if sum(masses) <= ROUNDING * max(masses):
-            msg = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
-            raise ValueError(msg)
+        for _, sentence in faults_of(dict(enumerate(shapes))):
+            raise ValueError(sentence)
         return shapes
+
+
+def faults_of(shapes: Mapping[int, Shape]) -> Iterator[tuple[int | None, str]]:
+    """Why shapes are no body, and what would be right: the number of the shape, null for all of them, and a sentence.
+
+    Parameters
+    ----------
+    shapes
+        By their numbers, counted from 0.
+    """
+    for number, shape in shapes.items():
+        if (fault := _fault(shape)) is not None:
+            yield number, f"shape {number}, counted from 0, {fault}"
+    yield from _holes_outside(shapes)
+    masses = [shape.density * shape.area_mm2 for shape in shapes.values()]
+    if masses and sum(masses) <= ROUNDING * max(masses):
+        sentence = f"the shapes' densities times their areas add up to {sum(masses):.4g} mm²: wood must outweigh holes"
+        yield None, sentence
+
+
+def extent_of_wood(shapes: Iterable[Shape]) -> tuple[float, float, float, float]:
+    """Least x and y, largest x and y of the shapes that give wood, mm; of all where none does."""
+    every = list(shapes)
+    wood = [shape.extent_mm for shape in every if shape.density > 0.0] or [shape.extent_mm for shape in every]
+    low_x, low_y, high_x, high_y = zip(*wood, strict=True)
+    return min(low_x), min(low_y), max(high_x), max(high_y)
+
+
+def _stretched(shape: Shape, along_x: float, along_y: float) -> Shape:
+    """To a tenth of a micrometre."""
+
+    def moved(point: Point) -> Point:
+        return round(point[0] * along_x, 4), round(point[1] * along_y, 4)
+
+    if isinstance(shape, Disc):
+        radius_mm = round(shape.radius_mm * math.sqrt(along_x * along_y), 4)
+        return replace(shape, center_mm=moved(shape.center_mm), radius_mm=radius_mm)
+    return replace(shape, vertices_mm=tuple(moved(corner) for corner in shape.vertices_mm))
 
 
 def _unclosed(shape: Shape) -> Shape:
@@ -135,21 +230,24 @@ def _fault(shape: Shape) -> str | None:
     return None if fault is None else f"is a polygon that {fault}"
 
 
-def _hole_outside(shapes: list[DrawnShape]) -> str | None:
-    """A sentence on a shape that takes wood away beyond the extent of all that give it."""
-    wood = [shape.extent_mm for shape in shapes if shape.density > 0.0]
-    for number, shape in enumerate(shapes):
-        if shape.density >= 0.0 or not wood:
+def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
+    """A sentence on each shape that takes wood away beyond the extent of all that give it."""
+    if not any(shape.density > 0.0 for shape in shapes.values()):
+        return
+    extent = extent_of_wood(shapes.values())
+    for number, shape in shapes.items():
+        if shape.density >= 0.0:
             continue
         for axis, name in enumerate("xy"):
-            low, high = min(each[axis] for each in wood), max(each[axis + 2] for each in wood)
+            low, high = extent[axis], extent[axis + 2]
             first, last = shape.extent_mm[axis], shape.extent_mm[axis + 2]
             if first < low - SMALLEST_RADIUS_MM or last > high + SMALLEST_RADIUS_MM:
-                return (
+                sentence = (
                     f"shape {number}, counted from 0, is a hole from {name} = {first:g} to {last:g} mm: the wood is "
                     f"from {low:g} to {high:g} mm, and nothing can be taken away beside it"
                 )
-    return None
+                yield number, sentence
+                break
 
 
 class PhantomPicture(Contract):

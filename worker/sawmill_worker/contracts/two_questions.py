@@ -10,6 +10,7 @@ from enum import StrEnum
 from typing import Self
 
 from sawmill_worker.contracts.calibrations import CalibrationLimits, CalibrationResult
+from sawmill_worker.contracts.plans import PlanResult
 from sawmill_worker.contracts.scanners import Tolerances
 from sawmill_worker.vocabulary import CalibrationStatus, Verdict
 
@@ -199,6 +200,19 @@ class TwoQuestions:
                 limit_percent=None if limits is None else limits.scale_tolerance_percent,
                 diameter_mm=2.0 * result.radius_mm,
                 contradicted=status is CalibrationStatus.INCONSISTENT_SCALE,
+            ),
+        )
+
+    @classmethod
+    def of_plan(cls, planned: PlanResult, tolerances: Tolerances) -> Self:
+        """By what a plan promises and what its scanner allows: noise and the phantom's size alone can speak against."""
+        predicted, limit_mm = planned.predicted_ray_error_mm, tolerances.predicted_ray_error_mm
+        return cls(
+            RaysRight(predicted.upper_95, limit_mm, "pass" if predicted.upper_95 <= limit_mm else "fail"),
+            MillimetresRight(
+                percent_95=planned.scale_uncertainty_percent,
+                limit_percent=tolerances.scale_percent,
+                diameter_mm=2.0 * predicted.radius_mm,
             ),
         )
 

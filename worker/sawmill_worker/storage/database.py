@@ -73,7 +73,7 @@ class Database:
         """
         with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
             lock_for_setup(connection)
-            if revision != "head" or _revision_of(connection) != newest_revision():
+            if revision != "head" or revision_of(connection) != newest_revision():
                 _migrate(connection, revision)
 
     def start_clock(self) -> None:
@@ -93,7 +93,8 @@ def newest_revision() -> str:
     return max(path.name for path in (_MIGRATIONS / "versions").glob("*.py")).partition("_")[0]
 
 
-def _revision_of(connection: Connection) -> str | None:
+def revision_of(connection: Connection) -> str | None:
+    """The number of the migration to which the tables were brought; None: there are none yet."""
     if not inspect(connection).has_table("alembic_version"):
         return None
     found: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))

@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import func, select
+from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import Event, EventKind
@@ -17,6 +17,8 @@ from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
 
 # In the detail of an attempt's end, where the attempt could tell it.
 PEAK_MEMORY = "peak_memory_bytes"
+# Among which a worker's last is looked for: a busy machine writes about as many in ten minutes.
+_NEWEST = 2000
 
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
@@ -135,6 +137,16 @@ class Events:
     def reader(self) -> EventReader:
         """Reads what happens from now on."""
         return EventReader(self._database)
+
+    def workers_since(self, since: datetime) -> dict[str, datetime]:
+        """Workers that began or ended an attempt since then, each with the last time; the latest first."""
+        newest = select(EventRow.worker, EventRow.at, EventRow.job_id).order_by(EventRow.number.desc()).limit(_NEWEST)
+        lately = newest.subquery()
+        named = and_(lately.c.at >= since, lately.c.worker.is_not(None), lately.c.job_id.is_not(None))
+        last = func.max(lately.c.at).label("last")
+        by_worker = select(lately.c.worker, last).where(named).group_by(lately.c.worker).order_by(last.desc())
+        with self._database.read() as session:
+            return {row.worker: row.last for row in session.execute(by_worker)}
 
     def clock_off(self, worker: str, off_s: float) -> None:
         """Say that a process's clock is ahead (or behind, below 0) by this."""

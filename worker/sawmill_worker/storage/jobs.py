@@ -123,6 +123,19 @@ class Jobs:
             rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
             return Page[Job](items=self._described(session, rows), next=following)
 
+    def waiting_in_line(self, *, kind: JobKind | None = None, limit: int = 50) -> list[Job]:
+        """Queued jobs, those first whose turn is next."""
+        queued = narrowed(select(JobRow), {JobRow.state: JobState.QUEUED, JobRow.kind: kind})
+        with self._database.read() as session:
+            return self._described(session, session.scalars(queued.order_by(*ORDER).limit(limit)).all())
+
+    def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
+        """Jobs that have ended however they did, those asked for last first."""
+        statement = narrowed(select(JobRow).where(JobRow.state.in_(_ENDED)), {JobRow.kind: kind})
+        with self._database.read() as session:
+            rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
+            return Page[Job](items=self._described(session, rows), next=following)
+
     def counts(self) -> dict[JobState, int]:
         """How many jobs are in each state, none included."""
         with self._database.read() as session:
@@ -548,6 +561,7 @@ def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
             "cancel_requested": row.cancel_requested,
             "request_id": row.request_id,
             "key_id": row.key_id,
+            "asked_by": row.asked_by,
             "started_at": row.started_at,
             "finished_at": row.finished_at,
             "failure": row.failure,

@@ -9,10 +9,16 @@ from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, Priority
-from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState, StoredPhantom
+from sawmill_worker.contracts.phantoms import (
+    MeasurementsAsk,
+    PhantomDrawing,
+    PhantomPicture,
+    PhantomState,
+    StoredPhantom,
+)
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, lock_for_setup
-from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.errors import Conflict, Invalid
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore, Received
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
@@ -54,6 +60,38 @@ class Phantoms:
             session.add(row)
             announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
             return _read(row)
+
+    def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
+        """Add a phantom as it is measured now; the one before stays as it is, for what refers to it.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such phantom, or it has no drawing.
+        Invalid
+            What was measured contradicts the drawing.
+        """
+        with self._database.write() as session:
+            before = found(session, PhantomRow, "phantom", phantom_id)
+            if before.drawing is None:
+                msg = f"phantom {phantom_id!r} is {before.state} and has no drawing to measure"
+                raise Conflict("phantom-without-drawing", msg)
+            drawing = PhantomDrawing.model_validate(before.drawing)
+            try:
+                drawing = drawing.measured_anew(phantom_id, measured.measurements, stretched=measured.stretch_drawing)
+            except ValueError as error:
+                raise Invalid("measurement-of-another-phantom", str(error)) from error
+            row = self._drawn(new_id(), drawing, built_in=False)
+            session.add(row)
+            announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
+            return _read(row)
+
+    def followers(self) -> dict[str, str]:
+        """The ids of phantoms that were measured anew, each with that of the newest phantom made so."""
+        follows = PhantomRow.drawing["follows"].as_string().label("follows")
+        followed = select(follows, PhantomRow.id).where(follows.is_not(None)).order_by(PhantomRow.created_at)
+        with self._database.read() as session:
+            return {row.follows: row.id for row in session.execute(followed)}
 
     def accept_picture(
         self,

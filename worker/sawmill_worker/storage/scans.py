@@ -2,7 +2,7 @@
 
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 
 from sawmill_worker.contracts import scans
 from sawmill_worker.contracts.audit import AuditAction
@@ -106,6 +106,11 @@ class Scans:
         statement = created_between(statement, ScanRow, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
+
+    def uploaded_bytes(self) -> int:
+        """Of all scans as they were uploaded."""
+        with self._database.read() as session:
+            return session.scalar(select(func.sum(ScanRow.size_bytes))) or 0
 
     def delete(self, scan_id: str) -> None:
         """Remove a scan, and its files after the commit; calibrations and reconstructions made from it stay.

@@ -12,6 +12,7 @@ from sawmill_worker.storage.audit import Audit
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.database_report import DatabaseReport, report_of
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
@@ -104,6 +105,10 @@ class Store:
     def clock_off_s(self) -> float:
         """By how much this machine's clock is ahead of the store's."""
         return self._database.clock.off_s()
+
+    def database_report(self) -> DatabaseReport:
+        """Which database it is and how it answers, or `StorageUnavailable`."""
+        return report_of(self._database)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.

@@ -17,7 +17,7 @@ def measurement_reasons(drawing: PhantomDrawing, today: date) -> Iterator[str]:
     """A sentence for each measurement that has expired, and for each that the drawing does not agree with."""
     extent_mm = np.ptp(np.concatenate(to_phantom(drawing).outlines()), axis=0)
     for measured in drawing.measurements:
-        if measured.expires_on is not None and measured.expires_on < today:
+        if measured.expired(today):
             yield f"the phantom's measurement of {_described(measured)} expired on {measured.expires_on}: repeat it"
         axis = AXES.get(measured.what)
         if axis is None:

@@ -1,0 +1,50 @@
+"""What a plan promises, held against the scanner's tolerances: the two questions, before the phantom is made."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sawmill_service.pages.frame import PageFrame
+from sawmill_service.pages.phantom_words import formats_of
+from sawmill_service.pages.verdicts import ShownQuestion, shown_pair
+from sawmill_worker.contracts.plans import Plan
+from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.contracts.two_questions import TwoQuestions
+from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.store import Store
+
+SHOWN = 3
+
+
+@dataclass(frozen=True)
+class PlanView:
+    """One plan as its page shows it.
+
+    Attributes
+    ----------
+    scanner : StoredScanner or None
+        None: it was deleted since.
+    questions : list of ShownQuestion
+        None of them while there is no answer, or no scanner whose tolerances it could be held against.
+    """
+
+    plan: Plan
+    scanner: StoredScanner | None
+    questions: list[ShownQuestion]
+
+
+def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanView]:
+    """The newest plans with a phantom, by the tolerances as they stand now."""
+    for plan in store.plans.page(phantom_id=phantom_id, limit=SHOWN).items:
+        scanner = _scanner(store, plan.scanner_id)
+        questions: list[ShownQuestion] = []
+        if plan.result is not None and scanner is not None:
+            promised = TwoQuestions.of_plan(plan.result, scanner.tolerances)
+            questions = shown_pair(promised, page.text, formats_of(page))
+        yield PlanView(plan, scanner, questions)
+
+
+def _scanner(store: Store, scanner_id: str) -> StoredScanner | None:
+    try:
+        return store.scanners.get(scanner_id)
+    except NotFound:
+        return None

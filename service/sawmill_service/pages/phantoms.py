@@ -1,0 +1,195 @@
+"""Phantoms: which there are, how well their sizes are known, a form for a new one, and the plan of a calibration."""
+
+import struct
+from datetime import date, datetime
+from typing import Annotated, NamedTuple
+
+from fastapi import APIRouter, Body, Query, Request, Response
+from fastapi.responses import HTMLResponse, RedirectResponse
+from markupsafe import Markup
+from pydantic import Field, JsonValue, ValidationError
+
+from sawmill_service.answers import Paging, Svg, etag, file, picture
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.phantom_plans import plan_views
+from sawmill_service.pages.phantom_words import SizeKnown, formats_of, size_known, size_text
+from sawmill_service.problems import field_problem
+from sawmill_worker.contracts.base import Contract, Identifier
+from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
+from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
+from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import Shape
+
+PHANTOMS = "/phantoms"
+# Of a list's page; a mill has one or two.
+LISTED = 50
+# The scanners that a plan can be asked for.
+OFFERED = 200
+# Signature, length and name of the first chunk, width, height (PNG, section 11.2.2).
+_PNG_HEAD = struct.Struct(">16xII")
+
+router = APIRouter(include_in_schema=False)
+
+
+class ListedPhantom(NamedTuple):
+    """A row of the list."""
+
+    phantom: StoredPhantom
+    size: str
+    known: SizeKnown
+
+
+class PictureShown(NamedTuple):
+    """A phantom's picture, in mm: its rotation centre is its middle."""
+
+    width_mm: float
+    height_mm: float
+
+
+class _Outline(Given):
+    """One shape of a drawing that is being made."""
+
+    shape: DrawnShape
+
+
+class ShapeFault(Contract):
+    """Why a drawing is none yet."""
+
+    shape: int | None = Field(description="The shape's number, counted from 0; null: all of them together.")
+    sentence: str
+
+
+class Preview(Contract):
+    """A drawing that is being made, as far as it can be drawn."""
+
+    svg: str | None
+    faults: list[ShapeFault]
+
+
+@router.get(PHANTOMS)
+def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
+    """Every phantom that no newer measurement has replaced, the newest first."""
+    listed, followed, today = (
+        store.phantoms.page(after=paging.after, limit=LISTED),
+        store.phantoms.followers(),
+        _today(),
+    )
+    rows = [_listed(each, page, today) for each in listed.items if each.id not in followed]
+    return page.answer("phantoms.html", rows=rows, following=listed.next)
+
+
+@router.get(f"{PHANTOMS}/new")
+def new_phantom(page: ThePage, settings: TheSettings) -> HTMLResponse:
+    """Draw one, or upload a picture of one."""
+    return page.answer("new_phantom.html", max_picture_bytes=settings.max_picture_bytes)
+
+
+@router.post(f"{PHANTOMS}/preview")
+def preview(page: ThePage, shapes: Annotated[list[JsonValue], Body(embed=True, max_length=200)]) -> Preview:
+    """Draw what can be drawn of shapes that need not be right yet, and say what is wrong with which."""
+    read: dict[int, Shape] = {}
+    faults: list[ShapeFault] = []
+    for number, given in enumerate(shapes):
+        try:
+            read[number] = _Outline.model_validate({"shape": given}).shape
+        except ValidationError as error:
+            faults.append(ShapeFault(shape=number, sentence=_complaint(error)))
+    faults += [ShapeFault(shape=number, sentence=sentence) for number, sentence in faults_of(read)]
+    if not read:
+        return Preview(svg=None, faults=faults)
+    wrong = {fault.shape for fault in faults if fault.shape is not None}
+    svg = shown_svg(page.text.gettext("The drawing so far"), read, wrong=wrong, numbered=True)
+    return Preview(svg=svg, faults=faults)
+
+
+@router.get(PHANTOMS + "/{phantom_id}")
+def phantom(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """One phantom: its drawing, its measurements, what it promises."""
+    return _phantom_page(phantom_id, page, store)
+
+
+@router.get(PHANTOMS + "/{phantom_id}/plans")
+def plans(phantom_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """The part of that page with its newest plans, for when one has ended."""
+    return page.answer("phantom_plans.html", plans=list(plan_views(store, phantom_id, page)))
+
+
+@router.get(PHANTOMS + "/{phantom_id}/outline.svg")
+def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """A small picture of its shapes, for lists."""
+    drawing = store.phantoms.get(phantom_id).drawing
+    if drawing is None:
+        raise NotFound("drawing", phantom_id)
+    return picture(request, etag("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
+
+
+@router.get(PHANTOMS + "/{phantom_id}/picture.png")
+def uploaded_picture(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
+    """The picture that its outline was traced from."""
+    store.phantoms.picture(phantom_id)
+    return file(request, store.files.upload(JobKind.TRACE_PHANTOM, phantom_id), "image/png")
+
+
+@router.post(PHANTOMS + "/{phantom_id}/delete")
+def delete(phantom_id: Identifier, page: ThePage, store: TheStore) -> Response:
+    """Delete it, or say what it is still needed for."""
+    try:
+        store.phantoms.delete(phantom_id)
+    except Conflict as refused:
+        return _phantom_page(phantom_id, page, store, refused=str(refused), status=409)
+    return RedirectResponse(PHANTOMS, status_code=303)
+
+
+def _phantom_page(
+    phantom_id: str, page: PageFrame, store: Store, *, refused: str | None = None, status: int = 200
+) -> HTMLResponse:
+    stored, today = store.phantoms.get(phantom_id), _today()
+    drawing = stored.drawing
+    return page.answer(
+        "phantom.html",
+        status=status,
+        phantom=stored,
+        size=size_text(drawing, formats_of(page)) if drawing else None,
+        known=size_known(stored, page, today),
+        svg=Markup(shown_svg(drawing.name, dict(enumerate(drawing.shapes)))) if drawing else None,  # noqa: S704 - ours
+        shown=_picture_of(stored, store),
+        newer=store.phantoms.followers().get(phantom_id),
+        plans=list(plan_views(store, phantom_id, page)),
+        scanners=store.scanners.page(limit=OFFERED).items,
+        today=today,
+        refused=refused,
+    )
+
+
+def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
+    size = size_text(phantom.drawing, formats_of(page)) if phantom.drawing else ""
+    return ListedPhantom(phantom, size, size_known(phantom, page, today))
+
+
+def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
+    """None where it was drawn, or where what was uploaded is no PNG."""
+    if phantom.job_id is None:
+        return None
+    given: PhantomPicture = store.phantoms.picture(phantom.id)
+    path = store.files.upload(JobKind.TRACE_PHANTOM, phantom.id)
+    with path.open("rb") as uploaded:
+        head = uploaded.read(_PNG_HEAD.size)
+    if len(head) < _PNG_HEAD.size or not head.startswith(b"\x89PNG"):
+        return None
+    width, height = _PNG_HEAD.unpack(head)
+    return PictureShown(given.width_mm, given.width_mm * height / width) if width else None
+
+
+def _complaint(error: ValidationError) -> str:
+    """The first, with its place within the shape."""
+    found = field_problem(error.errors()[0])
+    place = ".".join(part for part in found.location.split(".") if part not in {"shape", "polygon", "disc"})
+    return f"{place} {found.message}".strip()
+
+
+def _today() -> date:
+    return datetime.now().astimezone().date()

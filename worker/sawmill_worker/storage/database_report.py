@@ -1,0 +1,60 @@
+"""Which database it is, and how fast it answers, for those who run the service."""
+
+import time
+from typing import NamedTuple
+
+from sqlalchemy import text
+
+from sawmill_worker.storage.database import Database, newest_revision, revision_of
+
+
+class DatabaseReport(NamedTuple):
+    """What a database reports of itself.
+
+    Attributes
+    ----------
+    system : str
+        Its name and version.
+    migration, newest_migration : str or None
+        To which its tables were brought, and the newest that this version knows.
+    answered_s : float
+        How long these questions took.
+    size_bytes : int
+        Of its tables and indexes.
+    """
+
+    system: str
+    migration: str | None
+    newest_migration: str
+    answered_s: float
+    size_bytes: int
+
+
+# Version and size, by SQLAlchemy's name of the system.
+_ASKED = {
+    "sqlite": (
+        "SQLite",
+        "SELECT sqlite_version(), page_count * page_size FROM pragma_page_count(), pragma_page_size()",
+    ),
+    "postgresql": (
+        "PostgreSQL",
+        "SELECT current_setting('server_version'), pg_database_size(current_database())",
+    ),
+}
+
+
+def report_of(database: Database) -> DatabaseReport:
+    """Ask a database.
+
+    Raises
+    ------
+    StorageUnavailable
+        It does not answer.
+    """
+    name, statement = _ASKED[database.engine.dialect.name]
+    started = time.perf_counter()
+    with database.read() as session:
+        version, size_bytes = session.execute(text(statement)).one()
+        migration = revision_of(session.connection())
+    answered_s = time.perf_counter() - started
+    return DatabaseReport(f"{name} {version}", migration, newest_revision(), answered_s, size_bytes)
