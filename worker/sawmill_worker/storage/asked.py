@@ -21,7 +21,7 @@ from sawmill_worker.storage.paging import created_between, narrowed, new_id, rea
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import looked_up
 from sawmill_worker.storage.scan_extent import refuse_beyond_scan
-from sawmill_worker.storage.tables import Answered, JobRow, table_of
+from sawmill_worker.storage.tables import OWN_TABLES, Answered, JobRow, table_of
 
 NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -104,7 +104,7 @@ class Asked(Generic[Ask, Answer]):
         """Newest first, narrowed by state, span of time and references' ids such as `scan_id`; null takes any."""
         table = table_of(self._declared.kind)
         columns = {getattr(table, name): wanted for name, wanted in references.items()}
-        statement = narrowed(_rows(self._declared), {**columns, JobRow.state: state})
+        statement = narrowed(_rows(self._declared, state), columns)
         statement = created_between(statement, table, created_from, created_before)
         with self._database.read() as session:
             return read_page(session, statement, table, self._read, after=after, limit=limit)
@@ -113,7 +113,7 @@ class Asked(Generic[Ask, Answer]):
         """The newest that succeeded or failed, narrowed as a page."""
         table = table_of(self._declared.kind)
         columns = [getattr(table, name) == wanted for name, wanted in references.items()]
-        ended = _rows(self._declared).where(JobRow.state.in_((JobState.SUCCEEDED, JobState.FAILED)), *columns)
+        ended = _rows(self._declared, JobState.SUCCEEDED, JobState.FAILED).where(*columns)
         with self._database.read() as session:
             row = session.scalar(ended.order_by(table.created_at.desc(), table.id.desc()).limit(1))
             return None if row is None else self._read(row)
@@ -178,6 +178,12 @@ def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str
     return row
 
 
-def _rows(declared: AskedKind[Any, Any]) -> Select[Any]:
-    table = table_of(declared.kind)
-    return select(table).join(table.job).where(JobRow.kind == declared.kind)
+def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:
+    """Of a kind, in any state or in one of these; jobs are looked up only where they decide."""
+    table, wanted = table_of(declared.kind), [state for state in states if state is not None]
+    statement = select(table)
+    if wanted or declared.kind not in OWN_TABLES:
+        statement = statement.join(table.job)
+    if declared.kind not in OWN_TABLES:
+        statement = statement.where(JobRow.kind == declared.kind)
+    return statement.where(JobRow.state.in_(wanted)) if wanted else statement

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any, TypeVar
 from uuid import uuid4
 
-from sqlalchemy import Select, and_, or_
+from sqlalchemy import Select, and_, or_, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_worker.contracts.base import Contract, Page
@@ -92,8 +92,10 @@ def rows_of_page(
         moment, identifier = _parse_cursor(after)
         older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
         statement = statement.where(older)
-    newest_first = statement.order_by(table.created_at.desc(), table.id.desc()).limit(limit + 1)
-    rows: Sequence[Row] = session.scalars(newest_first).all()
+    order = (table.created_at.desc(), table.id.desc())
+    # The ids of the page first: where no index has this order, the whole table is sorted, without what its rows hold.
+    ids = statement.with_only_columns(table.id, maintain_column_froms=True).order_by(*order).limit(limit + 1).subquery()
+    rows: Sequence[Row] = session.scalars(select(table).join(ids, ids.c.id == table.id).order_by(*order)).all()
     shown = rows[:limit]
     return shown, _cursor(shown[-1]) if len(rows) > limit else None
 
