@@ -59,6 +59,7 @@ NEEDED = {
     ("POST", "/v1/calibrations/{calibration_id}/activate"): Scope.ACTIVATE,
     ("POST", "/operator/activate/{calibration_id}"): Scope.ACTIVATE,
     ("POST", "/phantoms/{phantom_id}/delete"): Scope.ADMIN,
+    ("POST", "/scans/{scan_id}/delete"): Scope.ADMIN,
     ("POST", LOGIN): Scope.READ,
     ("POST", LOGOUT): Scope.READ,
 }

@@ -4,5 +4,7 @@ from sawmill_service.pages.languages import marked
 
 NAVIGATION = (
     ("/", marked("Today")),
+    ("/logs", marked("Logs")),
+    ("/scans", marked("Scans")),
     ("/phantoms", marked("Phantoms")),
 )

@@ -52,8 +52,13 @@ class ArrayQuery(Queried):
 
 
 class SideArrayQuery(Queried):
-    """From where to look at the log."""
+    """From where to look at the log, and how large an array to send."""
 
+    max_size: Annotated[int, Field(ge=16, le=4096)] | None = Field(
+        None,
+        description="Most values along each axis: of a longer one, the largest of 2, 3 and so on together, the fewest "
+        "with which it fits. Null: one for each slice and pixel.",
+    )
     along: Literal["x", "y"] = Field("x", description="The axis to look along; the other one is the array's second.")
 
 
@@ -114,9 +119,11 @@ def get_side_array(
     def read() -> tuple[bytes, Mapping[str, str]]:
         from sawmill_worker.files import volume_reader
         from sawmill_worker.pictures.arrays import npy
+        from sawmill_worker.pictures.log_pictures import densest_of
 
         view = volume_reader.side_view(store.files.volume(reconstruction_id), query.along)
-        return npy(view.data), {"X-Unit": view.unit}
+        most = (query.max_size or slices, query.max_size or max(size))
+        return npy(densest_of(view.data, most)), {"X-Unit": view.unit}
 
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
     size_bytes = _FLOAT32_BYTES * slices * max(size)

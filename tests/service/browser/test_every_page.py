@@ -9,6 +9,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
+    "scans": "/scans",
+    "scan": "/scans/example",
+    "logs": "/logs",
+    "log": "/logs/example",
 }
 LOOKS = [(390, "light", "en"), (800, "dark", "fi"), (1280, "light", "fi")]
 

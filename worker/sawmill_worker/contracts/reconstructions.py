@@ -318,7 +318,7 @@ DECLARATION = AskedKind(
         "thumbnail": "thumbnail.png",
     },
     references=(Reference.SCAN, Reference.CALIBRATION),
-    listed_by=("scanner_id", "state"),
+    listed_by=("scanner_id", "scan_id", "state"),
     to_ask=Operation(
         "Ask for a reconstruction",
         """\

@@ -50,6 +50,28 @@ class VolumeSlice:
 
 
 @dataclass(frozen=True)
+class VolumeGrid:
+    """Where a volume's slices and pixels lie.
+
+    Attributes
+    ----------
+    shape : (slice, x, y)
+    pixel_mm
+        Distance between pixels.
+    first_pixel_mm : (x, y)
+        Where the centre of pixel [0, 0] lies.
+    first_height_mm, spacing_mm
+        Where slice 0 lies along the log, and the distance to the next one; None where slices have no spacing.
+    """
+
+    shape: tuple[int, int, int]
+    pixel_mm: float
+    first_pixel_mm: tuple[float, float]
+    first_height_mm: float | None
+    spacing_mm: float | None
+
+
+@dataclass(frozen=True)
 class SideView:
     """The densest values of a reconstruction, looked at from the side.
 
@@ -72,6 +94,21 @@ class SideView:
     across_mm: tuple[float, float]
     along_mm: tuple[float, float] | None
     unit: str
+
+
+def volume_grid(path: Path) -> VolumeGrid:
+    """Read where the slices and pixels of volume.h5 lie."""
+    with open_hdf5(path) as file:
+        group = file[layout.RECONSTRUCTION]
+        x_mm = group["x"]
+        heights = [float(height) for height in group["z"][:2]] if "z" in group else []
+        return VolumeGrid(
+            shape=group[layout.VALUES].shape,
+            pixel_mm=float(x_mm[1] - x_mm[0]),
+            first_pixel_mm=(float(x_mm[0]), float(group["y"][0])),
+            first_height_mm=heights[0] if heights else None,
+            spacing_mm=heights[1] - heights[0] if len(heights) > 1 else None,
+        )
 
 
 def volume_slice(path: Path, index: int) -> VolumeSlice:

@@ -127,7 +127,7 @@ def side_view_png(
         raise ValueError(f"a side view is two-dimensional, not of shape {densest.shape}")
     shown = window or window_of(densest)
     width, height = _side_view_size(densest.shape, across_mm, along_mm)
-    few = _densest_of(densest.T, (height, width))
+    few = densest_of(densest.T, (height, width))
     panel = panel_of(few, shown, (width, height), color_map)
     layout = Layout.around(panel, axis_labels=True, title=True)
     page, draw = page_of(panel, layout, None)
@@ -180,8 +180,8 @@ def _side_view_size(shape: tuple[int, ...], across_mm: Span, along_mm: Span | No
     return round(min(max(true, _NARROWEST_PX), _WIDEST_PX)), height
 
 
-def _densest_of(values: NDArray[np.floating[Any]], most: tuple[int, int]) -> NDArray[np.floating[Any]]:
-    """At most `most` values along the axes, each the largest of its neighbours: a nail stays visible."""
+def densest_of(values: NDArray[np.floating[Any]], most: tuple[int, int]) -> NDArray[np.floating[Any]]:
+    """At most `most` values along the axes, each the largest of a block of neighbours: a nail stays visible."""
     for axis, limit in enumerate(most):
         step = -(-values.shape[axis] // limit)
         values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], step), axis=axis)

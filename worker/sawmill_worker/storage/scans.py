@@ -1,5 +1,6 @@
 """Scans: uploads, and what the job that reads them found."""
 
+from collections.abc import Collection
 from datetime import datetime
 
 from sqlalchemy import func, select
@@ -90,6 +91,12 @@ class Scans:
         """One scan, or `NotFound`."""
         with self._database.read() as session:
             return _read(found(session, ScanRow, "scan", scan_id))
+
+    def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
+        """Those that there are, by their ids."""
+        with self._database.read() as session:
+            rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
+            return {row.id: _read(row) for row in rows}
 
     def page(
         self,

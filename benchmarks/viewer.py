@@ -1,0 +1,251 @@
+"""How long a slice takes from the wish to the pixels on the screen, and how long lists of 10 000 take.
+
+    python benchmarks/viewer.py [--slices 100] [--size 512] [--moves 60]
+
+A service with a folder of its own, a volume with noise as a reconstruction has it, and Debian's Chromium. "Fetched"
+moves to a slice far away, which nothing has fetched ahead; "ahead" moves on to the next slice, with a pause in which
+somebody looks. The time runs from the slider's event to the second frame after the slice was painted, by the page's
+own clock: by then the first one is on the screen. Prints milliseconds: median, 95th percentile, largest.
+"""
+
+import argparse
+import logging
+import shutil
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from datetime import timedelta
+from pathlib import Path
+
+import httpx
+import numpy as np
+import structlog
+import uvicorn
+from numpy.typing import NDArray
+from playwright.sync_api import Page, sync_playwright
+
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import JobRow, ReconstructionRow, ScanRow
+
+SCANNERS, SCANS, MINUTES_APART = 50, 10_000, 7
+PIXEL_FIELD_MM, SPACING_MM = 400.0, 10.0
+PAUSE_MS, SEED = 250, 20261122
+FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")
+# Resolves with the milliseconds from the slider's event until the slice is on the screen.
+MOVE = """
+index => new Promise(resolve => {
+  const slider = document.querySelector("#slice"), pane = document.querySelector(".pane");
+  const started = performance.now();
+  const look = () => pane.dataset.shown === String(index)
+    ? requestAnimationFrame(() => requestAnimationFrame(() => resolve(performance.now() - started)))
+    : setTimeout(look, 1);
+  slider.value = index;
+  slider.dispatchEvent(new Event("input"));
+  look();
+})
+"""
+
+
+def slice_of(index: int, slices: int, size: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """A log with rings, a knot that wanders and noise, (x, y) in 1/mm; nothing in it is symmetric."""
+    x, y = np.mgrid[:size, :size] / size - 0.5
+    radius = np.hypot(x - 0.03, 1.1 * (y + 0.02))
+    wood = 0.02 + 0.004 * np.cos(180 * radius) * (radius < 0.36)
+    angle = 2.0 + 2.0 * index / slices
+    along = x * np.cos(angle) + y * np.sin(angle)
+    knot = (along > 0) & (np.abs(x * np.sin(angle) - y * np.cos(angle)) < 0.02 + 0.06 * along)
+    image = np.where(radius < 0.38, wood + 0.012 * knot, 0.0) + 0.0015 * rng.standard_normal((size, size))
+    return image.astype(np.float32)
+
+
+def write_volume(folder: Path, slices: int, size: int) -> tuple[float, float]:
+    """Write volume.h5; its range of values."""
+    rng = np.random.default_rng(SEED)
+    folder.mkdir(parents=True)
+    with new_reconstruction(
+        folder / "volume.h5",
+        (slices, size, size),
+        pixel_mm=PIXEL_FIELD_MM / size,
+        row_pitch_mm=SPACING_MM,
+        unit="1/mm",
+        geometry={},
+        parameters={},
+        software_version="0",
+        input_sha256="0" * 64,
+    ) as volume:
+        for index in range(slices):
+            volume.write(index, slice_of(index, slices, size, rng)[np.newaxis])
+    return 0.0, 0.034
+
+
+def result_of(slices: int, size: int, window: tuple[float, float]) -> dict[str, object]:
+    """A reconstruction's result, as a job would have stored it."""
+    theta = {
+        "source_shift_mm": 0.0,
+        "detector_shift_mm": 0.0,
+        "detector_tilt": 0.0,
+        "detector_to_cor_mm": 500.0,
+        "initial_angle_rad": 0.0,
+    }
+    return {
+        "shape": (slices, size, size),
+        "pixel_mm": PIXEL_FIELD_MM / size,
+        "unit": "1/mm",
+        "value_range": window,
+        "theta": theta,
+        "rotation": "as-given",
+        "handedness": "as-drawn",
+        "views": 360,
+        "rows": (0, slices),
+        "time_s": 12.0,
+        "software_version": "0",
+        "input_sha256": "0" * 64,
+    }
+
+
+def fill(store: Store, slices: int, size: int) -> None:
+    """Scanners, scans and a log of each; the newest, `r0`, has a volume."""
+    constants = ScannerConstants(source_to_cor_mm=859.46, num_detector_pixels=704, detector_pitch_mm=1.2)
+    for number in range(SCANNERS):
+        spec = ScannerSpec(name=f"Line {number}", constants=constants)
+        store.scanners.create(spec, scanner_id=f"line-{number}")
+    window = write_volume(store.files.results(JobKind.RECONSTRUCT, "r0"), slices, size)
+    shape = {"views": 360, "rows": slices, "detector": 704}
+    reading = {"format": "NXtomo", "shape": shape, "angular_range_deg": [0, 359]}
+    result, now = result_of(slices, size, window), store._database.now()  # noqa: SLF001 - rows that no job made
+    with store._database.write() as session:  # noqa: SLF001
+        for number in range(SCANS):
+            at, scanner_id = now - timedelta(minutes=MINUTES_APART * number), f"line-{number % SCANNERS}"
+            jobs = {"i": (JobKind.INGEST, f"s{number}"), "j": (JobKind.RECONSTRUCT, f"r{number}")}
+            for prefix, (kind, subject_id) in jobs.items():
+                done = {"state": JobState.SUCCEEDED, "subject_id": subject_id}
+                session.add(JobRow(id=f"{prefix}{number}", created_at=at, kind=kind, **done))
+            session.flush()
+            of_scan = {"spec": {"data": "counts", "name": f"log {number}"}, "size_bytes": 10**8, "sha256": "0" * 64}
+            common = {"created_at": at, "scanner_id": scanner_id}
+            session.add(
+                ScanRow(
+                    id=f"s{number}", state=ScanState.READY, job_id=f"i{number}", reading=reading, **of_scan, **common
+                )
+            )
+            options = {"scan_id": f"s{number}", "size": size}
+            log = {"scan_id": f"s{number}", "options": options, "result": result, "calibration_id": None}
+            session.add(ReconstructionRow(id=f"r{number}", job_id=f"j{number}", **log, **common))
+
+
+@contextmanager
+def serving(store: Store) -> Iterator[str]:
+    """The address of the service on a store, in a thread."""
+    settings = ServiceSettings()
+    config = uvicorn.Config(create_app(settings, store, lambda _: None), port=0, log_config=None, lifespan="off")
+    server = uvicorn.Server(config)
+    with closing(config.bind_socket()) as listening:
+        thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
+        thread.start()
+        try:
+            while not server.started:
+                time.sleep(0.01)
+            yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+        finally:
+            server.should_exit = True
+            thread.join()
+
+
+def report(name: str, milliseconds: Sequence[float]) -> None:
+    """One line."""
+    median, most = np.percentile(milliseconds, [50, 95])
+    print(f"  {name:<46} median {median:6.1f}   95 % {most:6.1f}   largest {max(milliseconds):6.1f} ms", flush=True)
+
+
+def timed(ask: Callable[[], httpx.Response], repeats: int) -> list[float]:
+    """Milliseconds of each."""
+    found = []
+    for _ in range(repeats):
+        started = time.perf_counter()
+        ask().raise_for_status()
+        found.append(1000 * (time.perf_counter() - started))
+    return found
+
+
+def measure_server(client: httpx.Client, slices: int, moves: int) -> None:
+    """Answers of the service, as another program on this machine has them."""
+    order = iter(np.random.default_rng(SEED).integers(0, slices, 10 * moves).tolist())
+    log = "/v1/reconstructions/r0"
+    print("server")
+    report("slice .npy", timed(lambda: client.get(f"{log}/slices/{next(order)}.npy"), moves))
+    report("slice .npy, max_size=256", timed(lambda: client.get(f"{log}/slices/{next(order)}.npy?max_size=256"), moves))
+    report("slice .png", timed(lambda: client.get(f"{log}/slices/{next(order)}.png"), moves // 4))
+    report("side .npy", timed(lambda: client.get(f"{log}/side.npy"), moves // 4))
+    report("thumbnail, drawn", timed(lambda: client.get(f"{log}/thumbnail.png"), 1))
+    report("thumbnail, kept", timed(lambda: client.get(f"{log}/thumbnail.png"), moves))
+    print(f"lists of {SCANS} scans and as many logs, {SCANNERS} scanners")
+    for path in ("/v1/scans", "/v1/reconstructions", "/scans", "/logs", "/logs/r0"):
+        report(path, timed(lambda path=path: client.get(path), moves // 4))  # type: ignore[misc]
+    for path in ("/scans", "/logs"):
+        query = f"{path}?scanner_id=line-7&day={time.strftime('%Y-%m-%d')}"
+        report(f"{path}, of a scanner and a day", timed(lambda query=query: client.get(query), moves // 4))  # type: ignore[misc]
+
+
+def moved(page: Page, places: Sequence[int], pause_ms: int) -> list[float]:
+    """Milliseconds of each move of the slider."""
+    found = []
+    for index in places:
+        page.wait_for_timeout(pause_ms)
+        found.append(page.evaluate(MOVE, index))
+    return found
+
+
+def measure_browser(address: str, slices: int, moves: int) -> None:
+    """From the slider's event to the screen."""
+    program = shutil.which("chromium")
+    assert program, "this needs Debian's Chromium: apt-get install chromium"
+    far = [(23 * n) % slices for n in range(1, moves + 1)]
+    with (
+        sync_playwright() as playwright,
+        closing(playwright.chromium.launch(executable_path=program, args=FLAGS)) as it,
+    ):
+        page = it.new_page(base_url=address, viewport={"width": 1280, "height": 800})
+        page.goto("/logs/r0")
+        page.wait_for_selector(".pane[data-shown]:not([data-shown=''])")
+        page.wait_for_timeout(1000)
+        print("Chromium, 1280 x 800")
+        report("a slice fetched", moved(page, far[: slices // 4], PAUSE_MS))
+        page.reload()
+        page.wait_for_selector(".pane[data-shown]:not([data-shown=''])")
+        report("the next slice, fetched ahead", moved(page, range(slices // 2 + 1, slices)[:moves], PAUSE_MS))
+        report("a slice that is kept", moved(page, range(slices // 2 + 1, slices)[:moves], 0))
+
+
+def main() -> None:
+    """Print the times."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--slices", type=int, default=100)
+    parser.add_argument("--size", type=int, default=512, help="pixels along a side")
+    parser.add_argument("--moves", type=int, default=60)
+    parser.add_argument("--serve", action="store_true", help="only serve, to look at the pages")
+    chosen = parser.parse_args()
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.ERROR))  # no line a request
+    with tempfile.TemporaryDirectory(prefix="sawmill-viewer-") as name:
+        store = Store.open(StorageSettings(data_folder=Path(name), database_url=None))
+        fill(store, chosen.slices, chosen.size)
+        with serving(store) as address:
+            if chosen.serve:
+                print(address, flush=True)
+                threading.Event().wait()
+            with httpx.Client(base_url=address, timeout=60) as client:
+                measure_server(client, chosen.slices, chosen.moves)
+            measure_browser(address, chosen.slices, chosen.moves)
+
+
+if __name__ == "__main__":
+    main()

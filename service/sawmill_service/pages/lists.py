@@ -1,0 +1,99 @@
+"""What the lists of scans and logs share: the filter by scanner and day, kept in the address, and the way on."""
+
+from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
+from typing import Annotated, Any
+from urllib.parse import urlencode
+from zoneinfo import ZoneInfo
+
+from fastapi import Depends, Query
+
+from sawmill_service.problems import Refused
+from sawmill_worker.storage.store import Store
+
+PER_PAGE = 24
+# Days far from ours have no moment in every time zone.
+_YEARS = range(1970, 2200)
+_MOST_NAMES = 200
+
+
+@dataclass(frozen=True)
+class ListFilter:
+    """Which items a list shows.
+
+    Attributes
+    ----------
+    scanner_id : str
+        Empty: of all scanners.
+    day : date or None
+        On which they were made.
+    zone : str
+        The time zone of that day, as Europe/Helsinki; empty: that of this machine.
+    after : str or None
+        The cursor of the page before.
+    """
+
+    scanner_id: str
+    day: date | None
+    zone: str
+    after: str | None
+
+    def arguments(self) -> dict[str, Any]:
+        """As the store's pages take them."""
+        known: dict[str, Any] = {"scanner_id": self.scanner_id or None, "after": self.after, "limit": PER_PAGE}
+        if self.day is not None:
+            known |= {"created_from": self._midnight(self.day), "created_before": self._midnight(self.day + _ONE_DAY)}
+        return known
+
+    def address(self, after: str | None = None) -> str:
+        """The query of this filter, from its first page on or from a cursor on."""
+        known = {"scanner_id": self.scanner_id, "day": self.day or "", "zone": self.zone, "after": after or ""}
+        return "?" + urlencode({name: value for name, value in known.items() if value})
+
+    def _midnight(self, day: date) -> datetime:
+        start = datetime.combine(day, time.min)
+        return start.replace(tzinfo=ZoneInfo(self.zone)) if self.zone else start.astimezone()
+
+
+_ONE_DAY = timedelta(days=1)
+
+
+def _list_filter(
+    scanner_id: Annotated[str, Query(max_length=64)] = "",
+    day: Annotated[str, Query(max_length=20)] = "",
+    zone: Annotated[str, Query(max_length=64)] = "",
+    after: Annotated[str, Query(max_length=200)] = "",
+) -> ListFilter:
+    """As a form sends it: a field that is left empty is an empty text."""
+    return ListFilter(scanner_id, _parse_day(day) if day else None, _check_zone(zone), after or None)
+
+
+TheFilter = Annotated[ListFilter, Depends(_list_filter)]
+
+
+def _parse_day(text: str) -> date:
+    try:
+        day = date.fromisoformat(text)
+    except ValueError:
+        day = None
+    if day is None or day.year not in _YEARS:
+        raise Refused(422, "invalid-day", f"day must be a date such as 2026-03-01, not {text!r}")
+    return day
+
+
+def _check_zone(text: str) -> str:
+    try:
+        return text and ZoneInfo(text).key
+    except (ValueError, LookupError, OSError) as error:
+        raise Refused(422, "invalid-zone", f"zone must be a time zone such as Europe/Helsinki, not {text!r}") from error
+
+
+def scanner_names(store: Store) -> dict[str, str]:
+    """Names by ids, in the order of the names."""
+    scanners = store.scanners.page(limit=_MOST_NAMES).items
+    return {scanner.id: scanner.name for scanner in sorted(scanners, key=lambda scanner: scanner.name)}
+
+
+def phantom_names(store: Store) -> dict[str, str]:
+    """Names by ids."""
+    return {phantom.id: phantom.name for phantom in store.phantoms.page(limit=_MOST_NAMES).items}

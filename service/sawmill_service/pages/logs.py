@@ -1,0 +1,110 @@
+"""Logs: what was reconstructed, and the viewer of its slices."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Query, Response
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.lists import TheFilter, scanner_names
+from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES, METHODS
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.reconstructions import Reconstruction
+from sawmill_worker.contracts.scans import Scan
+from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import ReconstructionMethod
+
+# Of the same scan, and of the same scanner: to look at beside a log.
+_OTHERS = 25
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/logs")
+def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
+    """The list, newest first."""
+    found = store.reconstructions.page(**chosen.arguments())
+    return page.answer(
+        "logs.html",
+        chosen=chosen,
+        found=found,
+        scans=store.scans.several({log.scan_id for log in found.items}),
+        scanners=scanner_names(store),
+        states=LOG_STATES,
+        methods=METHODS,
+        method_of=method_of,
+    )
+
+
+@router.get("/logs/{reconstruction_id}")
+def log(
+    reconstruction_id: Identifier,
+    page: ThePage,
+    store: TheStore,
+    beside: Annotated[str, Query(max_length=64)] = "",
+) -> Response:
+    """One log: its progress, why it failed, or its slices; `beside` names another log to look at with it."""
+    log = store.reconstructions.get(reconstruction_id)
+    others = _others(store, log) if log.result else {}
+    shown = [log, store.reconstructions.get(beside)] if beside and log.result else [log]
+    scans = store.scans.several({each.scan_id for each in (*shown, *others.values())})
+    return page.answer(
+        "log.html",
+        log=log,
+        job=store.jobs.get(log.job_id),
+        volumes=[_volume(store, each) for each in shown if each.result],
+        shown=shown,
+        others=others,
+        scans=scans,
+        scan=scans.get(log.scan_id),
+        scanner=store.scanners.get(log.scanner_id).name,
+        calibration=store.calibrations.get(log.calibration_id) if log.calibration_id else None,
+        state=LOG_STATES[JobState(log.state)],
+        methods=METHODS,
+        method_of=method_of,
+        color_maps=COLOR_MAPS,
+        name_of=_name_of,
+    )
+
+
+def method_of(log: Reconstruction) -> ReconstructionMethod:
+    """The method that made a log, or that was asked for while there is no result."""
+    used = log.result.method if log.result else None
+    return used.name if used else log.options.method
+
+
+def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
+    """Its scan's name; of one that was deleted, its id."""
+    scan = scans.get(log.scan_id)
+    return scan.name if scan else log.scan_id
+
+
+def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
+    """Ready logs to look at beside this one, by their ids: first those of the same scan."""
+    page, ready = store.reconstructions.page, JobState.SUCCEEDED
+    same_scan = page(scan_id=log.scan_id, state=ready, limit=_OTHERS).items
+    same_scanner = page(scanner_id=log.scanner_id, state=ready, limit=_OTHERS).items
+    return {each.id: each for each in (*same_scan, *same_scanner) if each.id != log.id}
+
+
+def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:
+    """Where a volume's slices and pixels lie, as the viewer's script reads it; None where its file is gone."""
+    from sawmill_worker.files.volume_reader import volume_grid  # noqa: PLC0415 - a service that shows none has no h5py
+
+    try:
+        grid = volume_grid(store.files.volume(log.id))
+    except NotFound:
+        return None
+    assert log.result is not None  # noqa: S101 - the caller has looked
+    return {
+        "id": log.id,
+        "shape": grid.shape,
+        "pixelMm": grid.pixel_mm,
+        "firstHeightMm": grid.first_height_mm,
+        "spacingMm": grid.spacing_mm,
+        "window": log.result.value_range,
+        "unit": log.result.unit,
+    }

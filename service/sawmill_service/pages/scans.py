@@ -1,0 +1,105 @@
+"""Scans: what was uploaded, what became of it, and what to do with it."""
+
+from typing import Any
+
+from fastapi import APIRouter, Response
+from fastapi.responses import RedirectResponse
+from pydantic import ValidationError
+
+from sawmill_service.dependencies import TheStore, TheWake
+from sawmill_service.forms import TheForm
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.lists import TheFilter, phantom_names, scanner_names
+from sawmill_service.pages.words import METHODS, SCAN_STATES
+from sawmill_service.problems import STATUS
+from sawmill_worker.contracts.base import Identifier, placed_complaint
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
+from sawmill_worker.storage.errors import Conflict, Invalid
+from sawmill_worker.storage.store import Store
+
+SIZES_PX = (256, 512, 1024, 2048)
+
+router = APIRouter(include_in_schema=False)
+
+
+class AskedLog(Queried, ReconstructionOptions):
+    """What the form for a log sends: texts."""
+
+
+@router.get("/scans")
+def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
+    """The list, newest first."""
+    return page.answer(
+        "scans.html",
+        chosen=chosen,
+        found=store.scans.page(**chosen.arguments()),
+        scanners=scanner_names(store),
+        phantoms=phantom_names(store),
+        states=SCAN_STATES,
+    )
+
+
+@router.get("/scans/{scan_id}")
+def scan(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
+    """One scan with what can be done with it."""
+    return _scan_page(page, store, scan_id)
+
+
+@router.post("/scans/{scan_id}/reconstruct")
+def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWake, fields: TheForm) -> Response:
+    """Ask for a log, and go on to it."""
+    wanted = {name: value for name, value in fields.items() if name in AskedLog.model_fields and value.strip()}
+    try:
+        options = AskedLog.model_validate(wanted)
+        asked = ReconstructionAsk(scan_id=scan_id, **options.model_dump(exclude_unset=True))
+        log = store.reconstructions.accept(asked)
+    except ValidationError as error:
+        return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), given=fields)
+    except (Conflict, Invalid) as error:
+        return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), given=fields)
+    wake(log.job_id)
+    return RedirectResponse(f"/logs/{log.id}", status_code=303)
+
+
+@router.post("/scans/{scan_id}/delete")
+def delete(scan_id: Identifier, page: ThePage, store: TheStore) -> Response:
+    """Delete a scan and go back to the list; where a job needs it, the page says which."""
+    try:
+        store.scans.delete(scan_id)
+    except Conflict as error:
+        return _scan_page(page, store, scan_id, status=409, problem=str(error))
+    return RedirectResponse("/scans", status_code=303)
+
+
+def _scan_page(
+    page: PageFrame,
+    store: Store,
+    scan_id: str,
+    *,
+    status: int = 200,
+    problem: str = "",
+    given: dict[str, str] | None = None,
+) -> Response:
+    scan = store.scans.get(scan_id)
+    logs = store.reconstructions.page(scan_id=scan_id, limit=10).items
+    calibrations = store.calibrations.page(scan_id=scan_id, limit=10).items
+    values: dict[str, Any] = {"scanner": _scanner_name(store, scan.scanner_id), "phantoms": phantom_names(store)}
+    return page.answer(
+        "scan.html",
+        status=status,
+        scan=scan,
+        state=SCAN_STATES[scan.state],
+        logs=logs,
+        calibrations=calibrations,
+        methods=METHODS,
+        sizes=SIZES_PX,
+        defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
+        problem=problem,
+        given=given or {},
+        **values,
+    )
+
+
+def _scanner_name(store: Store, scanner_id: str) -> str:
+    return store.scanners.get(scanner_id).name

@@ -1,0 +1,210 @@
+"""The lists of scans and logs, one scan, and a log while it is not ready."""
+
+import re
+from datetime import timedelta
+
+import pytest
+from conftest import Client
+
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.storage.paging import new_id
+from sawmill_worker.storage.tables import ScanRow
+from sawmill_worker.vocabulary import DataKind
+
+HTML = {"Accept": "text/html"}
+
+
+def words(answer) -> str:
+    """What a page shows, without its markup."""
+    return " ".join(re.sub(r"<[^>]+>", " ", answer.text.partition("<main")[2]).split())
+
+
+def titles(answer) -> list[str]:
+    return re.findall(r'<h2><a href="/(?:scans|logs)/([\w-]+)">', answer.text)
+
+
+def upload(store, name: str) -> str:
+    spec = ScanSpec(scanner_id="example", data=DataKind.COUNTS, name=name)
+    return store.scans.accept(spec, store.files.receive([b"file"], max_bytes=100)).id
+
+
+def test_a_list_shows_what_became_of_each_scan(seeded, store, worker):
+    refused, coming = upload(store, "a <bad> scan"), upload(store, "a coming scan")
+    reason = "the file has 359 angles for 360 views: give angles_deg"
+    with store._database.write() as session:
+        row = session.get(ScanRow, refused)
+        row.state, row.reason = "refused", reason
+    answer = seeded.get("/scans")
+    assert titles(answer) == [coming, refused, "example-spare", "example"]
+    assert "a &lt;bad&gt; scan" in answer.text
+    shown = words(answer)
+    assert "a coming scan Being read Line &lt;2&gt;" in shown
+    assert reason in shown
+    assert "12 views × 4 rows × 16 cells" in shown
+    assert 'src="/v1/scans/example/thumbnail.png"' in answer.text
+    assert f"/v1/scans/{refused}/thumbnail.png" not in answer.text
+    # Only a scan that is ready can be used, and only one of a phantom calibrates.
+    assert 'href="/calibrate?scan=example"' in answer.text
+    assert f"/scans/{coming}#reconstruct" not in answer.text
+    assert "data-unfinished" in answer.text
+
+
+@pytest.mark.parametrize("kind", ["scans", "logs"])
+def test_a_list_is_filtered_by_scanner_and_day_in_the_address(seeded, store, kind):
+    everything = titles(seeded.get(f"/{kind}"))
+    assert titles(seeded.get(f"/{kind}?scanner_id=&day=&zone=")) == everything
+    assert titles(seeded.get(f"/{kind}?scanner_id=example")) == everything
+    assert titles(seeded.get(f"/{kind}?scanner_id=example-spare")) == []
+    today = store._database.now()
+    for zone in ("Europe/Helsinki", "America/Los_Angeles"):
+        days = {(today + timedelta(days=n)).date().isoformat() for n in (-1, 0, 1)}
+        found = [titles(seeded.get(f"/{kind}?day={day}&zone={zone}")) for day in days]
+        # Made within a minute: on one day everywhere, or on two where midnight was meanwhile.
+        assert sorted(sum(found, [])) == sorted(everything)
+    answer = seeded.get(f"/{kind}?day=2020-02-29&scanner_id=example")
+    assert "Choose another scanner or day." in words(answer)
+    assert 'value="2020-02-29"' in answer.text
+    assert '<option value="example" selected>' in answer.text
+
+
+@pytest.mark.parametrize(
+    ("query", "code"),
+    [
+        ("day=29.2.2020", "invalid-day"),
+        ("day=0001-01-01", "invalid-day"),
+        ("zone=Nowhere/Land&day=2020-02-29", "invalid-zone"),
+        ("zone=../../etc/passwd", "invalid-zone"),
+        ("after=nonsense", "invalid-cursor"),
+    ],
+)
+def test_a_filter_that_is_none_is_a_page_for_people(seeded, query, code):
+    answer = seeded.get(f"/scans?{query}", headers=HTML)
+    assert answer.status_code == 422
+    assert code in words(answer)
+
+
+def test_a_long_list_leads_to_older_items(seeded, store):
+    with store._database.write() as session:
+        template = session.get(ScanRow, "example")
+        known = {column.key: getattr(template, column.key) for column in ScanRow.__table__.columns}
+        for number in range(30):
+            at = template.created_at - timedelta(minutes=number + 1)
+            session.add(ScanRow(**known | {"id": new_id(), "created_at": at}))
+    first = seeded.get("/scans?scanner_id=example")
+    older = re.search(r'href="(/scans\?[^"]+)" rel="next"', first.text)[1].replace("&amp;", "&")
+    assert "scanner_id=example" in older
+    second = seeded.get(older)
+    assert (len(titles(first)), len(titles(second))) == (24, 8)
+    assert not set(titles(first)) & set(titles(second))
+    assert 'rel="next"' not in second.text
+
+
+def test_slices_are_asked_for_by_a_form(seeded, store, worker, woken):
+    page = seeded.get("/scans/example")
+    assert "all 4" in page.text
+    sent = {"method": "total_variation", "rows": " 0:2 ", "size": "512", "field_mm": "350.5", "unknown": "1"}
+    answer = seeded.post("/scans/example/reconstruct", data=sent)
+    assert answer.status_code == 303
+    log = store.reconstructions.get(answer.headers["Location"].removeprefix("/logs/"))
+    options = log.options
+    assert (options.method, options.rows, options.size, options.field_mm) == ("total_variation", "0:2", 512, 350.5)
+    assert woken == [log.job_id]
+    assert "It waits for its turn" in words(seeded.get(answer.headers["Location"]))
+
+
+@pytest.mark.parametrize(
+    ("sent", "status", "sentence"),
+    [
+        ({"rows": "5"}, 422, "rows must be A:B with 0 &lt;= A &lt; B"),
+        ({"rows": "0:9"}, 422, "0:9"),
+        ({"field_mm": "-1"}, 422, "field_mm: Input should be greater than 0"),
+        ({"size": "many"}, 422, "size: Input should be a valid integer"),
+    ],
+)
+def test_a_form_that_cannot_be_used_comes_back_with_a_sentence(seeded, woken, sent, status, sentence):
+    answer = seeded.post("/scans/example/reconstruct", data=sent)
+    assert answer.status_code == status
+    assert sentence.replace("&lt;", "<") in words(answer).replace("&lt;", "<").replace("&#39;", "'")
+    assert all(f'value="{value}"' in answer.text for name, value in sent.items() if name != "size")
+    assert woken == []
+
+
+def test_a_scan_without_a_calibration_says_so(seeded, store, worker):
+    spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS)
+    scan = store.scans.accept(spec, store.files.receive([b"file"], max_bytes=100))
+    worker.finish_scan()
+    answer = seeded.post(f"/scans/{scan.id}/reconstruct", data={"method": "fbp"})
+    assert answer.status_code == 409
+    assert "no active calibration" in words(answer)
+
+
+def test_a_scan_is_deleted_after_a_question_unless_it_is_in_use(seeded, store):
+    page = seeded.get("/scans/example-spare")
+    assert re.search(r"<details>.*?<summary>Delete this scan.*?Yes, delete it", page.text, re.DOTALL)
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example-spare"))
+    refused = seeded.post("/scans/example-spare/delete")
+    assert refused.status_code == 409
+    assert log.job_id in words(refused)
+    store.jobs.cancel(log.job_id)
+    gone = seeded.post("/scans/example-spare/delete")
+    assert (gone.status_code, gone.headers["Location"]) == (303, "/scans")
+    assert seeded.get("/scans/example-spare", headers=HTML).status_code == 404
+
+
+def test_whoever_may_only_read_finds_no_buttons_and_cannot_press_them(seeded, store):
+    secret = store.keys.create(KeyAsk(name="reader", scope=Scope.READ)).secret
+    settings = ServiceSettings(behind_proxy=True, token="a-token-that-is-long-enough-to-be-one-1234")  # noqa: S106
+    reader = Client(create_app(settings, store, lambda _: None), {"Authorization": f"Bearer {secret}"})
+    page = reader.get("/scans/example")
+    assert "/scans/example/reconstruct" not in page.text
+    assert "/scans/example/delete" not in page.text
+    for action in ("reconstruct", "delete"):
+        assert reader.post(f"/scans/example/{action}", data={}).json()["code"] == "scope-too-small"
+
+
+def test_a_list_of_logs_shows_state_method_and_size(seeded, store):
+    waiting = store.reconstructions.accept(ReconstructionAsk(scan_id="example", method="cauchy_map"))
+    answer = seeded.get("/logs")
+    shown = words(answer)
+    assert titles(answer)[0] == waiting.id
+    assert "scan Waiting Line &lt;2&gt;" in shown
+    assert "Cauchy MAP" in shown
+    assert "3 slices of 32 × 32 pixels" in shown
+
+
+def test_a_log_s_page_says_how_it_was_made(seeded):
+    answer = seeded.get("/logs/example")
+    shown = words(answer)
+    for fact in ("Filtered back-projection", "Line &lt;2&gt;", "1.250 mm", "12", "32 × 32"):
+        assert fact in shown
+    assert 'href="/calibrations/example/report"' in answer.text
+    assert 'src="/static/pages/viewer.js"' in answer.text
+    # Without a script: the middle slice.
+    assert '<img class="picture" src="/v1/reconstructions/example/slices/1.png"' in answer.text
+    # Others of the same scan can be looked at beside it.
+    assert '<option value="example-sparse">' in answer.text
+    both = seeded.get("/logs/example?beside=example-sparse")
+    assert both.text.count("data-volume=") == 2
+    assert '<option value="example-sparse" selected>' in both.text
+
+
+def test_a_log_whose_file_or_scan_is_gone_is_still_described(seeded, store):
+    (store.files.folder / "reconstructions/example/volume.h5").unlink()
+    shown = words(seeded.get("/logs/example"))
+    assert "The file with the slices is not there any more" in shown
+    store.scans.delete("example")
+    assert "deleted" in words(seeded.get("/logs/example-sparse"))
+
+
+def test_a_log_that_failed_or_was_cancelled_says_what_to_do(seeded, store):
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
+    store.jobs.cancel(log.job_id)
+    answer = seeded.get(f"/logs/{log.id}")
+    assert "It was cancelled before it was done." in words(answer)
+    assert 'href="/scans/example#reconstruct"' in answer.text
+    assert seeded.get("/logs/nobody", headers=HTML).status_code == 404
+    assert seeded.get("/logs/example?beside=nobody", headers=HTML).status_code == 404
