@@ -4,9 +4,10 @@ Each is answered by a number, its limit and a sentence. The sentences are texts 
 `gettext` and its own way of writing millimetres and per cent.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 from typing import Self
 
 from sawmill_worker.contracts.calibrations import CalibrationLimits, CalibrationResult
@@ -21,6 +22,16 @@ Written = Callable[[float], str]
 def N_(text: str) -> str:  # noqa: N802 - Babel's word for a text that is translated where it is shown
     """The text as it is."""
     return text
+
+
+# What a verdict means, in a sentence.
+VERDICTS: Mapping[Verdict, str] = MappingProxyType(
+    {
+        "pass": N_("The geometry is known well enough to be used."),
+        "watch": N_("There is a geometry, but look at it before it is used."),
+        "fail": N_("This geometry must not be used."),
+    }
+)
 
 
 class Answer(StrEnum):

@@ -14,6 +14,7 @@ from matplotlib.transforms import Bbox
 
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays, LogImages
 from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.two_questions import VERDICTS
 from sawmill_worker.pictures.calibration_table import calibration_table
 from sawmill_worker.pictures.fit_panels import draw_residual, draw_search
 from sawmill_worker.pictures.image_panels import draw_logs, draw_phantom, encoded
@@ -24,11 +25,7 @@ WIDTH_IN = 14.0
 LINE_IN = 0.27
 COLUMNS = 150
 ALARM = "#b71c1c"
-VERDICTS = {
-    "pass": ("#2e7d32", "The geometry is known well enough to be used."),
-    "watch": ("#b26a00", "There is a geometry, but look at it before it is used."),
-    "fail": (ALARM, "This geometry must not be used."),
-}
+COLORS = {"pass": "#2e7d32", "watch": "#b26a00", "fail": ALARM}
 # What a reader must know of the phantom's image.
 BY_METHOD = {
     ReconstructionMethod.TOTAL_VARIATION: (
@@ -79,7 +76,7 @@ def overlay_png(result: CalibrationResult, arrays: CalibrationArrays) -> bytes:
 
 def _lines(result: CalibrationResult) -> Iterator[tuple[str, str]]:
     """The lines below the title, each with its colour: the verdict in words, why, what moved, what was done."""
-    yield VERDICTS[result.verdict][1], "black"
+    yield VERDICTS[result.verdict], "black"
     comparison = result.comparison
     sentences = [(reason, "black") for reason in result.reasons]
     if comparison is not None:
@@ -93,7 +90,7 @@ def _lines(result: CalibrationResult) -> Iterator[tuple[str, str]]:
 
 
 def _draw_head(part: SubFigure, result: CalibrationResult, lines: list[tuple[str, str]], height_in: float) -> None:
-    color, _ = VERDICTS[result.verdict]
+    color = COLORS[result.verdict]
     badge = {"boxstyle": "round,pad=0.45", "facecolor": color, "edgecolor": "none"}
     top = 1 - 0.2 / height_in
     part.text(0.012, top, f"Calibration with {result.phantom}", fontsize=19, fontweight="bold", va="top")

@@ -1,0 +1,79 @@
+"""What a person does next with a calibration, in one sentence, and which of its reasons that is because of."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.two_questions import Answer, N_, TwoQuestions
+
+# The 95 % number over the size's standard uncertainty, where the size is one of two equal shares in quadrature.
+HALF_OF_IT_SIZE = 1.96 * 2.0**0.5
+
+
+class Action(StrEnum):
+    """In a word."""
+
+    NOTHING = "nothing"
+    ACCEPT = "accept"
+    LOOK = "look"
+    MEASURE = "measure"
+    SCAN_AGAIN = "scan-again"
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """What to do.
+
+    Attributes
+    ----------
+    message : str
+        A sentence, to be translated; it ends in a colon where a reason follows.
+    reason : str or None
+        The answer's own sentence, in English.
+    """
+
+    action: Action
+    message: str
+    reason: str | None = None
+
+
+def next_step(result: CalibrationResult, both: TwoQuestions, *, active: bool) -> NextStep:
+    """What to do with an answer; `active` where its scanner uses it already."""
+    comparison, rays = result.comparison, both.rays.answer
+    moved = None if comparison is None or comparison.within_tolerance else comparison.reason
+    reason = next((each for each in result.reasons if each != moved), None)
+    if rays is Answer.NO:
+        return NextStep(Action.SCAN_AGAIN, _not_to_be_used(active=active), reason)
+    if rays is Answer.LOOK:
+        return NextStep(Action.SCAN_AGAIN, N_("Put this right, then scan the phantom again:"), reason)
+    if rays is Answer.UNKNOWN:
+        return NextStep(Action.LOOK, N_("Look at the pictures before you use it: it has no error bars."))
+    if active:
+        return _scale_step(result, both, N_("It is in use. Nothing needs to be done."), reason)
+    if moved is not None:
+        text = N_("Find out what moved on the scanner. If the change is known, accept this calibration:")
+        return NextStep(Action.LOOK, text, moved)
+    return _scale_step(result, both, None, reason)
+
+
+def _not_to_be_used(*, active: bool) -> str:
+    if active:
+        return N_("It is in use and must not be: go back to an earlier one, or put this right and scan again:")
+    return N_("Do not use it. Put this right, then scan the phantom again:")
+
+
+def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | None, reason: str | None) -> NextStep:
+    """Where the rays are right: by the answer to the second question."""
+    if both.millimetres.answer is not Answer.LOOK:
+        accept = N_("Accept it.")
+        return NextStep(Action.NOTHING, in_use) if in_use else NextStep(Action.ACCEPT, accept)
+    if _is_size(result):
+        text = N_("Use it for sharp images. For right millimetres measure the phantom, and scan it again.")
+        return NextStep(Action.MEASURE, text)
+    return NextStep(Action.MEASURE, N_("Use it for sharp images. For right millimetres put this right:"), reason)
+
+
+def _is_size(result: CalibrationResult) -> bool:
+    """Whether most of the scale's uncertainty is the phantom's size tolerance."""
+    size = result.scale_uncertainty_mm / result.source_frame.source_distance_mm
+    return (result.scale_uncertainty_percent or 0.0) <= 100.0 * HALF_OF_IT_SIZE * size

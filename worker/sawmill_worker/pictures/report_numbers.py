@@ -1,0 +1,207 @@
+"""The numbers of a calibration's report as people read them: degrees for angles, radians beside them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+
+import numpy as np
+
+from sawmill_worker.contracts.calibrations import CalibrationResult, SecondWitness
+from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
+from sawmill_worker.vocabulary import Shape, Theta
+
+NOT_KNOWN = "not known"
+FRAME_SYMBOLS = ("ψ", "R", "SDD", "u_c", "τ")
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number of the geometry: its name, symbol, value and standard deviation, and the same in radians or a slope."""
+
+    name: str
+    symbol: str
+    value: str
+    deviation: str
+    beside: str = ""
+    twin: str = ""
+
+
+Row = tuple[str, str]
+
+
+def moment(time: datetime) -> str:
+    """A time with its zone, as in 2026-11-22 18:44 EET (UTC+02:00)."""
+    offset = time.strftime("%z")
+    return f"{time:%Y-%m-%d %H:%M} {time.tzname()} (UTC{offset[:3]}:{offset[3:]})"
+
+
+def theta_rows(result: CalibrationResult) -> list[Parameter]:
+    """Theta with its standard deviations, and its twin."""
+    theta, twin = result.theta, result.theta_twin
+    deviation = None if result.standard_deviation is None else result.standard_deviation.theta
+
+    def spread(name: str) -> float | None:
+        return None if deviation is None else getattr(deviation, name)
+
+    def length(name: str, text: str, symbol: str) -> Parameter:
+        value, other = getattr(theta, name), "" if twin is None else f"{getattr(twin, name):.2f} mm"
+        return Parameter(text, symbol, f"{value:.3f} mm", _plus_minus(spread(name), "mm"), twin=other)
+
+    angle = theta.initial_angle_rad
+    return [
+        Parameter(
+            "first angle",
+            "α_0",
+            f"{math.degrees(angle):.4f}°",
+            _plus_minus_degrees(spread("initial_angle_rad")),
+            f"{angle:.6f} rad",
+            "" if twin is None else f"{math.degrees(twin.initial_angle_rad):.2f}°",
+        ),
+        length("detector_to_cor_mm", "COR to detector", "r_D"),
+        length("source_shift_mm", "source shift", "h_S"),
+        length("detector_shift_mm", "detector shift", "h_D"),
+        Parameter(
+            "detector tilt",
+            "α_D",
+            f"{_slope_degrees(theta):.4f}°",
+            _plus_minus_degrees(_of_slope(theta, spread("detector_tilt"))),
+            f"slope {theta.detector_tilt:.6f}",
+            "" if twin is None else f"{_slope_degrees(twin):.2f}°",
+        ),
+    ]
+
+
+def frame_rows(result: CalibrationResult) -> list[Parameter]:
+    """The source frame with its standard deviations."""
+    frame = result.source_frame
+    deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
+
+    def spread(name: str) -> float | None:
+        return None if deviation is None else getattr(deviation, name)
+
+    def angle(name: str, text: str, symbol: str) -> Parameter:
+        value = getattr(frame, name)
+        return Parameter(
+            text, symbol, f"{math.degrees(value):.4f}°", _plus_minus_degrees(spread(name)), f"{value:.6f} rad"
+        )
+
+    def length(name: str, text: str, symbol: str) -> Parameter:
+        return Parameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
+
+    return [
+        angle("psi_rad", "direction of the first view", "ψ"),
+        length("source_distance_mm", "source to COR", "R"),
+        length("source_to_detector_mm", "source to detector", "SDD"),
+        length("cor_column_mm", "COR on the detector", "u_c"),
+        angle("tilt_rad", "detector tilt", "τ"),
+        Parameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
+    ]
+
+
+def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
+    """The lower triangle of the source frame's correlations, a row a parameter; of what was held or not seen none."""
+    if result.covariance is None:
+        return []
+    covariance = np.array(result.covariance)
+    deviations = np.sqrt(np.diag(covariance))
+    known = [index for index in range(len(FRAME_SYMBOLS)) if deviations[index] > 0.0]
+    return [
+        (
+            FRAME_SYMBOLS[row],
+            [f"{covariance[row, column] / (deviations[row] * deviations[column]):+z.3f}" for column in known[: place + 1]],
+        )
+        for place, row in enumerate(known)
+    ]
+
+
+def comparison_rows(result: CalibrationResult) -> list[Row]:
+    """What changed since the calibration that was active."""
+    change = result.comparison
+    if change is None:
+        return []
+    rows = [("rays moved (RMS)", f"{change.ray_change_mm:.3f} mm")]
+    if change.scale_change_percent is not None:
+        spread = change.scale_change_uncertainty_percent
+        rows.append(
+            ("scale", f"{change.scale_change_percent:+z.3f} %" + ("" if spread is None else f" ± {spread:.2g} %"))
+        )
+    return [
+        *rows,
+        ("COR on the detector", f"{change.cor_column_change_mm:+z.3f} mm"),
+        ("source distance", f"{change.source_distance_change_mm:+z.3f} mm"),
+        ("detector tilt", f"{change.tilt_change_deg:+z.3f}°"),
+        ("first angle", f"{change.angle_change_deg:+z.3f}°"),
+    ]
+
+
+def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
+    """Each hypothesis with what it leaves unexplained and how far it is behind the best in log-likelihood."""
+    return [
+        (
+            f"{each.handedness}, {each.rotation}",
+            f"{each.relative_residual:.3%}",
+            NOT_KNOWN if each.log_likelihood_behind is None else f"{each.log_likelihood_behind:.4g}",
+        )
+        for each in result.hypotheses
+    ]
+
+
+def witness_rows(witness: SecondWitness) -> list[tuple[str, str, str]]:
+    """u_c and tilt by the phantom, by the log, their difference and what is reported."""
+    parts = ("phantom", "log", "difference", "reported")
+    rows = []
+    for part in parts:
+        value, spread = getattr(witness, part), getattr(witness, f"{part}_standard_deviation")
+        column = f"{value.cor_column_mm:.3f} mm {_plus_minus(spread.cor_column_mm, 'mm')}"
+        rows.append((part, column, f"{math.degrees(value.tilt_rad):.4f}° {_plus_minus_degrees(spread.tilt_rad)}"))
+    return rows
+
+
+def position(result: CalibrationResult) -> str:
+    """Where the phantom stood."""
+    x_mm, y_mm = result.phantom_position_mm
+    return f"x {x_mm:z.2f} mm, y {y_mm:z.2f} mm"
+
+
+def phantom_sides(drawing: PhantomDrawing) -> str:
+    """Its measured sides with their dates, or its drawn extent where nobody measured it."""
+    if drawing.measurements:
+        return "; ".join(_measured(each) for each in drawing.measurements)
+    low_x, low_y, high_x, high_y = _extent(drawing)
+    return f"drawn {high_x - low_x:g} × {high_y - low_y:g} mm (x × y); no measurement is recorded"
+
+
+def size_tolerance(drawing: PhantomDrawing) -> str:
+    """Relative standard uncertainty of its size."""
+    return f"± {100 * drawing.size_tolerance:.2g} % (standard uncertainty)"
+
+
+def _measured(side: SizeMeasurement) -> str:
+    on = "no date" if side.measured_on is None else f"{side.measured_on:%Y-%m-%d}"
+    return f"{side.what} {side.measured_mm:g} ± {side.standard_uncertainty_mm:g} mm ({on})"
+
+
+def _extent(drawing: PhantomDrawing) -> tuple[float, float, float, float]:
+    wood: Sequence[Shape] = [shape for shape in drawing.shapes if shape.density > 0.0] or drawing.shapes
+    extents = np.array([shape.extent_mm for shape in wood])
+    low_x, low_y = extents[:, :2].min(axis=0)
+    high_x, high_y = extents[:, 2:].max(axis=0)
+    return float(low_x), float(low_y), float(high_x), float(high_y)
+
+
+def _slope_degrees(theta: Theta) -> float:
+    return math.degrees(math.atan(theta.detector_tilt))
+
+
+def _of_slope(theta: Theta, deviation: float | None) -> float | None:
+    """Of the angle whose tangent is the slope."""
+    return None if deviation is None else deviation / (1.0 + theta.detector_tilt**2)
+
+
+def _plus_minus(deviation: float | None, unit: str) -> str:
+    return "no error bar" if deviation is None else f"± {deviation:.2g} {unit}".rstrip()
+
+
+def _plus_minus_degrees(deviation_rad: float | None) -> str:
+    return "no error bar" if deviation_rad is None else f"± {math.degrees(deviation_rad):.2g}°"

@@ -1,0 +1,119 @@
+"""A calibration's report as one HTML page for A4: the first sheet for the technician, the second for the scientist.
+
+The page stands alone: styles and pictures are inside, there is no script, and it asks for nothing. It is drawn without
+matplotlib, so that a service answers with it at once.
+"""
+
+from dataclasses import dataclass
+from datetime import datetime
+from functools import cache
+
+from jinja2 import Template
+from markupsafe import Markup
+
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.next_step import next_step
+from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.contracts.scanners import Tolerances
+from sawmill_worker.contracts.two_questions import VERDICTS, TwoQuestions, in_length, in_mm, in_percent
+from sawmill_worker.pictures import report_numbers as numbers
+from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
+from sawmill_worker.templating import templates_of
+
+MARKS = {"pass": "✓", "watch": "!", "fail": "✕", "yes": "✓", "look": "!", "no": "✕", "unknown": "?"}
+TONES = {"pass": "good", "watch": "watch", "fail": "bad", "yes": "good", "look": "watch", "no": "bad", "unknown": "idle"}
+
+
+@dataclass(frozen=True)
+class About:
+    """What stands around an answer; None, or nothing, where it is not known.
+
+    Attributes
+    ----------
+    made_at
+        With the zone in which it is shown.
+    asked_by
+        A person, a program or a schedule.
+    active
+        Whether the scanner uses it; None where no service is asked.
+    activated : str
+        When and why it became the active one.
+    origin : str
+        The file that the report was made from; empty where it was the service.
+    back : str
+        The address of the page to go back to, on a screen.
+    """
+
+    calibration_id: str | None = None
+    made_at: datetime | None = None
+    scanner_name: str | None = None
+    scanner_id: str | None = None
+    scan_name: str | None = None
+    scan_id: str | None = None
+    phantom: PhantomDrawing | None = None
+    tolerances: Tolerances | None = None
+    asked_by: str | None = None
+    active: bool | None = None
+    activated: str = ""
+    origin: str = ""
+    back: str = ""
+
+
+def report_html(result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:
+    """The report as one HTML file.
+
+    Parameters
+    ----------
+    arrays : CalibrationArrays or None
+        Of result.h5; without them the page has no pictures of the scan and says so.
+
+    Raises
+    ------
+    ValueError
+        When the arrays do not agree with one another.
+    """
+    both = TwoQuestions.of(result, about.tolerances)
+    before, after = (None, None) if arrays is None else log_fields(arrays)
+    return _template().render(
+        result=result,
+        about=about,
+        both=both,
+        step=next_step(result, both, active=about.active is True),
+        sentence=VERDICTS[result.verdict],
+        has_arrays=arrays is not None,
+        phantom=None if arrays is None else phantom_field(arrays),
+        before=before,
+        after=after,
+        residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
+        search=None if arrays is None else search_figure(arrays.search_history),
+        by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
+        log_row=None if arrays is None or arrays.log is None else arrays.log.row,
+        numbers=numbers,
+    )
+
+
+def gauge(value: float, limit: float) -> tuple[float, float]:
+    """How long the value's bar is and where the limit's mark stands, in per cent of the whole length."""
+    whole = max(1.3 * limit, 1.05 * value)
+    return 100.0 * value / whole, 100.0 * limit / whole
+
+
+def css_text(text: str) -> Markup:
+    """A text as a string of CSS, whatever it holds."""
+    letters = (letter if letter.isascii() and letter.isalnum() else f"\\{ord(letter):06x}" for letter in text)
+    return Markup('"' + "".join(letters) + '"')  # noqa: S704 - every other letter is an escape
+
+
+@cache
+def _template() -> Template:
+    templates = templates_of("sawmill_worker.pictures")
+    templates.filters |= {
+        "mm": in_mm,
+        "in_length": in_length,
+        "percent": in_percent,
+        "moment": numbers.moment,
+        "css_text": css_text,
+    }
+    templates.globals |= {"gauge": gauge, "marks": MARKS, "tones": TONES}
+    return templates.get_template("report.html")
