@@ -1,4 +1,4 @@
-"""The commands that need no server: inspect, calibrate, drift, reconstruct, simulate, export, phantom, worker.
+"""The commands that need no server: from inspect and calibrate to export and worker.
 
 Here stand their flags and what they print. Flags come from the contracts (`commands/from_contract.py`). What a
 command does stands in `sawmill_worker.commands`. The command itself imports it: none waits for another's libraries.
@@ -133,6 +133,29 @@ def calibrate(
         print_json(CalibrationFile.of(result).model_dump(mode="json"))
     else:
         print_calibration(result)
+
+
+@app.command(cls=Command)
+def report(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT",
+            exists=True,
+            dir_okay=False,
+            help="A calibration's result.h5, or its RESULT.json, which has no pictures of the scan.",
+        ),
+    ],
+    output: shared.Result,
+) -> None:
+    """Write a calibration's report as one HTML page that prints on A4."""
+    with answering():
+        from sawmill_worker.commands.report import write_report
+
+        has_pictures = write_report(result, output)
+    if not has_pictures:
+        say(f"{result.name} has the numbers alone: the report has no pictures of the scan; result.h5 has them")
+    say(f"a report of two pages: {output}")
 
 
 @app.command(cls=Command)

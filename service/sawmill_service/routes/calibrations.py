@@ -64,7 +64,7 @@ def get_log_after(calibration_id: Identifier, request: Request, store: TheStore)
 @router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
-    _check_succeeded(store, calibration_id, "result.h5")
+    succeeded(store, calibration_id, "result.h5")
     path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
     return file(request, path, Hdf5.media_type, save_as=f"calibration-{calibration_id}.h5")
 
@@ -80,12 +80,20 @@ def activate_calibration(calibration_id: Identifier, store: TheStore, activate: 
 
 
 def _picture(request: Request, store: Store, calibration_id: str, picture: CalibrationPicture) -> Response:
-    _check_succeeded(store, calibration_id, picture)
+    succeeded(store, calibration_id, picture)
     return file(request, calibration_picture(store, calibration_id, picture), Png.media_type)
 
 
-def _check_succeeded(store: Store, calibration_id: str, name: str) -> None:
+def succeeded(store: Store, calibration_id: str, name: str) -> CalibrationSucceeded:
+    """A calibration with an answer; `name` is what is asked of it.
+
+    Raises
+    ------
+    Refused
+        409 `calibration-without-result`.
+    """
     calibration = store.calibrations.get(calibration_id)
-    if not isinstance(calibration, CalibrationSucceeded):
-        detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
-        raise Refused(409, "calibration-without-result", detail)
+    if isinstance(calibration, CalibrationSucceeded):
+        return calibration
+    detail = f"calibration {calibration_id!r} is {calibration.state} and has no {name}"
+    raise Refused(409, "calibration-without-result", detail)

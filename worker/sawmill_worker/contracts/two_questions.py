@@ -95,6 +95,8 @@ class RaysRight:
     @property
     def message(self) -> str:
         """The sentence with its places: %(bound)s and %(limit)s, both in mm."""
+        if self.upper_95_mm is None and self.verdict == "fail":
+            return N_("It has no error bars, and what is known speaks against it.")
         if self.upper_95_mm is None:
             return N_("Not known: this calibration has no error bars.")
         if self.limit_mm is None:

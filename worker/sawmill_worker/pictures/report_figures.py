@@ -15,10 +15,8 @@ from PIL import Image
 
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.pages import encoded
-from sawmill_worker.pictures.windows import Window, labelled_views, round_length, ticks, to_unit, window_of
+from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, round_length, ticks, to_unit, window_of
 
-# Percentiles of the grey window: the ring of a dead cell must not darken the wood.
-SHOWN = (0.5, 99.5)
 # Of a residual: beyond this percentile of its size it is shown as the end of the colours.
 STRONGEST = 99.5
 # Pixels of a residual's picture, (views, cells): what a printed page can show.
@@ -84,7 +82,7 @@ def phantom_field(arrays: CalibrationArrays) -> Field | None:
     image = arrays.phantom_image
     if not image.any():
         return None
-    window = window_of(image, *SHOWN)
+    window = window_of(image, *LOG_WINDOW)
     outline = _path(arrays.phantom_outlines_mm, arrays.phantom_field_mm, len(image))
     return _field(image, arrays.phantom_field_mm, window, outline)
 
@@ -94,7 +92,7 @@ def log_fields(arrays: CalibrationArrays) -> tuple[Field | None, Field | None]:
     log = arrays.log
     if log is None:
         return None, None
-    window = window_of(log.after, *SHOWN)
+    window = window_of(log.after, *LOG_WINDOW)
     before = None if log.before is None else _field(log.before, log.field_mm, window)
     return before, _field(log.after, log.field_mm, window)
 

@@ -12,7 +12,7 @@ from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_worker.vocabulary import Shape, Theta
 
 NOT_KNOWN = "not known"
-FRAME_SYMBOLS = ("ψ", "R", "SDD", "u_c", "τ")
+FRAME_SYMBOLS = ("psi", "R", "SDD", "u_c", "tau")
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
     return [
         Parameter(
             "first angle",
-            "α_0",
+            "alpha_0",
             f"{math.degrees(angle):.4f}°",
             _plus_minus_degrees(spread("initial_angle_rad")),
             f"{angle:.6f} rad",
@@ -63,7 +63,7 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
         length("detector_shift_mm", "detector shift", "h_D"),
         Parameter(
             "detector tilt",
-            "α_D",
+            "alpha_D",
             f"{_slope_degrees(theta):.4f}°",
             _plus_minus_degrees(_of_slope(theta, spread("detector_tilt"))),
             f"slope {theta.detector_tilt:.6f}",
@@ -90,11 +90,11 @@ def frame_rows(result: CalibrationResult) -> list[Parameter]:
         return Parameter(text, symbol, f"{getattr(frame, name):.3f} mm", _plus_minus(spread(name), "mm"))
 
     return [
-        angle("psi_rad", "direction of the first view", "ψ"),
+        angle("psi_rad", "direction of the first view", "psi"),
         length("source_distance_mm", "source to COR", "R"),
         length("source_to_detector_mm", "source to detector", "SDD"),
         length("cor_column_mm", "COR on the detector", "u_c"),
-        angle("tilt_rad", "detector tilt", "τ"),
+        angle("tilt_rad", "detector tilt", "tau"),
         Parameter("magnification", "M", f"{frame.magnification:.5f}", _plus_minus(spread("magnification"), "")),
     ]
 
@@ -109,7 +109,10 @@ def correlations(result: CalibrationResult) -> list[tuple[str, list[str]]]:
     return [
         (
             FRAME_SYMBOLS[row],
-            [f"{covariance[row, column] / (deviations[row] * deviations[column]):+z.3f}" for column in known[: place + 1]],
+            [
+                f"{covariance[row, column] / (deviations[row] * deviations[column]):+z.3f}"
+                for column in known[: place + 1]
+            ],
         )
         for place, row in enumerate(known)
     ]
@@ -169,7 +172,7 @@ def phantom_sides(drawing: PhantomDrawing) -> str:
     if drawing.measurements:
         return "; ".join(_measured(each) for each in drawing.measurements)
     low_x, low_y, high_x, high_y = _extent(drawing)
-    return f"drawn {high_x - low_x:g} × {high_y - low_y:g} mm (x × y); no measurement is recorded"
+    return f"drawn {high_x - low_x:g} x {high_y - low_y:g} mm along x and y; no measurement is recorded"
 
 
 def size_tolerance(drawing: PhantomDrawing) -> str:

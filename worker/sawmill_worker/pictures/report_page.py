@@ -21,8 +21,9 @@ from sawmill_worker.pictures import report_numbers as numbers
 from sawmill_worker.pictures.report_figures import log_fields, phantom_field, residual_figure, search_figure
 from sawmill_worker.templating import templates_of
 
-MARKS = {"pass": "✓", "watch": "!", "fail": "✕", "yes": "✓", "look": "!", "no": "✕", "unknown": "?"}
-TONES = {"pass": "good", "watch": "watch", "fail": "bad", "yes": "good", "look": "watch", "no": "bad", "unknown": "idle"}
+# A mark and a tone by a verdict or an answer.
+LOOKS = {"pass": ("✓", "good"), "watch": ("!", "watch"), "fail": ("✕", "bad")}
+LOOKS |= {"yes": LOOKS["pass"], "look": LOOKS["watch"], "no": LOOKS["fail"], "unknown": ("?", "idle")}
 
 
 @dataclass(frozen=True)
@@ -115,5 +116,9 @@ def _template() -> Template:
         "moment": numbers.moment,
         "css_text": css_text,
     }
-    templates.globals |= {"gauge": gauge, "marks": MARKS, "tones": TONES}
+    templates.globals |= {
+        "gauge": gauge,
+        "marks": {word: mark for word, (mark, _) in LOOKS.items()},
+        "tones": {word: tone for word, (_, tone) in LOOKS.items()},
+    }
     return templates.get_template("report.html")

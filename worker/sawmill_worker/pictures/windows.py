@@ -10,11 +10,20 @@ Window = tuple[float, float]
 MOST_LABELS = 7
 # Percentiles of a log's grey window: the ring of a dead cell must not darken the wood.
 LOG_WINDOW = (0.5, 99.5)
+NOT_FINITE = "a picture cannot show values that are not finite"
 
 
 def window_of(values: NDArray[np.floating[Any]], low: float = 0.1, high: float = 99.9) -> Window:
-    """A window between two percentiles; of width 1 where all values are the same."""
+    """A window between two percentiles; of width 1 where all values are the same.
+
+    Raises
+    ------
+    ValueError
+        When a value is not finite.
+    """
     lowest, highest = (float(v) for v in np.percentile(values, (low, high)))
+    if not (math.isfinite(lowest) and math.isfinite(highest)):
+        raise ValueError(NOT_FINITE)
     return (lowest, highest) if highest > lowest else (lowest - 0.5, lowest + 0.5)
 
 
@@ -30,7 +39,7 @@ def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.flo
     if not low < high:
         raise ValueError(f"a window must be (low, high) with low < high, not {window}")
     if not np.isfinite(values).all():
-        raise ValueError("a picture cannot show values that are not finite")
+        raise ValueError(NOT_FINITE)
     return np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0.0, 1.0)
 
 

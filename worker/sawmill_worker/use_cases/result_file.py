@@ -1,16 +1,47 @@
 """A calibration's answer in a file: RESULT.json as `calibrate --json` or the service gave it, or its result.h5."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 import h5py
 from pydantic import ValidationError
 
 from sawmill_worker.contracts.base import placed_complaint
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationFile, CalibrationResult
 from sawmill_worker.files.errors import UnreadableScan
-from sawmill_worker.readers.calibration_answer import LONGEST_ANSWER, read_calibration_json
+from sawmill_worker.readers.calibration_answer import (
+    LONGEST_ANSWER,
+    read_calibration_arrays,
+    read_calibration_json,
+    read_time_of_writing,
+)
 from sawmill_worker.use_cases.failures import JobFailure, refused
+
+
+@dataclass(frozen=True)
+class CalibrationRecord:
+    """What a file holds of a calibration.
+
+    Attributes
+    ----------
+    arrays : CalibrationArrays or None
+        None where the file has the answer alone, as JSON has.
+    made_at : datetime or None
+        None where the file does not tell.
+    header : dict
+        What the service's JSON has beside the answer, as `id` and `scan_id`.
+    """
+
+    result: CalibrationResult
+    arrays: CalibrationArrays | None
+    made_at: datetime | None
+    header: dict[str, Any]
 
 
 def read_calibration(path: Path) -> CalibrationResult:
@@ -21,16 +52,50 @@ def read_calibration(path: Path) -> CalibrationResult:
     JobFailure
         It holds none.
     """
-    try:
+    with _refusing(path):
         if h5py.is_hdf5(path):
             return CalibrationResult.model_validate_json(read_calibration_json(path))
         return CalibrationFile.read(_text(path))
+
+
+def read_calibration_record(path: Path) -> CalibrationRecord:
+    """The calibration in a file with all that the file has beside it.
+
+    Raises
+    ------
+    JobFailure
+        It holds none, or its arrays are damaged or do not agree.
+    """
+    result = read_calibration(path)
+    with _refusing(path):
+        if h5py.is_hdf5(path):
+            arrays = read_calibration_arrays(path)
+            read = None if arrays is None else CalibrationArrays.of(arrays)
+            return CalibrationRecord(result, read, _time(read_time_of_writing(path)), {})
+        document = json.loads(_text(path))
+        header = {name: value for name, value in document.items() if name not in CalibrationResult.model_fields}
+        return CalibrationRecord(result, None, _time(header.get("created_at")), header)
+
+
+@contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    try:
+        yield
     except ValidationError as error:
         raise _refused(path, placed_complaint(error)) from error
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise _refused(path, "it is neither JSON nor HDF5") from error
     except (UnreadableScan, ValueError) as error:
         raise _refused(path, str(error)) from error
+
+
+def _time(text: object) -> datetime | None:
+    """A time with its zone; None where it is none."""
+    try:
+        time = datetime.fromisoformat(str(text))
+    except ValueError:
+        return None
+    return None if time.tzinfo is None else time
 
 
 def _text(path: Path) -> str:

@@ -1,0 +1,70 @@
+"""`/calibrations/{id}/report`: one page that prints on A4, the same that `sawmill report` writes.
+
+It stands alone, so that it can be saved and sent: it is the one page without the frame of the others.
+"""
+
+from datetime import datetime
+
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.routes.calibrations import succeeded
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.files import calibration_file
+from sawmill_worker.pictures.report_numbers import moment
+from sawmill_worker.pictures.report_page import About, report_html
+from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.store import Store
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/calibrations/{calibration_id}/report")
+def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
+    """The report of a calibration that has an answer."""
+    calibration = succeeded(store, calibration_id, "report")
+    html = report_html(calibration, _about(store, calibration), _arrays(store, calibration_id))
+    return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
+
+
+def _about(store: Store, calibration: CalibrationSucceeded) -> About:
+    scanner, scan = store.scanners.get(calibration.scanner_id), store.scans.get(calibration.scan_id)
+    activations = store.scanners.history(scanner.id)
+    activation = next((each for each in activations if each.calibration_id == calibration.id), None)
+    return About(
+        calibration_id=calibration.id,
+        made_at=calibration.created_at.astimezone(),
+        scanner_name=scanner.name,
+        scanner_id=scanner.id,
+        scan_name=scan.name,
+        scan_id=scan.id,
+        phantom=store.phantoms.get(calibration.phantom_id).drawing,
+        tolerances=scanner.tolerances,
+        asked_by=_asked_by(store, calibration),
+        active=scanner.active_calibration_id == calibration.id,
+        activated="" if activation is None else _in_use(activation.activated_at, activation.reason),
+        back=f"/scanners/{scanner.id}",
+    )
+
+
+def _in_use(activated_at: str, reason: str) -> str:
+    return f"since {moment(datetime.fromisoformat(activated_at).astimezone())}: {reason}"
+
+
+def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
+    if calibration.schedule_id is not None:
+        return f"schedule {calibration.schedule_id}"
+    return store.jobs.get(calibration.job_id).asked_by
+
+
+def _arrays(store: Store, calibration_id: str) -> CalibrationArrays | None:
+    """Those of result.h5; None where the file was removed."""
+    try:
+        path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    except NotFound:
+        return None
+    return CalibrationArrays.of(calibration_file.read_calibration(path).arrays)

@@ -1,0 +1,238 @@
+"""The report as an HTML page: what it shows, that it stands alone, and that it never claims what is not known."""
+
+import base64
+import re
+from datetime import datetime, timedelta, timezone
+from html.parser import HTMLParser
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+from results import THETA, calibration_result
+
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.phantoms import PhantomDrawing
+from sawmill_worker.contracts.scanners import Tolerances
+from sawmill_worker.pictures.report_page import About, css_text, report_html
+
+VIEWS, CELLS = 20, 48
+EASTERN = timezone(timedelta(hours=2), "EET")
+# A variance for each of the source frame's five; R and SDD go together by 0.9.
+VARIANCES = np.diag([1e-8, 0.25, 0.64, 1e-4, 1e-6])
+VARIANCES[1, 2] = VARIANCES[2, 1] = 0.9 * 0.5 * 0.8
+
+
+class Page(HTMLParser):
+    """Collects a page's text and every address in it."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.parts: list[str] = []
+        self.addresses: list[str] = []
+        self.tags: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attrs if name in {"href", "src", "action"}]
+
+    def handle_data(self, data):
+        self.parts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.parts).split())
+
+
+def answer(**changes):
+    hypothesis = {"handedness": "as-drawn", "rotation": "as-given", "relative_residual": 0.001}
+    own = {
+        "theta_twin": THETA | {"source_shift_mm": -319.9},
+        "covariance": VARIANCES.tolist(),
+        "hypotheses": [hypothesis, hypothesis | {"handedness": "from-behind", "log_likelihood_behind": 345.25}],
+        "adjustments": ["2 detector cells <without> a usable signal were left out"],
+        "limits": {"tolerance_mm": 0.1, "scale_tolerance_percent": 0.5},
+        "rays_verdict": "pass",
+    }
+    return CalibrationResult.model_validate(calibration_result(**own | changes))
+
+
+def arrays(**changes):
+    rng = np.random.default_rng(20261122)
+    own = {
+        "sinogram": np.ones((VIEWS, CELLS)),
+        "model": np.ones((VIEWS, CELLS)),
+        "residual": rng.normal(size=(VIEWS, CELLS)) / 10,
+        "angles_rad": np.deg2rad(np.arange(VIEWS) * 18 + 0.5),
+        "phantom_image": rng.random((64, 64)),
+        "phantom_field_mm": np.array(400.0),
+        "phantom_outlines_mm": np.array([(-100.0, 50.0), (100.0, 150.0), (-100.0, 50.0)]),
+        "search_history": np.array([(1.0, 0.4), (5.0, 0.1), (12.0, 0.002)]),
+    }
+    return CalibrationArrays.of(own | changes)
+
+
+LOG = {
+    "log_row": np.array(5),
+    "log_field_mm": np.array(330.0),
+    "log_after": np.eye(32),
+    "log_before": np.zeros((32, 32)),
+}
+DRAWING = PhantomDrawing.model_validate(
+    {
+        "name": "our cross",
+        "shapes": [{"kind": "disc", "center_mm": (0, 0), "radius_mm": 50}],
+        "measurements": [
+            {"what": "x", "measured_mm": 99.8, "standard_uncertainty_mm": 0.05, "measured_on": "2026-11-20"}
+        ],
+    }
+)
+ABOUT = About(
+    calibration_id="c1",
+    made_at=datetime(2026, 11, 22, 18, 44, tzinfo=EASTERN),
+    scanner_name='Line <2> "north"',
+    scanner_id="line-2",
+    scan_name="monday",
+    scan_id="s1",
+    phantom=DRAWING,
+    tolerances=Tolerances(),
+    asked_by="Maija",
+    active=True,
+    activated="since yesterday: by hand",
+)
+
+
+def page(result=None, about=ABOUT, its_arrays=None):
+    html = report_html(result or answer(), about, its_arrays)
+    return Page(html), html
+
+
+def test_the_page_stands_alone_and_holds_both_parts_escaped():
+    shown, html = page(its_arrays=arrays(**LOG))
+    assert all(address.startswith("data:image/png;base64,") for address in shown.addresses), shown.addresses
+    assert "script" not in shown.tags
+    assert html.count("<article") == 2
+    for part in ('Calibration of Line <2> "north"', "2026-11-22 18:44 EET (UTC+02:00)", "monday", "Maija", "our cross"):
+        assert part in shown.text.replace("L-shape", "our cross")
+    assert "x 99.8 ± 0.05 mm (2026-11-20)" in shown.text
+    assert "2 detector cells <without> a usable signal" in shown.text
+    # Four images: the phantom, the log before and after, the residual; each can be read.
+    assert [_size(address) for address in shown.addresses] == [(64, 64), (32, 32), (32, 32), (CELLS, VIEWS)]
+
+
+def _size(address):
+    return Image.open(BytesIO(base64.b64decode(address.partition(",")[2]))).size
+
+
+def test_the_two_numbers_stand_beside_their_limits():
+    text = page()[0].text
+    assert "Are the rays right? ✓ Yes 0.040 mm 95 % bound limit 0.100 mm" in text
+    assert "Are the millimetres right? ✓ Yes ± 0.3 % = ± 0.9 mm on a log of 300 mm limit 0.5 % = 1.5 mm" in text
+    assert "It is in use. Nothing needs to be done." in text
+
+
+def test_angles_are_in_degrees_with_radians_beside_them_and_correlations_are_those_of_the_covariance():
+    text = page()[0].text
+    assert "first angle \N{GREEK SMALL LETTER ALPHA} 0 146.1042° ± 5.7°" in text
+    assert "2.550000 rad" in text
+    # The slope 0.281 as an angle.
+    assert "detector tilt \N{GREEK SMALL LETTER ALPHA} D 15.6954°" in text
+    assert "slope 0.281000" in text
+    assert "+0.900" in text
+    assert "345.2" in text
+
+
+def test_without_arrays_the_page_says_where_the_pictures_are():
+    shown, _ = page()
+    assert shown.addresses == []
+    assert "A report of result.h5 shows them." in shown.text
+    assert "The residual is in result.h5 and not in this file." in shown.text
+
+
+def test_what_is_not_known_is_shown_as_not_known():
+    bare = {"standard_deviation": None, "covariance": None, "predicted_ray_error_mm": None, "hypotheses": []}
+    earlier = {"limits": None, "status": None, "rays_verdict": None, "scale_uncertainty_percent": None}
+    text = page(answer(**bare, **earlier), About(origin="RESULT.json"))[0].text
+    assert text.count("Not known: this calibration") == 2
+    assert "Made not known" in text
+    assert "Held against not known" in text
+    assert "no error bar" in text
+    assert "In use not known" in text
+    assert "RESULT.json" in text
+
+
+@pytest.mark.parametrize(
+    ("changes", "active", "words"),
+    [
+        ({}, False, "Accept it."),
+        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, False, "Do not use it."),
+        ({"verdict": "fail", "rays_verdict": "fail", "reasons": ["the fit broke"]}, True, "must not be"),
+        ({"verdict": "watch", "rays_verdict": "watch", "reasons": ["turn it"]}, False, "then scan the phantom again"),
+        ({"predicted_ray_error_mm": None}, False, "Look at the pictures"),
+        # 1.96 times 0.9 of 917 mm is 0.19 %: half of 0.6 % is something else.
+        (
+            {"scale_uncertainty_percent": 0.6, "reasons": ["more views"]},
+            False,
+            "right millimetres put this right: more",
+        ),
+        ({"scale_uncertainty_percent": 0.6, "scale_uncertainty_mm": 2.7}, True, "measure the phantom"),
+    ],
+)
+def test_what_to_do_next_is_one_sentence(changes, active, words):
+    about = About(scanner_name="Line 2", active=active)
+    assert words in page(answer(**changes), about)[0].text.partition("What to do next:")[2][:160]
+
+
+def test_a_scanner_that_moved_is_no_reason_to_accept_at_once():
+    moved = {
+        "calibration_id": "example",
+        "ray_change_mm": 2.0,
+        "scale_change_percent": 0.01,
+        "angle_change_deg": -0.00001,
+        "cor_column_change_mm": 2.0,
+        "source_distance_change_mm": 0.0,
+        "tilt_change_deg": 0.0,
+        "within_tolerance": False,
+        "reason": "the rays moved 2.00 mm RMS where 0.50 mm is allowed",
+    }
+    text = page(answer(comparison=moved, reasons=[moved["reason"]]), About(active=False))[0].text
+    assert "Find out what moved on the scanner." in text
+    assert "✕ Out of tolerance." in text
+    assert "first angle +0.000°" in text
+
+
+def test_the_outline_lies_where_x_is_down_and_y_is_right():
+    _, html = page(its_arrays=arrays())
+    # x -100 of ±200 mm is a quarter from the top, y 50 mm five eighths from the left, of 64 pixels.
+    assert 'd="M40.00 16.00L56.00 48.00L40.00 16.00Z"' in html
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"phantom_image": np.zeros((64, 64))},
+        {"search_history": np.zeros((0, 2)), "residual": np.zeros((VIEWS, CELLS))},
+        {"search_history": np.array([(64.0, -15_900.0), (128.0, -16_300.0)])},
+        {"phantom_image_method": np.array(b"total_variation")},
+        {"log_row": LOG["log_row"], "log_field_mm": LOG["log_field_mm"], "log_after": LOG["log_after"]},
+        {"residual": np.ones((3, 2000)), "angles_rad": np.array([4.0, 0.1, 2.0])},
+    ],
+    ids=["no image", "perfect fit", "correlation", "total variation", "no log before", "few views, many cells"],
+)
+def test_scans_of_all_kinds_have_a_report(changes):
+    _, html = page(its_arrays=arrays(**changes))
+    assert "nan" not in re.sub(r"base64,[^\"]*", "", html)
+
+
+def test_views_and_angles_that_disagree():
+    with pytest.raises(ValueError, match=r"residual \(20, 48\) and 19 angles do not agree"):
+        page(its_arrays=arrays(angles_rad=np.arange(19.0)))
+
+
+def test_no_name_ends_the_style():
+    assert (
+        css_text('a"; } </style>é')
+        == '"a\\000022\\00003b\\000020\\00007d\\000020\\00003c\\00002fstyle\\00003e\\0000e9"'
+    )

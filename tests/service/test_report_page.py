@@ -1,0 +1,67 @@
+"""`/calibrations/{id}/report`: the same page as `sawmill report`, with what the store knows beside the answer."""
+
+import re
+
+import pytest
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+
+
+@pytest.fixture
+def report(seeded):
+    def get(calibration_id="example"):
+        return seeded.get(f"/calibrations/{calibration_id}/report")
+
+    return get
+
+
+def words(html: str) -> str:
+    """What a person reads."""
+    plain = re.sub(r"<style>.*?</style>|<[^>]+>", " ", html, flags=re.DOTALL)
+    return " ".join(plain.split())
+
+
+def test_the_report_names_scanner_scan_phantom_and_who_uses_it(report):
+    answer = report()
+    assert answer.status_code == 200
+    assert answer.headers["content-type"] == "text/html; charset=utf-8"
+    assert answer.headers["cache-control"] == "no-store"
+    text = words(answer.text)
+    assert "Calibration of Line &lt;2&gt;" in text
+    assert "yes, the active one" in text
+    assert "L-shape" in text
+    assert "UTC" in text
+    assert "movement 0.500 mm" in text
+    assert answer.text.count("data:image/png;base64,") == 2
+    assert 'href="/scanners/example"' in answer.text
+
+
+def test_a_newer_calibration_is_not_in_use_and_was_asked_for_by_a_key(seeded, store, worker, report):
+    made = store.keys.create(KeyAsk(name="scanner of line 2", scope=Scope.SUBMIT))
+    asked = seeded.request(
+        "POST",
+        "/v1/calibrations",
+        json={"scan_id": "example"},
+        headers={"Authorization": f"Bearer {made.secret}"},
+    )
+    worker.finish_calibration(verdict="watch", rays_verdict="watch", reasons=["the <log> moved"])
+    text = words(report(asked.json()["id"]).text)
+    assert "scanner of line 2" in text
+    assert "In use no" in text
+    assert "the &lt;log&gt; moved" in text
+
+
+def test_without_its_file_the_report_has_no_pictures_and_says_so(report, store):
+    store.files.result(JobKind.CALIBRATE, "example", "result.h5").unlink()
+    answer = report()
+    assert "data:image" not in answer.text
+    assert "No pictures" in answer.text
+
+
+def test_a_calibration_without_an_answer_has_no_report(seeded, report):
+    waiting = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+    answer = report(waiting)
+    assert answer.status_code == 409
+    assert answer.json()["detail"] == f"calibration '{waiting}' is queued and has no report"
+    assert report("nothing").status_code == 404

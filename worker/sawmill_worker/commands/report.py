@@ -1,0 +1,42 @@
+"""`sawmill report`: a calibration's file to a page that prints."""
+
+from pathlib import Path
+from typing import Any
+
+from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.pictures.report_page import About, report_html
+from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.use_cases.result_file import read_calibration_record
+
+
+def write_report(path: Path, output: Path) -> bool:
+    """Write the report of the calibration in a file as one HTML page; returns whether it has pictures of the scan.
+
+    Raises
+    ------
+    JobFailure
+        The file holds no calibration, or its arrays are damaged or do not agree.
+    """
+    record = read_calibration_record(path)
+    about = About(
+        calibration_id=_text(record.header, "id"),
+        made_at=None if record.made_at is None else record.made_at.astimezone(),
+        scanner_id=_text(record.header, "scanner_id"),
+        scan_id=_text(record.header, "scan_id"),
+        origin=path.name,
+    )
+    output.write_text(_drawn(path, record.result, about, record.arrays), encoding="utf-8")
+    return record.arrays is not None
+
+
+def _drawn(path: Path, result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:
+    try:
+        return report_html(result, about, arrays)
+    except (ValueError, IndexError) as error:
+        raise refused("calibration", f"the arrays of {path.name} cannot be drawn: {error}") from error
+
+
+def _text(header: dict[str, Any], name: str) -> str | None:
+    value = header.get(name)
+    return value if isinstance(value, str) else None
