@@ -13,6 +13,7 @@ PAGES = {
     "scan": "/scans/example",
     "logs": "/logs",
     "log": "/logs/example",
+    "report": "/calibrations/example/report",
 }
 LOOKS = [(390, "light", "en"), (800, "dark", "fi"), (1280, "light", "fi")]
 

@@ -76,7 +76,7 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
     """
     both = TwoQuestions.of(result, about.tolerances)
     before, after = (None, None) if arrays is None else log_fields(arrays)
-    return _template().render(
+    page = _template().render(
         result=result,
         about=about,
         both=both,
@@ -92,6 +92,7 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
         log_row=None if arrays is None or arrays.log is None else arrays.log.row,
         numbers=numbers,
     )
+    return page.lstrip()
 
 
 def gauge(value: float, limit: float) -> tuple[float, float]:
