@@ -42,6 +42,7 @@ LARGEST_BYTES = 150_000
 COLOURS = 48
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--force-color-profile=srgb")
 LANGUAGES = {"": "en-GB", ".fi": "fi-FI"}
+CAPTIONS = {"": ("measured by tape", "calibrated"), ".fi": ("mittanauhalla mitattu", "kalibroitu")}
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,10 @@ class Shot:
     scanner: int = 0
 
 
-SHOTS = (Shot("today", "/"),)
+SHOTS = (
+    Shot("today", "/"),
+    Shot("phantom", "/phantoms/l-shape"),
+)
 
 
 def main() -> int:
@@ -66,7 +70,9 @@ def main() -> int:
     asked = parser.parse_args()
     PICTURES.mkdir(exist_ok=True)
     if asked.only in {None, "before-after"}:
-        save(before_after(), "before-after")
+        images = before_after()
+        for suffix, captions in CAPTIONS.items():
+            save(drawn_side_by_side(images, captions), f"before-after{suffix}")
     shots = [shot for shot in SHOTS if asked.only in {None, shot.name}]
     if not shots:
         return 0
@@ -120,8 +126,8 @@ def photograph(
         return Image.open(io.BytesIO(page.screenshot(animations="disabled")))
 
 
-def before_after() -> Image.Image:
-    """One scan of a log, reconstructed with what a tape measure gives and with the true geometry, side by side."""
+def before_after() -> list[NDArray[np.float32]]:
+    """One scan of a log, reconstructed (x, y) with what a tape measure gives, and with the true geometry."""
     size, field_mm, views = 420, 300.0, 360
     log = examples.mill_slices()[examples.PHANTOM_ROWS]
     angles = examples.full_turn(views)
@@ -133,15 +139,15 @@ def before_after() -> Image.Image:
     for theta in (taped, examples.THETA):
         geometry = FanBeamGeometry(examples.SCANNER, theta, angles)
         images.append(fbp(Projector(geometry, ImageGrid(size, field_mm)), sinogram).image)
-    return drawn_side_by_side(images)
+    return images
 
 
-def drawn_side_by_side(images: Sequence[NDArray[np.float32]]) -> Image.Image:
+def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[str, str]) -> Image.Image:
     """In one grey window, from a tenth of the heartwood's value to what a knot has, each with a caption."""
     half = images[-1].shape[0] // 2
     wood = float(np.median(images[-1][half - 80 : half + 80, half - 80 : half + 80]))
     figure, panels = plt.subplots(1, 2, figsize=(8.8, 4.7), layout="constrained", facecolor="white")
-    for panel, image, caption in zip(panels, images, ("measured by tape", "calibrated"), strict=True):
+    for panel, image, caption in zip(panels, images, captions, strict=True):
         panel.imshow(image, cmap="gray", vmin=0.1 * wood, vmax=2.2 * wood)
         panel.set_title(caption, fontsize=16)
         panel.axis("off")

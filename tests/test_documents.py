@@ -27,6 +27,7 @@ from typer.testing import CliRunner
 
 from sawmill_service.cli import main
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.commands.options import theta_of
 from sawmill_worker.contracts.phantoms import PhantomDrawing
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
@@ -34,7 +35,7 @@ from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.files.volume_writer import new_reconstruction
 from sawmill_worker.readers.reading import reading_scan
 from sawmill_worker.storage.settings import StorageSettings
-from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta
+from sawmill_worker.tomography.geometry import Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary.physics import Physics
 
@@ -47,8 +48,8 @@ HEART = "The heart of it, with curl"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=768, detector_pitch_mm=1.502864583)
-THETA = Theta(2.55, 714.7, 319.9, 43.7, 0.281)
-THETA_FLAG = "2.55,714.7,319.9,43.7,0.281"
+THETA_FLAG = "146.1deg,714.7,319.9,43.7,15.7deg"
+THETA = theta_of(THETA_FLAG)
 DOCUMENTED_PORT = 8000
 START_TIMEOUT_S = 60.0
 CURL_FLAGS = {"--data-binary"}

@@ -1,6 +1,7 @@
 """`sawmill phantom plan` and `sawmill phantom draw`."""
 
 import json
+import math
 import xml.etree.ElementTree as ET
 
 import pytest
@@ -28,6 +29,13 @@ def test_a_plan_compares_phantoms_at_numbers_of_views(run):
     assert all(each.noise == 0.01 and each.views_cut_off == 0 for each in plans)
 
 
+def test_theta_s_angles_may_be_given_in_degrees(run):
+    flags = ("--views", 20, "--json")
+    in_degrees = json.loads(run("phantom", "plan", "l-shape", "--theta", "45deg,700,0,0,-45deg", *flags).stdout)
+    in_radians = json.loads(run("phantom", "plan", "l-shape", "--theta", f"{math.pi / 4},700,0,0,-1", *flags).stdout)
+    assert in_degrees["plans"][0]["theta"] == pytest.approx(in_radians["plans"][0]["theta"])
+
+
 def test_a_plan_is_a_table_for_people(run):
     shown = run("phantom", "plan", "l-shape", *THETA).stdout
     assert "L-shape" in shown
@@ -52,6 +60,8 @@ def test_a_phantom_that_cannot_calibrate_is_refused(failure, tmp_path):
     [
         (("cube", *THETA), "'PHANTOM...': must be l-shape"),
         (("l-shape", "--theta", "1,2"), "'--theta': must be five numbers"),
+        (("l-shape", "--theta", "10 deg,2deg,3,4,5"), "'--theta': must be five numbers"),
+        (("l-shape", "--theta", "10deg,700,0,0,90deg"), "detector_tilt"),
         (("l-shape", *THETA, "--noise", 0), "'--noise': must be above 0 and at most 1, not 0.0"),
         (("l-shape", *THETA, "--views", 2), "--views"),
     ],

@@ -1,8 +1,11 @@
 """The flags that several commands share, and what is wrong use of them: found before any file is read."""
 
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, TypeVar
 
 import typer
@@ -53,6 +56,7 @@ class Position(Contract):
 
 
 Numbers = TypeVar("Numbers", GivenTheta, Position)
+DEGREES = "deg"
 
 
 class ScanOptions(UnregisteredScanOptions):
@@ -138,8 +142,9 @@ def given_angles(angles_deg: str | None, angles_file: Path | None) -> AnglesGive
 
 
 def theta_of(text: str) -> Theta:
-    """Theta from five numbers with commas between (a parser of Typer's)."""
-    return _numbers(text, GivenTheta, "five numbers a,r,h,h,t")
+    """Theta from five numbers with commas between, angles also in degrees as 146.1deg (a parser of Typer's)."""
+    angles = {"initial_angle_rad": _angle_rad, "detector_tilt": _slope}
+    return _numbers(text, GivenTheta, "five numbers a,r,h,h,t", angles)
 
 
 def position_of(text: str) -> Position:
@@ -153,10 +158,26 @@ def coordinates_of(text: str) -> tuple[float, float]:
     return position.x, position.y
 
 
-def _numbers(text: str, contract: type[Numbers], form: str) -> Numbers:
+def _angle_rad(text: str) -> float:
+    """In radians, unless the unit says degrees."""
+    return math.radians(float(text.removesuffix(DEGREES))) if text.endswith(DEGREES) else float(text)
+
+
+def _slope(text: str) -> float:
+    """A slope, unless the unit says degrees."""
+    return math.tan(_angle_rad(text)) if text.endswith(DEGREES) else float(text)
+
+
+def _numbers(
+    text: str,
+    contract: type[Numbers],
+    form: str,
+    read: Mapping[str, Callable[[str], float]] = MappingProxyType({}),
+) -> Numbers:
     try:
         written = dict(zip(field_names(contract), text.split(","), strict=True))
-        return TypeAdapter(contract).validate_python({name: float(number) for name, number in written.items()})
+        numbers = {name: read.get(name, float)(number) for name, number in written.items()}
+        return TypeAdapter(contract).validate_python(numbers)
     except ValueError as error:
         first = error.errors()[0] if isinstance(error, ValidationError) else None
         if first is not None and first["type"] in OUT_OF_BOUNDS:
@@ -257,7 +278,7 @@ PhantomWidth = Annotated[
 ThetaFlag = typer.Option(
     parser=theta_of,
     metavar="a,r,h,h,t",
-    help="alpha0 (rad), r_D, h_S, h_D (mm), alpha_D, separated by commas.",
+    help="alpha0 (as 146.1deg, or rad), r_D, h_S, h_D (mm), alpha_D (as 15.7deg, or a slope), separated by commas.",
 )
 CalibrationFlag = typer.Option(metavar="RESULT.json", exists=True, dir_okay=False, help=CALIBRATION_HELP)
 Result = Annotated[

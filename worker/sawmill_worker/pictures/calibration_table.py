@@ -21,7 +21,7 @@ def calibration_table(result: CalibrationResult) -> list[tuple[str, str]]:
         ("COR to detector r_D", _mm(theta.detector_to_cor_mm, theta_sd.detector_to_cor_mm)),
         ("source shift h_S", _mm(theta.source_shift_mm, theta_sd.source_shift_mm)),
         ("detector shift h_D", _mm(theta.detector_shift_mm, theta_sd.detector_shift_mm)),
-        ("detector tilt alpha_D", _value(theta.detector_tilt, theta_sd.detector_tilt, "", 5)),
+        ("detector tilt alpha_D", _slope(theta.detector_tilt, theta_sd.detector_tilt)),
         ("source distance R", _mm(frame.source_distance_mm, frame_sd.source_distance_mm)),
         ("  from the phantom's size", f"± {result.scale_uncertainty_mm:.3g} mm (systematic)"),
         ("source to detector", _mm(frame.source_to_detector_mm, frame_sd.source_to_detector_mm)),
@@ -65,3 +65,8 @@ def _mm(value: float, deviation: float | None) -> str:
 
 def _degrees(value_rad: float, deviation_rad: float | None) -> str:
     return _value(math.degrees(value_rad), None if deviation_rad is None else math.degrees(deviation_rad), "°", 4)
+
+
+def _slope(value: float, deviation: float | None) -> str:
+    """As an angle: d atan(s) = ds / (1 + s²)."""
+    return _degrees(math.atan(value), None if deviation is None else deviation / (1.0 + value**2))
