@@ -1,10 +1,10 @@
 """The pages of phantoms, as HTML."""
 
-import re
 from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
+from page_text import text_of
 
 import sawmill_service
 from sawmill_worker.contracts.keys import KeyAsk, Scope
@@ -13,11 +13,6 @@ from sawmill_worker.vocabulary import Disc
 
 PICTURE = (Path(sawmill_service.__file__).parent / "static/phantom.png").read_bytes()
 SQUARE = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, -50], [50, 50], [-50, 50]]}
-
-
-def text_of(html: str) -> str:
-    """What a page says, in one line."""
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
 
 
 def disc(store, *measurements: SizeMeasurement) -> str:

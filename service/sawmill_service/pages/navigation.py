@@ -7,4 +7,5 @@ NAVIGATION = (
     ("/logs", marked("Logs")),
     ("/scans", marked("Scans")),
     ("/phantoms", marked("Phantoms")),
+    ("/jobs", marked("Jobs")),
 )

@@ -1,0 +1,111 @@
+"""What pages say of a job: what it does, how it stands, how long it may take, where its result is."""
+
+from dataclasses import dataclass
+from datetime import timedelta
+
+from babel.dates import format_timedelta
+
+from sawmill_service.pages.frame import PageFrame
+from sawmill_service.pages.languages import marked
+from sawmill_worker.contracts.jobs import Job, JobKind, JobState
+
+KINDS = {
+    JobKind.INGEST: marked("Reading a scan"),
+    JobKind.TRACE_PHANTOM: marked("Tracing a phantom's picture"),
+    JobKind.CALIBRATE: marked("Calibration"),
+    JobKind.RECONSTRUCT: marked("Reconstruction of a log"),
+    JobKind.PLAN: marked("Plan of a calibration"),
+    JobKind.DRIFT: marked("Drift check"),
+}
+STATES = {
+    JobState.QUEUED: ("idle", marked("Waits")),
+    JobState.RUNNING: ("idle", marked("Runs")),
+    JobState.SUCCEEDED: ("good", marked("Done")),
+    JobState.FAILED: ("bad", marked("Failed")),
+    JobState.CANCELLED: ("idle", marked("Cancelled")),
+}
+FATES = {
+    "started": marked("started"),
+    "succeeded": marked("succeeded"),
+    "failed": marked("failed for good"),
+    "lost": marked("lost: its worker ended without an answer"),
+    "put-off": marked("put off: an outage ended it"),
+    "given-back": marked("given back: its worker stopped, or another job went first"),
+    "cancelled": marked("cancelled"),
+}
+# Of what a job made: a page where there is one, else the numbers.
+_MADE = {
+    JobKind.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
+    JobKind.RECONSTRUCT: ("/logs/{}", marked("Look at the log")),
+    JobKind.TRACE_PHANTOM: ("/phantoms/{}", marked("Look at the phantom")),
+}
+_NUMBERS = marked("All numbers")
+
+
+@dataclass(frozen=True)
+class JobView:
+    """A job as a page shows it.
+
+    Attributes
+    ----------
+    what, word, tone : str
+        What it does, and how it stands in a word with its colour.
+    left : str
+        How long it may still take; empty while nothing is known.
+    place : str
+        Where it stands in the queue; empty for one that runs or has ended.
+    made, made_label : str
+        Where its result is; empty without one.
+    """
+
+    job: Job
+    what: str
+    word: str
+    tone: str
+    left: str
+    place: str
+    made: str
+    made_label: str
+
+
+def job_view(job: Job, page: PageFrame) -> JobView:
+    """In the page's language."""
+    tone, word = STATES[job.state]
+    made, label = _made(job)
+    return JobView(
+        job=job,
+        what=page.text.gettext(KINDS[job.kind]),
+        word=page.text.gettext(word),
+        tone=tone,
+        left=_left(job, page),
+        place=_place(job, page),
+        made=made,
+        made_label=page.text.gettext(label) if label else "",
+    )
+
+
+def _made(job: Job) -> tuple[str, str]:
+    if job.state is not JobState.SUCCEEDED:
+        return "", ""
+    path, label = _MADE.get(job.kind, (f"/v1/{job.kind.plural}/{{}}", _NUMBERS))
+    return path.format(job.subject_id), label
+
+
+def _left(job: Job, page: PageFrame) -> str:
+    if job.seconds_left is None or job.state.ended:
+        return ""
+    if job.state is JobState.RUNNING and job.seconds_left < 1.0:
+        return page.text.gettext("nearly done")
+    written = format_timedelta(
+        timedelta(seconds=max(job.seconds_left, 1.0)), granularity="second", locale=page.language
+    )
+    return page.text.gettext("about %(time)s left") % {"time": written}
+
+
+def _place(job: Job, page: PageFrame) -> str:
+    before = job.queue_position
+    if job.state is not JobState.QUEUED or before is None:
+        return ""
+    if before == 0:
+        return page.text.gettext("Next in line")
+    return page.text.ngettext("After %(number)s other", "After %(number)s others", before) % {"number": before}

@@ -1,0 +1,114 @@
+"""Jobs: what runs now, what waits, how the last ones ended."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Literal, NamedTuple
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from sawmill_service.answers import Paging
+from sawmill_service.dependencies import TheStore
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.job_words import FATES, KINDS, STATES, JobView, job_view
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.jobs import Job, JobKind, JobState
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.store import Store
+
+JOBS = "/jobs"
+# Of a list: what fits on a page that is looked at, and is read again every few seconds.
+LISTED = 25
+
+router = APIRouter(include_in_schema=False)
+
+
+class JobFilter(Paging):
+    """Which jobs a page shows; the empty text of a form's first choice shows all."""
+
+    kind: JobKind | Literal[""] = ""
+    state: JobState | Literal[""] = ""
+
+
+class JobsShown(NamedTuple):
+    """What the page shows of them; None: not asked for.
+
+    Attributes
+    ----------
+    running, queued, ended : list of JobView or None
+        The first few of each: of the queue those whose turn is next, of those that ended the ones asked for last.
+    following : str or None
+        From where on older ones are listed.
+    counts : mapping
+        How many are in each state, of every kind.
+    older : bool
+        Whether it is such a list of older ones, which does not change by itself.
+    """
+
+    running: list[JobView] | None
+    queued: list[JobView] | None
+    ended: list[JobView] | None
+    following: str | None
+    counts: Mapping[JobState, int]
+    older: bool
+
+
+Wanted = Annotated[JobFilter, Query()]
+
+
+@router.get(JOBS)
+def jobs(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
+    """The page."""
+    return _answer("jobs.html", page, store, wanted)
+
+
+@router.get(f"{JOBS}/now")
+def now(page: ThePage, store: TheStore, wanted: Wanted) -> HTMLResponse:
+    """The part of the page that changes, for its script."""
+    return _answer("jobs_now.html", page, store, wanted)
+
+
+@router.get(JOBS + "/{job_id}/history")
+def history(job_id: Identifier, page: ThePage, store: TheStore) -> HTMLResponse:
+    """Each attempt at a job and its fate, as a part of the page."""
+    return page.answer("job_history.html", events=store.events.of_job(job_id), fates=FATES)
+
+
+@router.post(JOBS + "/{job_id}/cancel")
+def cancel(job_id: Identifier, store: TheStore) -> RedirectResponse:
+    """Cancel a job; one that has ended meanwhile is left as it is, and the page shows how it ended."""
+    try:
+        store.jobs.request_cancel(job_id)
+    except Conflict:
+        store.jobs.get(job_id)
+    return RedirectResponse(JOBS, status_code=303)
+
+
+def _answer(template: str, page: PageFrame, store: Store, wanted: JobFilter) -> HTMLResponse:
+    shown = _shown(page, store, wanted)
+    return page.answer(template, shown=shown, kinds=KINDS, states=STATES, kind=wanted.kind, state=wanted.state)
+
+
+def _shown(page: PageFrame, store: Store, wanted: JobFilter) -> JobsShown:
+    kind, older = wanted.kind or None, wanted.after is not None
+
+    def views(state: JobState, first: Callable[[], Sequence[Job]]) -> list[JobView] | None:
+        return [job_view(job, page) for job in first()] if wanted.state in {"", state} and not older else None
+
+    ended = _ended(store, wanted)
+    return JobsShown(
+        running=views(JobState.RUNNING, lambda: store.jobs.page(state=JobState.RUNNING, kind=kind, limit=LISTED).items),
+        queued=views(JobState.QUEUED, lambda: store.jobs.waiting_in_line(kind=kind, limit=LISTED)),
+        ended=None if ended is None else [job_view(job, page) for job in ended.items],
+        following=ended.next if ended else None,
+        counts=store.jobs.counts(),
+        older=older,
+    )
+
+
+def _ended(store: Store, wanted: JobFilter) -> Page[Job] | None:
+    kind, state = wanted.kind or None, wanted.state
+    if not state:
+        return store.jobs.ended_page(kind=kind, after=wanted.after, limit=LISTED)
+    if state.ended:
+        return store.jobs.page(state=state, kind=kind, after=wanted.after, limit=LISTED)
+    return None
