@@ -9,6 +9,7 @@ from sawmill_service.pages.frame import PageFrame
 from sawmill_service.pages.languages import marked
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
 
+# By what a person would call it; a kind that is missing here is called by its name.
 KINDS = {
     JobKind.INGEST: marked("Reading a scan"),
     JobKind.TRACE_PHANTOM: marked("Tracing a phantom's picture"),
@@ -16,6 +17,7 @@ KINDS = {
     JobKind.RECONSTRUCT: marked("Reconstruction of a log"),
     JobKind.PLAN: marked("Plan of a calibration"),
     JobKind.DRIFT: marked("Drift check"),
+    JobKind.INSPECT: marked("Looking into a file"),
 }
 STATES = {
     JobState.QUEUED: ("idle", marked("Waits")),
@@ -74,7 +76,7 @@ def job_view(job: Job, page: PageFrame) -> JobView:
     made, label = _made(job)
     return JobView(
         job=job,
-        what=page.text.gettext(KINDS[job.kind]),
+        what=page.text.gettext(KINDS.get(job.kind, job.kind.value)),
         word=page.text.gettext(word),
         tone=tone,
         left=_left(job, page),
