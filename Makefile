@@ -76,6 +76,9 @@ bench-memory: install-dev
 bench-http: install-dev
 	@$(BIN)/python benchmarks/http_latency.py
 
+bench-viewer: install-dev
+	@$(BIN)/python benchmarks/viewer.py
+
 # OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
 bench-job-price: install-dev
 	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)

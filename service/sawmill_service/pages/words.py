@@ -51,7 +51,7 @@ METHODS = {
 }
 COLOR_MAPS = {
     ColorMap.GREY: marked("Grey"),
-    ColorMap.VIRIDIS: marked("Viridis (dark blue to yellow)"),
-    ColorMap.INFERNO: marked("Inferno (black to yellow)"),
-    ColorMap.MAGMA: marked("Magma (black to pink)"),
+    ColorMap.VIRIDIS: marked("Viridis"),
+    ColorMap.INFERNO: marked("Inferno"),
+    ColorMap.MAGMA: marked("Magma"),
 }

@@ -15,6 +15,7 @@ export class Pane {
     this.shown = null;
     this.wanted = null;
     this.working = false;
+    this.pointed = [null, false];
   }
 
   slot(name) {
@@ -71,6 +72,7 @@ export class Pane {
 
   // Say the value at (x, y) in mm; `marked` draws a cross there, where the pointer is over another picture.
   point(place, marked) {
+    this.pointed = [place, marked];
     const cross = this.figure.querySelector(".cross");
     if (!this.shown || !place) {
       cross.hidden = true;
@@ -94,6 +96,7 @@ export class Pane {
     if (slice) {
       this.repaint();
       this.#drawScale(slice);
+      this.point(...this.pointed);
     }
   }
 

@@ -80,19 +80,21 @@ function color(name) {
   changed();
 }
 
+function shownNow() {
+  return { slice: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: colors.value };
+}
+
 // The links to what is shown, and the address, when nothing has changed for a moment.
 let waiting;
 
 function changed() {
   clearTimeout(waiting);
   waiting = setTimeout(() => {
-    const values = { index: viewer.index, low: viewer.window.low, high: viewer.window.high, colors: colors.value };
+    const values = shownNow();
     for (const link of root.querySelectorAll("[data-download]")) {
       link.href = `${first.path}/${link.dataset.download.replace(/\{(\w+)\}/g, (_, name) => values[name])}`;
     }
-    const { index, ...rest } = values;
-    const address = new URLSearchParams({ ...Object.fromEntries(asked), slice: index, ...rest });
-    history.replaceState(null, "", `?${address}`);
+    history.replaceState(null, "", `?${new URLSearchParams({ ...Object.fromEntries(asked), ...values })}`);
   }, 600);
 }
 
@@ -149,7 +151,13 @@ document.addEventListener("keydown", (event) => {
 [low, high].forEach((field) => field.addEventListener("input", lookByFields));
 colors.addEventListener("change", () => color(colors.value));
 find("#reset").addEventListener("click", () => { usual(); color("grey"); });
-find(".beside")?.addEventListener("change", (event) => event.target.form.requestSubmit());
+// Another log beside this one, which stays as it is shown.
+const beside = find(".beside");
+beside?.addEventListener("change", () => beside.requestSubmit());
+beside?.addEventListener("submit", (event) => {
+  event.preventDefault();
+  location.search = new URLSearchParams({ ...shownNow(), beside: new FormData(beside).get("beside") });
+});
 
 const given = { low: Number.parseFloat(asked.get("low")), high: Number.parseFloat(asked.get("high")) };
 given.low < given.high ? look(given) : usual();

@@ -1,0 +1,186 @@
+"""The slice viewer, used: every value is where the slices' pictures have it, and two logs move together."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from page_checks import overflowing, shot, small_targets
+from PIL import Image
+from playwright.sync_api import Page, expect
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.files.volume_writer import new_reconstruction
+from sawmill_worker.storage.tables import ReconstructionRow
+
+SIDE, PIXEL_MM = 32, 12.5
+LOG = "/v1/reconstructions/example"
+PIXELS = """() => {
+  const canvas = document.querySelector(".pane canvas");
+  const {data, width, height} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return {data: [...data], width, height};
+}"""
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
+
+
+def asymmetric(slices: int) -> np.ndarray:
+    """(slice, x, y), a different value in each place: no turn and no mirror of it is itself."""
+    s, x, y = np.mgrid[:slices, :SIDE, :SIDE]
+    return (0.1 * s + 0.02 * x + 0.0005 * y).astype(np.float32)
+
+
+def put_volume(store, log_id: str, volume: np.ndarray, *, row_pitch_mm: float, first_slice_mm: float) -> None:
+    """In place of the log's own, with its shape in the stored result."""
+    path = store.files.results(JobKind.RECONSTRUCT, log_id) / "volume.h5"
+    with new_reconstruction(
+        path,
+        volume.shape,
+        pixel_mm=PIXEL_MM,
+        row_pitch_mm=row_pitch_mm,
+        first_slice_mm=first_slice_mm,
+        unit="1/mm",
+        geometry={},
+        parameters={},
+        software_version="0",
+        input_sha256="0" * 64,
+    ) as file:
+        file.write(0, volume)
+    with store._database.write() as session:
+        row = session.get(ReconstructionRow, log_id)
+        row.result = row.result | {"shape": volume.shape, "pixel_mm": PIXEL_MM, "value_range": [0.0, 4.0]}
+
+
+@pytest.fixture
+def logs(store) -> dict[str, np.ndarray]:
+    """Two logs: slices at 0, 10, … 290 mm, and at 20, 40, … 300 mm with twice the values."""
+    volumes = {"example": asymmetric(30), "example-sparse": 2.0 * asymmetric(15)}
+    put_volume(store, "example", volumes["example"], row_pitch_mm=10.0, first_slice_mm=0.0)
+    put_volume(store, "example-sparse", volumes["example-sparse"], row_pitch_mm=20.0, first_slice_mm=20.0)
+    return volumes
+
+
+def shows(page: Page, index: int, pane: int = 0) -> None:
+    expect(page.locator(".pane").nth(pane)).to_have_attribute("data-shown", str(index))
+
+
+def pixels(page: Page) -> np.ndarray:
+    """(row, column, red green blue opacity) of the first picture."""
+    found = page.evaluate(PIXELS)
+    return np.array(found["data"], np.uint8).reshape(found["height"], found["width"], 4)
+
+
+def hover(page: Page, row: int, column: int, pane: int = 0) -> None:
+    """Point at the middle of a pixel."""
+    box = page.locator(".pane canvas").nth(pane).bounding_box()
+    page.mouse.move(box["x"] + box["width"] * (column + 0.5) / SIDE, box["y"] + box["height"] * (row + 0.5) / SIDE)
+
+
+def readout(page: Page, pane: int = 0) -> tuple[float, float, float]:
+    """x and y in mm, and the value."""
+    text = page.locator(".readout").nth(pane).inner_text()
+    return tuple(float(number) for number in re.search(r"x (\S+) mm, y (\S+) mm: (\S+) 1/mm", text).groups())
+
+
+def fetched_png(page: Page, query: str) -> np.ndarray:
+    return np.asarray(Image.open(io.BytesIO(page.request.get(f"{LOG}/slices/{query}").body())))
+
+
+def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
+    page = site.open("/logs/example", viewport={"width": 1280, "height": 800}, accept_downloads=True)
+    volume = logs["example"]
+    shows(page, 15)
+    # As the service's own picture of the values, whose row is +x and whose column is +y.
+    drawn = fetched_png(page, "15.png?bits=16") / 257
+    seen = pixels(page)
+    assert np.abs(seen[..., 0] - drawn).max() <= 0.51  # rounded to 8 bits
+    assert (seen[..., 0] == seen[..., 2]).all()
+
+    for row, column in ((3, 28), (28, 3)):
+        hover(page, row, column)
+        x, y, value = readout(page)
+        # The field's middle is the rotation centre; four digits are shown, and tenths of a millimetre.
+        assert (x, y) == pytest.approx(((row - 15.5) * PIXEL_MM, (column - 15.5) * PIXEL_MM), abs=0.06)
+        assert value == pytest.approx(volume[15, row, column], rel=1e-3)
+
+    page.mouse.wheel(0, 100)
+    shows(page, 16)
+    assert readout(page)[2] == pytest.approx(volume[16, 28, 3], rel=1e-3)  # the pointer did not move
+    for key, index in (("ArrowRight", 17), ("ArrowDown", 16), ("PageUp", 26), ("End", 29), ("Home", 0), ("PageUp", 10)):
+        page.keyboard.press(key)
+        shows(page, index)
+    page.get_by_label("Next slice").click()
+    shows(page, 11)
+    expect(page.locator(".where")).to_contain_text("11 / 29 (110 mm)")
+
+    before = pixels(page)
+    hover(page, 10, 10)
+    page.mouse.down()
+    page.mouse.move(300, 300, steps=2)
+    page.mouse.up()
+    low, high = (float(page.locator(field).input_value()) for field in ("#low", "#high"))
+    assert (low, high) != (0.0, 4.0)
+    expect(page.locator("#reset")).to_be_visible()
+    page.wait_for_function("() => new Promise(requestAnimationFrame)")
+    assert (pixels(page) != before).any()
+    page.get_by_role("button", name="Reset").click()
+    expect(page.locator("#high")).to_have_value("4")
+    page.locator("#high").fill("2")
+    page.get_by_label("Colours").first.select_option("viridis")
+    page.wait_for_function("() => new Promise(requestAnimationFrame)")
+    table = np.array(page.request.get("/v1/color-maps").json()["viridis"])
+    expected = table[np.clip(np.floor(volume[11] / 2 * 255 + 0.5), 0, 255).astype(int)]
+    # A value between two steps may be rounded either way.
+    assert np.mean((pixels(page)[..., :3] != expected).any(axis=-1)) < 0.02
+
+    box = page.locator(".navigator canvas").bounding_box()
+    assert box["y"] + box["height"] < 800  # in sight below the picture
+    page.mouse.click(box["x"] + box["width"] * 0.25, box["y"] + box["height"] / 2)
+    shows(page, 7)
+    page.wait_for_url(re.compile(r"slice=7.*high=2&colors=viridis"))
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Values (NPY)").click()
+    np.testing.assert_array_equal(np.load(download.value.path()), volume[7])
+    as_shown = page.get_by_role("link", name="This slice as shown").get_attribute("href")
+    assert as_shown == f"{LOG}/slices/7.png?window_low=0&window_high=2&color_map=viridis"
+    shot(page, "viewer-1280-light")
+
+
+def test_two_logs_move_together_by_height(site, logs):
+    page = site.open("/logs/example?slice=10&low=0&high=4", viewport={"width": 800, "height": 1100})
+    shows(page, 10)
+    page.get_by_label("Look at another log beside it").select_option("example-sparse")
+    page.wait_for_url("**beside=example-sparse**")
+    shows(page, 10)
+    shows(page, 4, pane=1)  # 100 mm in both
+    page.locator("#slice").focus()
+    for key in ("PageDown", "ArrowRight", "ArrowRight", "ArrowRight", "ArrowUp"):
+        page.keyboard.press(key)
+    shows(page, 4)
+    shows(page, 1, pane=1)  # 40 mm in both
+    hover(page, 20, 5)
+    x, y, value = readout(page, pane=1)
+    assert (x, y) == pytest.approx((56.25, -131.25), abs=0.06)
+    assert value == pytest.approx(logs["example-sparse"][1, 20, 5], rel=1e-3)
+    expect(page.locator(".cross").nth(1)).to_be_visible()
+    shot(page, "viewer-two-800-light")
+    page.keyboard.press("Home")
+    shows(page, 0)
+    expect(page.locator(".away").nth(1)).to_be_visible()
+
+
+def test_a_log_is_waited_for_and_then_looked_at_with_a_finger(site, store, worker):
+    log = store.reconstructions.accept(ReconstructionAsk(scan_id="example"))
+    page = site.open(f"/logs/{log.id}", viewport={"width": 390, "height": 844}, has_touch=True)
+    expect(page.get_by_role("heading", name="It waits for its turn")).to_be_visible()
+    worker.finish_reconstruction()
+    shows(page, 1)
+    page.get_by_label("Next slice").tap()
+    shows(page, 2)
+    page.get_by_label("Previous slice").tap()
+    shows(page, 1)
+    page.locator(".pane canvas").tap(position={"x": 40, "y": 300})
+    x, y, _ = readout(page)
+    assert x > 0 > y  # low in the picture and on its left
+    assert overflowing(page) + small_targets(page) == []
+    shot(page, "viewer-390-light")
