@@ -23,13 +23,13 @@ class Method(NamedTuple):
 
 
 SCAN_STATES = {
-    ScanState.INGESTING: Word("watch", marked("Being read")),
+    ScanState.INGESTING: Word("busy", marked("Being read")),
     ScanState.READY: Word("good", marked("Ready")),
     ScanState.REFUSED: Word("bad", marked("Refused")),
 }
 LOG_STATES = {
-    JobState.QUEUED: Word("watch", marked("Waiting")),
-    JobState.RUNNING: Word("watch", marked("Computing")),
+    JobState.QUEUED: Word("idle", marked("Waiting")),
+    JobState.RUNNING: Word("busy", marked("Computing")),
     JobState.SUCCEEDED: Word("good", marked("Ready")),
     JobState.FAILED: Word("bad", marked("Failed")),
     JobState.CANCELLED: Word("idle", marked("Cancelled")),
