@@ -51,6 +51,7 @@ NEEDED = {
     ("GET", "/v1/audit"): Scope.ADMIN,
     ("GET", "/v1/audit.jsonl"): Scope.ADMIN,
     ("GET", "/v1/keys"): Scope.ADMIN,
+    ("GET", "/system/keys"): Scope.ADMIN,
     ("POST", "/v1/keys"): Scope.ADMIN,
     ("POST", "/v1/keys/{key_id}/rotate"): Scope.ADMIN,
     ("POST", "/v1/scanners"): Scope.ACTIVATE,

@@ -78,7 +78,9 @@ ROUTERS = (
 )
 
 
-def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False) -> Application:
+def create_app(
+    settings: ServiceSettings, store: Store, wake: Wake, *, exposed: bool = False, broker_url: str | None = None
+) -> Application:
     """The service on one store.
 
     Parameters
@@ -91,6 +93,9 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         Called with the id of each job after the transaction that queued it; it must not raise.
     exposed
         Whether the caller listens beyond loopback: then every request must bring a key, as behind a proxy.
+
+    broker_url
+        Of the Redis that carries wake-ups, whose answer people may see; None: there is none.
 
     Returns
     -------
@@ -111,6 +116,7 @@ def create_app(settings: ServiceSettings, store: Store, wake: Wake, *, exposed: 
         dependencies=[Depends(check_scope), Depends(check_csrf)],
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
+    app.state.broker_url = broker_url
     app.state.session_cookie = SessionCookie(settings.public_url)
     app.state.access = Access(
         store.keys,

@@ -86,7 +86,7 @@ def serve_until_stopped(
         if seed is not None:
             threading.Thread(target=_seed, args=(seed, store), name="examples", daemon=True).start()
         address, port = listening.getsockname()[:2]
-        app = create_app(settings, store, wake, exposed=not is_loopback(address))
+        app = create_app(settings, store, wake, exposed=not is_loopback(address), broker_url=execution.broker_url)
         connections = Connections(settings, app.state.metrics)
         config = uvicorn.Config(
             app,

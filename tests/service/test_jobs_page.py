@@ -88,7 +88,7 @@ def test_whoever_may_only_look_cancels_nothing(seeded, store):
 
 def test_the_pages_are_quick_and_small_beside_ten_thousand_jobs(client, store):
     fill(store)
-    for path in ("/jobs", "/jobs/now?kind=calibrate&state="):
+    for path in ("/jobs", "/jobs/now?kind=calibrate&state=", "/system", "/phantoms"):
         client.get(path)
         started = time.perf_counter()
         answer = client.get(path)

@@ -37,6 +37,7 @@ FATES = {
 }
 # Of what a job made: a page where there is one, else the numbers.
 _MADE = {
+    JobKind.INGEST: ("/scans/{}", marked("Look at the scan")),
     JobKind.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
     JobKind.RECONSTRUCT: ("/logs/{}", marked("Look at the log")),
     JobKind.TRACE_PHANTOM: ("/phantoms/{}", marked("Look at the phantom")),

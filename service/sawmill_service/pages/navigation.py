@@ -8,4 +8,5 @@ NAVIGATION = (
     ("/scans", marked("Scans")),
     ("/phantoms", marked("Phantoms")),
     ("/jobs", marked("Jobs")),
+    ("/system", marked("System")),
 )

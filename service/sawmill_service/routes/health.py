@@ -12,6 +12,7 @@ from sawmill_service.problems import COME_BACK, MEDIA_TYPE
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.errors import StorageFull
+from sawmill_worker.storage.store import Store
 
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
@@ -56,11 +57,18 @@ def ready(store: TheStore, response: Response) -> Health:
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
     Jobs that wait while no worker runs any are reported as `without-worker`: requests are still answered.
     """
+    health = health_of(store)
+    if health.state is Readiness.DISK_FULL:
+        response.status_code = 503
+        response.headers.update(COME_BACK)
+    return health
+
+
+def health_of(store: Store) -> Health:
+    """How the service is, or `StorageUnavailable`."""
     try:
         store.check()
     except StorageFull as error:
-        response.status_code = 503
-        response.headers.update(COME_BACK)
         return Health(state=Readiness.DISK_FULL, detail=str(error))
     waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
     if waiting and not (counts := store.jobs.counts())[JobState.RUNNING]:

@@ -1,7 +1,10 @@
-// Keeps the page of jobs as the service has it, and fetches a job's history when it is laid open.
+// Keeps the page of jobs as the service has it, by what the service says that happens, and fetches a job's history when it is laid open.
 import { showTimes } from "./time.js";
 
-const NEXT_MS = 2000;
+// After something happened; while a job runs, for its progress; and in any case.
+const SOON_MS = 200, PROGRESS_MS = 2000, IDLE_MS = 10_000;
+const HAPPENS = ["queued", "started", "succeeded", "failed", "cancelled", "lost", "put-off", "given-back"];
+let timer;
 const now = document.querySelector("#now");
 const silent = document.querySelector("#silent");
 
@@ -33,6 +36,7 @@ function replace(fresh) {
 }
 
 async function refresh() {
+  clearTimeout(timer);
   // Whoever is about to cancel a job must not lose the button under the finger.
   if (!document.hidden && !now.querySelector(".ask[open]")) {
     try {
@@ -42,7 +46,12 @@ async function refresh() {
       answered(false);
     }
   }
-  setTimeout(refresh, NEXT_MS);
+  timer = setTimeout(refresh, now.querySelector(".job progress") ? PROGRESS_MS : IDLE_MS);
+}
+
+function soon() {
+  clearTimeout(timer);
+  timer = setTimeout(refresh, SOON_MS);
 }
 
 function answered(yes) {
@@ -65,5 +74,8 @@ async function laidOpen(event) {
 
 now.addEventListener("toggle", laidOpen, true);
 if (now.dataset.source) {
-  setTimeout(refresh, NEXT_MS);
+  const stream = new EventSource("/v1/events");
+  HAPPENS.forEach((what) => stream.addEventListener(what, soon));
+  document.addEventListener("visibilitychange", soon);
+  timer = setTimeout(refresh, PROGRESS_MS);
 }

@@ -1,0 +1,92 @@
+"""The system: disk, workers, database, clock, limits; for administrators keys and the audit."""
+
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse
+
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.languages import marked
+from sawmill_service.pages.system_parts import clock_remarks, disk_of, limits_of, versions, workers_of
+from sawmill_service.routes.health import Readiness, health_of
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.keys import Scope
+
+if TYPE_CHECKING:
+    from sawmill_worker.execution.broker_report import BrokerReport
+
+SYSTEM = "/system"
+AUDITED = 20
+SCOPES = {
+    Scope.READ: marked("may look"),
+    Scope.SUBMIT: marked("may also upload and ask for work"),
+    Scope.ACTIVATE: marked("may also decide what a scanner uses"),
+    Scope.ADMIN: marked("may do everything"),
+}
+STATES = {
+    Readiness.READY: ("good", marked("Ready")),
+    Readiness.WITHOUT_WORKER: ("watch", marked("No worker")),
+    Readiness.DISK_FULL: ("bad", marked("Disk full")),
+}
+ACTIONS = {
+    AuditAction.CALIBRATION_ACTIVATED: marked("accepted the calibration"),
+    AuditAction.CALIBRATION_ROLLED_BACK: marked("rolled back to the calibration"),
+    AuditAction.SCANNER_CREATED: marked("added the scanner"),
+    AuditAction.SCANNER_CHANGED: marked("changed the scanner"),
+    AuditAction.SCANNER_DELETED: marked("deleted the scanner"),
+    AuditAction.PHANTOM_DELETED: marked("deleted the phantom"),
+    AuditAction.SCAN_DELETED: marked("deleted the scan"),
+    AuditAction.INSPECTION_DELETED: marked("deleted the file that was looked into"),
+    AuditAction.SCHEDULE_CREATED: marked("added the schedule"),
+    AuditAction.SCHEDULE_CHANGED: marked("changed the schedule"),
+    AuditAction.SCHEDULE_DELETED: marked("deleted the schedule"),
+    AuditAction.JOB_CANCELLED: marked("cancelled the job"),
+    AuditAction.KEY_CREATED: marked("made the key"),
+    AuditAction.KEY_ROTATED: marked("gave a new secret to the key"),
+    AuditAction.KEY_REVOKED: marked("revoked the key"),
+    AuditAction.LOGGED_IN: marked("logged in with"),
+    AuditAction.LOGGED_OUT: marked("logged out of"),
+}
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get(SYSTEM)
+def system(request: Request, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """The page; keys and the audit for administrators alone."""
+    admin, now = page.may(Scope.ADMIN), datetime.now(UTC)
+    return page.answer(
+        "system.html",
+        health=health_of(store),
+        states=STATES,
+        disk=disk_of(store),
+        workers=workers_of(store, page, now),
+        database=store.database_report(),
+        broker=_broker(request.app.state.broker_url),
+        clock_off_s=store.clock_off_s(),
+        clock=clock_remarks(store),
+        versions=versions(),
+        limits=limits_of(settings),
+        keys=store.keys.all().keys if admin else None,
+        audit=store.audit.page(limit=AUDITED).items if admin else None,
+        actions=ACTIONS,
+        scopes=SCOPES,
+        now=now,
+    )
+
+
+@router.get(f"{SYSTEM}/keys")
+def keys(page: ThePage, store: TheStore) -> HTMLResponse:
+    """The part of the page with the keys, for when one was made or ended."""
+    return page.answer("system_keys.html", keys=store.keys.all().keys, scopes=SCOPES, now=datetime.now(UTC))
+
+
+def _broker(broker_url: str | None) -> "BrokerReport | None":
+    if broker_url is None:
+        return None
+    # Imported here: without a broker nobody needs its client.
+    from sawmill_worker.execution.broker_report import report_of  # noqa: PLC0415
+
+    return report_of(broker_url)

@@ -1,0 +1,81 @@
+"""The page of the system, as HTML."""
+
+from types import SimpleNamespace
+
+import pytest
+from page_text import text_of
+
+from sawmill_service.app import create_app
+from sawmill_service.pages.system import ACTIONS
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.storage.files import FileStore, Room
+from sawmill_worker.vocabulary import Theta
+
+NOMINAL = Theta(
+    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
+)
+GIB = 2**30
+
+
+def test_a_service_in_order_says_so(seeded):
+    text = text_of(seeded.get("/system").text)
+    assert "Is it ready? Ready Requests are answered and jobs are done." in text
+    assert "SQLite" in text
+    assert "(the newest)" in text
+    assert "not used: workers look into the database" in text
+    assert "This machine's clock agrees with the service's time." in text.replace("&#39;", "'")
+    assert "sawmill-calibration" in text
+    assert "SAWMILL_MAX_UPLOAD_BYTES 97.7 KiB" in text
+
+
+def test_a_worker_is_shown_with_its_job(seeded, store, worker):
+    store.plans.accept(PlanAsk(scanner_id="example", theta=NOMINAL), given={"phantom_id": "l-shape"})
+    worker.claim()
+    assert "test Plan of a calibration" in text_of(seeded.get("/system").text)
+
+
+@pytest.mark.parametrize(
+    ("free_gib", "word", "ready"),
+    [(0.1, "Full", "Disk full"), (1, "Nearly full", "Ready"), (50, "Room enough", "Ready")],
+)
+def test_a_disk_that_fills_is_seen_before_it_is_full(client, monkeypatch, free_gib, word, ready):
+    monkeypatch.setattr(FileStore, "room", lambda _: Room(int(free_gib * GIB), 100 * GIB))
+    usage = SimpleNamespace(total=100 * GIB, used=0, free=int(free_gib * GIB))
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage)
+    text = text_of(client.get("/system").text)
+    assert f"Disk {word} Free" in text
+    assert f"Is it ready? {ready}" in text
+
+
+def test_redis_that_is_away_is_named_without_its_password(client, store, settings):
+    client.app = create_app(settings, store, print, broker_url="redis://:secret-word@127.0.0.1:1/0")
+    page = client.get("/system").text
+    assert "127.0.0.1 does not answer: jobs begin a few seconds later" in page
+    assert "secret-word" not in page
+
+
+def test_an_administrator_sees_keys_and_the_audit_without_secrets(client, store):
+    key = store.keys.create(KeyAsk(name="scanner <2>", scope=Scope.SUBMIT))
+    page = client.get("/system").text
+    assert key.secret not in page
+    text = text_of(page)
+    assert "scanner &lt;2&gt; Good submit: may also upload and ask for work" in text
+    assert "made the key scanner &lt;2&gt;" in text
+    store.keys.revoke(key.id)
+    assert "scanner &lt;2&gt; Revoked" in text_of(client.get("/system/keys").text)
+
+
+def test_nobody_else_does_and_is_told_so(client, store):
+    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.ACTIVATE))
+    client.headers["Authorization"] = f"Bearer {key.secret}"
+    text = text_of(client.get("/system").text)
+    assert "Keys and the audit Your key may not see them. A key of the scope “admin” may." in text
+    assert "Make a key" not in text
+    assert "made the key" not in text
+    assert client.get("/system/keys").status_code == 403
+
+
+def test_every_action_of_the_audit_has_words():
+    assert set(ACTIONS) == set(AuditAction)

@@ -1,0 +1,38 @@
+"""Whether the broker answers, for those who run the service."""
+
+import time
+from typing import NamedTuple
+from urllib.parse import urlsplit
+
+from redis import Redis
+from redis.exceptions import RedisError
+
+# A page waits for it.
+PATIENCE_S = 0.5
+
+
+class BrokerReport(NamedTuple):
+    """Redis, which carries wake-ups: without it jobs begin a few seconds later.
+
+    Attributes
+    ----------
+    host : str
+        Where it is, without its password.
+    answered_s : float or None
+        How long it took to answer; None: it did not.
+    """
+
+    host: str
+    answered_s: float | None
+
+
+def report_of(broker_url: str) -> BrokerReport:
+    """Ask it."""
+    host = urlsplit(broker_url).hostname or "?"
+    started = time.perf_counter()
+    try:
+        with Redis.from_url(broker_url, socket_connect_timeout=PATIENCE_S, socket_timeout=PATIENCE_S) as redis:
+            redis.ping()
+    except (RedisError, ValueError):  # it is away, or the address is none of Redis's
+        return BrokerReport(host, None)
+    return BrokerReport(host, time.perf_counter() - started)
