@@ -1,5 +1,14 @@
 """The routes of every page; each that has a place in the header also stands in `navigation`."""
 
-from sawmill_service.pages import jobs, logs, look, phantoms, report, scans, system
+from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scans, system
 
-PAGES = (jobs.router, logs.router, look.router, phantoms.router, report.router, scans.router, system.router)
+PAGES = (
+    calibrate.router,
+    jobs.router,
+    logs.router,
+    look.router,
+    phantoms.router,
+    report.router,
+    scans.router,
+    system.router,
+)

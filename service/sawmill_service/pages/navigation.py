@@ -4,6 +4,7 @@ from sawmill_service.pages.languages import marked
 
 NAVIGATION = (
     ("/", marked("Today")),
+    ("/calibrate", marked("Calibrate")),
     ("/logs", marked("Logs")),
     ("/scans", marked("Scans")),
     ("/phantoms", marked("Phantoms")),

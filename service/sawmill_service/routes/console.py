@@ -7,7 +7,9 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_service.answers import file
 from sawmill_service.dependencies import TheCaller, TheSessionCookie, TheStore
+from sawmill_service.forms import TheForm
 from sawmill_service.operator_page import operator_page
+from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_worker.contracts.base import Identifier
@@ -47,10 +49,10 @@ def operator(request: Request, store: TheStore, caller: TheCaller, cookie: TheSe
 
 
 @router.post("/operator/activate/{calibration_id}")
-def accept_or_roll_back(calibration_id: Identifier, store: TheStore) -> RedirectResponse:
-    """The operator's buttons."""
+def accept_or_roll_back(calibration_id: Identifier, store: TheStore, form: TheForm) -> RedirectResponse:
+    """The buttons that accept and roll back, on whatever page they stand: the field `next` leads back to it."""
     store.calibrations.activate(calibration_id, "by hand on the operator's page")
-    return RedirectResponse("/", status_code=303)
+    return RedirectResponse(local_path(form.get("next", "/")), status_code=303)
 
 
 def _page(html: str) -> HTMLResponse:

@@ -1,0 +1,213 @@
+"""`/calibrate`: from a file to the accepted calibration; the address alone says how far it is.
+
+Without anything it takes a file; with `inspection` it asks what that file does not say; with `calibration` it follows
+the search and then shows the result. `inspection` beside it is where "other answers" leads back to.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+from pydantic import ValidationError
+
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.forms import TheForm
+from sawmill_service.pages.calibrate_questions import questions_of
+from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.problems import field_problem
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.inspections import Inspection, InspectionOptions
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.storage.errors import Conflict, NotFound, StorageError
+from sawmill_worker.storage.store import Store
+
+CALIBRATE = "/calibrate"
+LOGS = ("log_before", "log_after")
+
+router = APIRouter(include_in_schema=False)
+
+
+class _Answers(Queried, ScanSpec):
+    """What the form's fields say of the scan: texts, as in a query."""
+
+    phantom_id: Identifier
+
+
+@dataclass(frozen=True)
+class Where:
+    """What stands in the address."""
+
+    scanner: str | None = None
+    inspection: str | None = None
+    calibration: str | None = None
+
+    def path(self, **changes: str | None) -> str:
+        """The address with some of it changed."""
+        names = {name: value for name, value in (vars(self) | changes).items() if value}
+        return f"{CALIBRATE}?{urlencode(names)}" if names else CALIBRATE
+
+
+@router.get(CALIBRATE)
+def calibrate(
+    page: ThePage,
+    store: TheStore,
+    settings: TheSettings,
+    scanner: Annotated[Identifier | None, Query()] = None,
+    inspection: Annotated[Identifier | None, Query()] = None,
+    calibration: Annotated[Identifier | None, Query()] = None,
+) -> HTMLResponse:
+    """Wherever one is between the file and the accepted calibration."""
+    where = Where(scanner, inspection, calibration)
+    if calibration is not None:
+        return _of_calibration(page, store, where, store.calibrations.get(calibration))
+    if inspection is not None:
+        return _of_inspection(page, store, where, store.inspections.get(inspection))
+    scanners = store.scanners.page(limit=200).items
+    return page.answer(
+        "calibrate_file.html",
+        where=where,
+        scanners=scanners,
+        chosen=next((each for each in scanners if each.id == scanner), None),
+        max_bytes=settings.max_upload_bytes,
+    )
+
+
+@router.post(CALIBRATE)
+def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
+    """Take the answers: make a scan of the inspected file and calibrate with it."""
+    where = Where(form.get("scanner_id"), form.get("inspection_id"))
+    inspection = store.inspections.get(where.inspection or "")
+    given = {name: value for name, value in form.items() if name in _Answers.model_fields and value.strip()}
+    try:
+        answers = _Answers.model_validate(given | {"name": inspection.options.name})
+        calibration = _started(store, wake, ScanSpec(**answers.model_dump(exclude_unset=True)), inspection.id)
+    except ValidationError as error:
+        return _asked_again(page, store, where, inspection, form, _sentence(page, error))
+    except (NotFound, Conflict) as error:
+        return _asked_again(page, store, where, inspection, form, str(error))
+    return RedirectResponse(where.path(calibration=calibration.id), 303)
+
+
+@router.post(f"{CALIBRATE}/dataset")
+def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
+    """Inspect the file again, with one of its arrays."""
+    where = Where(form.get("scanner_id"), form.get("inspection_id"))
+    earlier = store.inspections.get(where.inspection or "")
+    try:
+        options = InspectionOptions(dataset=form.get("dataset") or None)
+        received = store.inspections.received_again(earlier.id)
+    except (ValidationError, StorageError) as error:
+        sentence = _sentence(page, error) if isinstance(error, ValidationError) else str(error)
+        return _asked_again(page, store, where, earlier, form, sentence)
+    inspection = store.inspections.accept_file(options, received, name=earlier.options.name)
+    wake(inspection.job_id)
+    return RedirectResponse(where.path(inspection=inspection.id), 303)
+
+
+def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) -> CalibrationUnfinished:
+    scan = store.scans.accept(spec, store.inspections.received_again(inspection_id))
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    for job_id in (scan.job_id, calibration.job_id):
+        wake(job_id)
+    assert isinstance(calibration, CalibrationUnfinished)  # noqa: S101 - it was only just asked for
+    return calibration
+
+
+def _sentence(page: PageFrame, error: ValidationError) -> str:
+    """The first complaint about an answer; what was not answered at all is asked for."""
+    first = field_problem(error.errors()[0])
+    if first.message == "is required":
+        return page.text.gettext("Answer every question: %(field)s is missing.") % {"field": first.location}
+    return f"{first.location} {first.message}"
+
+
+def _asked_again(
+    page: PageFrame, store: Store, where: Where, inspection: Inspection, form: dict[str, str], problem: str
+) -> HTMLResponse:
+    """The questions once more, with the answers as they were given."""
+    questions = questions_of(store, inspection, form)
+    return page.answer("calibrate_questions.html", status=422, where=where, questions=questions, problem=problem)
+
+
+def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Inspection) -> HTMLResponse:
+    if inspection.state in {"queued", "running"}:
+        return page.answer("calibrate_looking.html", where=where, inspection=inspection)
+    result = inspection.result
+    if result is None or result.refusal is not None:
+        failure = inspection.failure if result is None else result.refusal
+        return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
+    questions = questions_of(store, inspection, {"scanner_id": where.scanner or ""})
+    return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
+
+
+def _of_calibration(
+    page: PageFrame, store: Store, where: Where, calibration: CalibrationSucceeded | CalibrationUnfinished
+) -> HTMLResponse:
+    scanner, scan = store.scanners.get(calibration.scanner_id), _scan(store, calibration.scan_id)
+    if isinstance(calibration, CalibrationSucceeded):
+        return page.answer(
+            "calibrate_result.html",
+            where=where,
+            calibration=calibration,
+            scanner=scanner,
+            scan=scan,
+            headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
+            changes=changes_of(page, calibration),
+            parameters=parameters_of(page, calibration),
+            logs=_logs(store, calibration.id),
+        )
+    if calibration.state in {"queued", "running"}:
+        jobs = [calibration.job_id] if scan is None else [scan.job_id, calibration.job_id]
+        return page.answer(
+            "calibrate_running.html",
+            where=where,
+            calibration=calibration,
+            scanner=scanner,
+            jobs=jobs,
+            stages=stages(page),
+        )
+    unread = None if scan is None or scan.state is not ScanState.REFUSED else store.jobs.get(scan.job_id).failure
+    failure = unread or calibration.failure
+    return page.answer(
+        "calibrate_failed.html",
+        where=where,
+        scanner=scanner,
+        cancelled=calibration.state == "cancelled",
+        unread=unread is not None,
+        failure=failure,
+        advice=advice_for(page, failure, unread=unread is not None),
+        again=_again(store, where, scan),
+    )
+
+
+def _scan(store: Store, scan_id: str) -> Scan | None:
+    """None: it was deleted since."""
+    try:
+        return store.scans.get(scan_id)
+    except NotFound:
+        return None
+
+
+def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
+    """Where the same file is asked about once more; None where it is no longer kept."""
+    if where.inspection is None or scan is None or not store.files.upload(JobKind.INSPECT, where.inspection).exists():
+        return None
+    return where.path(calibration=None, scanner=scan.scanner_id)
+
+
+def _logs(store: Store, calibration_id: str) -> bool:
+    """Whether its scan shows a log, before and after."""
+    try:
+        path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    except NotFound:
+        return False
+    # Imported by the first result: a service that shows none does not hold NumPy and h5py.
+    from sawmill_worker.files.calibration_file import read_arrays  # noqa: PLC0415
+
+    return len(read_arrays(path, *LOGS)) == len(LOGS)

@@ -1,0 +1,153 @@
+// `/calibrate`: sends the file, and follows jobs until the page has something new to show.
+import { api, followJob, upload } from "./api.js";
+
+const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
+const UNITS = ["B", "KiB", "MiB", "GiB", "TiB"];
+
+function filled(text, values) {
+  return text.replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
+}
+
+function number(value, digits = 0) {
+  return new Intl.NumberFormat(language, { minimumFractionDigits: digits, maximumFractionDigits: digits }).format(value);
+}
+
+function bytes(value) {
+  const step = Math.min(UNITS.length - 1, Math.max(0, Math.floor(Math.log2(Math.max(value, 1)) / 10)));
+  return `${number(value / 1024 ** step, step ? 1 : 0)} ${UNITS[step]}`;
+}
+
+function duration(seconds, words) {
+  return seconds > 90
+    ? filled(words.minutes, { number: number(Math.ceil(seconds / 60)) })
+    : filled(words.seconds, { number: number(Math.ceil(seconds)) });
+}
+
+function show(element, text) {
+  element.textContent = text;
+  element.hidden = !text;
+}
+
+function takeFiles(step) {
+  const words = step.dataset;
+  const drop = step.querySelector("#drop");
+  const input = step.querySelector("#file");
+  const sending = step.querySelector("#sending");
+  const problem = step.querySelector("#file-problem");
+  let cancelling;
+
+  async function send(file) {
+    show(problem, "");
+    if (file.size > Number(words.maxBytes)) {
+      const most = bytes(Number(words.maxBytes));
+      show(problem, filled(words.tooLarge, { name: file.name, size: bytes(file.size), most }));
+      return;
+    }
+    cancelling = new AbortController();
+    const begun = performance.now();
+    step.querySelector("#sending-name").textContent = file.name;
+    drop.hidden = true;
+    sending.hidden = false;
+    step.querySelector("#sending-cancel").focus();
+    const name = encodeURIComponent(Array.from(file.name).slice(0, 200).join("") || "file");
+    try {
+      const inspection = await upload(`/v1/inspections?name=${name}`, file, (sent, total) => {
+        step.querySelector("#sending-bar").value = sent / total;
+        const seconds = (performance.now() - begun) / 1000;
+        const left = seconds > 1 && sent > 0 ? duration((seconds * (total - sent)) / sent, words) : "";
+        const text = filled(left ? words.left : words.sent, { sent: bytes(sent), total: bytes(total), left });
+        step.querySelector("#sending-words").textContent = text;
+      }, cancelling.signal);
+      const next = new URL(words.next, location.href);
+      next.searchParams.set("inspection", inspection.id);
+      location.assign(next);
+    } catch (error) {
+      const unreachable = error.code === "unreachable";
+      show(problem, error.name === "AbortError" ? words.cancelled : unreachable ? words.unreachable : error.message);
+      drop.hidden = false;
+      sending.hidden = true;
+      input.value = "";
+      input.focus();
+    }
+  }
+
+  input.addEventListener("change", () => input.files.length && send(input.files[0]));
+  step.querySelector("#sending-cancel").addEventListener("click", () => cancelling.abort());
+  for (const name of ["dragenter", "dragover"]) {
+    document.addEventListener(name, (event) => {
+      event.preventDefault();
+      drop.classList.add("over");
+    });
+  }
+  document.addEventListener("dragleave", (event) => event.relatedTarget || drop.classList.remove("over"));
+  document.addEventListener("drop", (event) => {
+    event.preventDefault();
+    drop.classList.remove("over");
+    if (event.dataTransfer.files.length && sending.hidden) {
+      send(event.dataTransfer.files[0]);
+    }
+  });
+}
+
+async function follow(step) {
+  const words = step.dataset;
+  const stage = step.querySelector("#follow-stage");
+  const bar = step.querySelector("#follow-bar");
+  const stages = words.stages ? JSON.parse(words.stages) : null;
+
+  function showJob(job) {
+    if (!stages) {
+      return;
+    }
+    const progress = job.progress;
+    if (job.state === "queued") {
+      stage.textContent = job.queue_position ? filled(words.position, { number: job.queue_position }) : words.queued;
+      bar.removeAttribute("value");
+    } else if (progress) {
+      const now = stages[progress.stage] ?? progress.stage;
+      if (stage.textContent !== now) {
+        stage.textContent = now;
+      }
+      bar.value = progress.fraction;
+    }
+    const more = [];
+    if (job.seconds_left !== null) {
+      more.push(filled(words.left, { left: duration(job.seconds_left, words) }));
+    }
+    if (progress && progress.best_value !== null) {
+      more.push(filled(words.best, { value: progress.best_value.toPrecision(3) }));
+    }
+    step.querySelector("#follow-more").textContent = more.join(", ");
+  }
+
+  // The scan's job may run beside the calibration's; that one decides when there is something new.
+  const [last, ...earlier] = words.jobs.split(" ").reverse();
+  let before = earlier.length > 0;
+  Promise.all(earlier.map((id) => followJob(id, showJob))).then(() => {
+    before = false;
+  });
+  await followJob(last, (job) => before || showJob(job));
+  location.reload();
+}
+
+function cancelByButton(button) {
+  button.addEventListener("click", async () => {
+    button.disabled = true;
+    try {
+      await api("POST", `/v1/jobs/${button.dataset.cancel}/cancel`);
+    } catch (error) {
+      show(document.querySelector("#follow-problem"), error.message);
+      button.disabled = false;
+    }
+  });
+}
+
+const fileStep = document.querySelector("#file-step");
+const followed = document.querySelector("#follow");
+if (fileStep) {
+  takeFiles(fileStep);
+}
+if (followed) {
+  follow(followed);
+}
+document.querySelectorAll("[data-cancel]").forEach(cancelByButton);

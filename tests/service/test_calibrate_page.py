@@ -1,0 +1,199 @@
+"""`/calibrate` asks what the file does not say, follows the search, and shows what the result is worth."""
+
+import re
+from html import unescape
+
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.inspections import InspectionOptions
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.jobs import Retries
+
+ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
+ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}
+DATASET = {"what": "array", "flag": "--dataset", "field": "dataset", "why": "it holds two"}
+
+
+@pytest.fixture
+def inspect(store, worker):
+    """The id of an inspection with this result, as a worker left it."""
+
+    def inspected(**changes):
+        received = store.files.receive([b"a scan"], max_bytes=100)
+        inspection = store.inspections.accept_file(InspectionOptions(), received, name="morning <1>.npz")
+        worker.finish_inspection(**changes)
+        return inspection.id
+
+    return inspected
+
+
+def shown(answer):
+    """The page's text."""
+    return re.sub(r"\s+", " ", unescape(re.sub(r"<[^>]*>", " ", answer.text)))
+
+
+def inputs(answer, name):
+    """The values of a field's inputs; of radio buttons all."""
+    return re.findall(rf'name="{name}" (?:required )?value="([^"]*)"', answer.text)
+
+
+def test_without_a_file_it_takes_one(seeded):
+    page = seeded.get("/calibrate?scanner=example")
+    assert 'type="file"' in page.text
+    assert "Scanner: Line <2>" in shown(page)
+    assert 'data-max-bytes="100000"' in page.text
+
+
+def test_without_a_scanner_it_leads_to_a_new_one(client):
+    page = client.get("/calibrate")
+    assert 'href="/scanners/new"' in page.text
+    assert 'type="file"' not in page.text
+
+
+def test_a_file_that_is_looked_at_is_followed(seeded, store):
+    received = store.files.receive([b"a scan"], max_bytes=100)
+    inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
+    assert f'data-jobs="{inspection.job_id}"' in seeded.get(f"/calibrate?inspection={inspection.id}").text
+
+
+def test_only_what_the_file_does_not_say_is_asked(seeded, inspect):
+    page = seeded.get(f"/calibrate?inspection={inspect()}")
+    assert "morning <1>.npz" in shown(page)
+    assert inputs(page, "scanner_id") == ["example-spare", "example"]
+    assert "l-shape" in inputs(page, "phantom_id")
+    # Flat fields stand beside the numbers, so they are counts; and the angles are not missing.
+    assert inputs(page, "data") == ["counts"]
+    assert "What are the numbers?" not in shown(page)
+    assert 'name="angles_deg"' not in page.text
+
+
+def test_numbers_without_flat_fields_and_views_without_angles_are_asked_about(seeded, inspect):
+    reading = {"shape": {"views": 12, "rows": 4, "detector": 16}}
+    page = seeded.get(f"/calibrate?inspection={inspect(reading=reading, missing=[ANGLES])}")
+    assert "What are the numbers?" in shown(page)
+    assert re.search(r'value="counts" required disabled', page.text)
+    assert "A full turn in equal steps is 0:30." in shown(page)
+
+
+def test_the_phantom_of_the_scanner_s_last_scan_is_proposed(seeded, inspect):
+    page = seeded.get(f"/calibrate?scanner=example&inspection={inspect()}")
+    assert re.search(r'value="example" required checked', page.text)
+    assert re.search(r'value="l-shape" required checked', page.text)
+
+
+def test_which_of_several_arrays_is_asked_first_and_looked_at(seeded, store, inspect, woken):
+    parts = [{"name": name, "kind": "array", "shape": (12, 4, 16), "type": "uint16"} for name in ("/a", "/b")]
+    inspection = inspect(reading=None, missing=[DATASET], parts=parts)
+    page = seeded.get(f"/calibrate?inspection={inspection}")
+    assert inputs(page, "dataset") == ["/a", "/b"]
+    answer = seeded.post("/calibrate/dataset", data={"inspection_id": inspection, "dataset": "/b"})
+    assert answer.status_code == 303
+    again = store.inspections.get(answer.headers["Location"].partition("inspection=")[2])
+    assert (again.options.dataset, again.options.name) == ("/b", "morning <1>.npz")
+    assert woken == [again.job_id]
+
+
+def test_answers_start_the_reading_and_the_calibration(seeded, store, inspect, woken):
+    inspection = inspect()
+    answer = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection})
+    assert answer.status_code == 303
+    path = answer.headers["Location"]
+    calibration = store.calibrations.get(path.partition("calibration=")[2])
+    scan = store.scans.get(calibration.scan_id)
+    assert (scan.scanner_id, scan.phantom_id, scan.data, scan.angles_deg) == tuple(ANSWERS.values())
+    assert scan.name == "morning <1>.npz"
+    assert store.files.upload(JobKind.INGEST, scan.id).read_bytes() == b"a scan"
+    assert woken == [scan.job_id, calibration.job_id]
+    running = seeded.get(path)
+    assert f'data-jobs="{scan.job_id} {calibration.job_id}"' in running.text
+    assert f'data-cancel="{calibration.job_id}"' in running.text
+
+
+@pytest.mark.parametrize(
+    ("changed", "sentence"),
+    [
+        ({"phantom_id": ""}, "phantom_id is missing"),
+        ({"data": "guess"}, "data should be 'counts'"),
+        ({"scanner_id": "nowhere"}, "there is no scanner 'nowhere'"),
+    ],
+)
+def test_a_wrong_answer_is_asked_again_with_the_others_kept(seeded, store, inspect, woken, changed, sentence):
+    inspection = inspect(missing=[ANGLES])
+    before = len(store.scans.page().items)
+    page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection} | changed)
+    assert page.status_code == 422
+    assert sentence in shown(page)
+    assert 'value="0:30"' in page.text
+    assert 'role="alert"' in page.text
+    assert (len(store.scans.page().items), woken) == (before, [])
+
+
+def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):
+    refusal = {"kind": "input", "code": "not-a-scan", "detail": "it is a picture and no scan"}
+    page = seeded.get(f"/calibrate?inspection={inspect(verdict='refused', refusal=refusal, reading=None)}")
+    assert "it is a picture and no scan" in shown(page)
+    assert "Choose another file" in shown(page)
+
+
+@pytest.fixture
+def started(seeded, inspect):
+    """The path of a calibration that has been asked for."""
+    answer = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect()})
+    return answer.headers["Location"]
+
+
+def failed(store, code, detail):
+    claim = store.jobs.claim("test")
+    store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code=code, detail=detail), retries=Retries())
+
+
+def test_a_scan_that_cannot_be_read_is_tried_again_without_sending_it(seeded, store, started):
+    failed(store, "angles-mismatch", "12 angles were given for 20 views")
+    failed(store, "scan-refused", "the scan was refused")
+    page = seeded.get(started)
+    assert "12 angles were given for 20 views" in shown(page)
+    assert "Write one angle for each view" in shown(page)
+    again = unescape(re.search(r'href="([^"]*)">Try again with other answers', page.text)[1])
+    assert seeded.get(again).status_code == 200
+    assert "calibration" not in again
+
+
+def test_a_result_shows_what_it_is_worth_and_is_accepted(seeded, store, worker, started):
+    worker.finish_scan()
+    worker.finish_calibration(comparison=None)
+    page = seeded.get(started)
+    assert "Are the rays right?" in shown(page)
+    assert "Are the millimetres right?" in shown(page)
+    assert "Accepting makes it the calibration that Line <2> uses from now on" in shown(page)
+    action = re.search(r'action="(/operator/activate/[^"]*)"', page.text)[1]
+    onward = unescape(re.search(r'name="next" value="([^"]*)"', page.text)[1])
+    answer = seeded.post(action, data={"next": onward})
+    assert (answer.status_code, answer.headers["Location"]) == (303, started)
+    assert store.scanners.get("example").active_calibration_id == action.rpartition("/")[2]
+    assert "This calibration is in use" in shown(seeded.get(started))
+
+
+def test_another_site_s_address_is_not_gone_to(seeded):
+    answer = seeded.post("/operator/activate/example", data={"next": "//elsewhere.example"})
+    assert answer.headers["Location"] == "/"
+
+
+def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, worker, started):
+    worker.finish_scan()
+    worker.finish_calibration()
+    keys = {scope: store.keys.create(KeyAsk(name=scope, scope=scope)).secret for scope in (Scope.READ, Scope.SUBMIT)}
+    asked = {scope: {"Authorization": f"Bearer {secret}"} for scope, secret in keys.items()}
+    page = seeded.get(started, headers=asked[Scope.SUBMIT])
+    assert "Accepting needs a key of the scope activate" in shown(page)
+    assert "/operator/activate/" not in page.text
+    assert 'type="file"' in seeded.get("/calibrate", headers=asked[Scope.SUBMIT]).text
+    assert "Your key may only look" in shown(seeded.get("/calibrate", headers=asked[Scope.READ]))
+    refused = seeded.post("/calibrate", data=ANSWERS, headers=asked[Scope.READ])
+    assert refused.status_code == 403
+
+
+def test_a_calibration_of_a_deleted_scan_is_shown(seeded, store):
+    store.calibrations.accept(CalibrationAsk(scan_id="example"))
+    assert seeded.get("/calibrate?calibration=example").status_code == 200
