@@ -88,12 +88,6 @@ def _check_zone(text: str) -> str:
         raise Refused(422, "invalid-zone", f"zone must be a time zone such as Europe/Helsinki, not {text!r}") from error
 
 
-def scanner_names(store: Store) -> dict[str, str]:
-    """Names by ids, in the order of the names."""
-    scanners = store.scanners.page(limit=_MOST_NAMES).items
-    return {scanner.id: scanner.name for scanner in sorted(scanners, key=lambda scanner: scanner.name)}
-
-
 def phantom_names(store: Store) -> dict[str, str]:
     """Names by ids."""
     return {phantom.id: phantom.name for phantom in store.phantoms.page(limit=_MOST_NAMES).items}

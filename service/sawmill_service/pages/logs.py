@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Response
 
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import ThePage
-from sawmill_service.pages.lists import TheFilter, scanner_names
+from sawmill_service.pages.lists import TheFilter
 from sawmill_service.pages.words import COLOR_MAPS, LOG_STATES, METHODS
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.jobs import JobState
@@ -32,7 +32,7 @@ def logs(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
         chosen=chosen,
         found=found,
         scans=store.scans.several({log.scan_id for log in found.items}),
-        scanners=scanner_names(store),
+        scanners=store.scanners.names(),
         states=LOG_STATES,
         methods=METHODS,
         method_of=method_of,
@@ -84,10 +84,9 @@ def _name_of(log: Reconstruction, scans: Mapping[str, Scan]) -> str:
 
 def _others(store: Store, log: Reconstruction) -> dict[str, Reconstruction]:
     """Ready logs to look at beside this one, by their ids: first those of the same scan."""
-    page, ready = store.reconstructions.page, JobState.SUCCEEDED
-    same_scan = page(scan_id=log.scan_id, state=ready, limit=_OTHERS).items
-    same_scanner = page(scanner_id=log.scanner_id, state=ready, limit=_OTHERS).items
-    return {each.id: each for each in (*same_scan, *same_scanner) if each.id != log.id}
+    same_scan = store.reconstructions.page(scan_id=log.scan_id, limit=_OTHERS).items
+    same_scanner = store.reconstructions.page(scanner_id=log.scanner_id, limit=_OTHERS).items
+    return {each.id: each for each in (*same_scan, *same_scanner) if each.result and each.id != log.id}
 
 
 def _volume(store: Store, log: Reconstruction) -> dict[str, Any] | None:

@@ -1,7 +1,5 @@
 """Scans: what was uploaded, what became of it, and what to do with it."""
 
-from typing import Any
-
 from fastapi import APIRouter, Response
 from fastapi.responses import RedirectResponse
 from pydantic import ValidationError
@@ -9,7 +7,7 @@ from pydantic import ValidationError
 from sawmill_service.dependencies import TheStore, TheWake
 from sawmill_service.forms import TheForm
 from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.pages.lists import TheFilter, phantom_names, scanner_names
+from sawmill_service.pages.lists import TheFilter, phantom_names
 from sawmill_service.pages.words import METHODS, SCAN_STATES
 from sawmill_service.problems import STATUS
 from sawmill_worker.contracts.base import Identifier, placed_complaint
@@ -34,7 +32,7 @@ def scans(page: ThePage, store: TheStore, chosen: TheFilter) -> Response:
         "scans.html",
         chosen=chosen,
         found=store.scans.page(**chosen.arguments()),
-        scanners=scanner_names(store),
+        scanners=store.scanners.names(),
         phantoms=phantom_names(store),
         states=SCAN_STATES,
     )
@@ -84,11 +82,12 @@ def _scan_page(
     scan = store.scans.get(scan_id)
     logs = store.reconstructions.page(scan_id=scan_id, limit=10).items
     calibrations = store.calibrations.page(scan_id=scan_id, limit=10).items
-    values: dict[str, Any] = {"scanner": _scanner_name(store, scan.scanner_id), "phantoms": phantom_names(store)}
     return page.answer(
         "scan.html",
         status=status,
         scan=scan,
+        scanner=store.scanners.get(scan.scanner_id).name,
+        phantoms=phantom_names(store),
         state=SCAN_STATES[scan.state],
         logs=logs,
         calibrations=calibrations,
@@ -97,9 +96,4 @@ def _scan_page(
         defaults={name: field.default for name, field in ReconstructionOptions.model_fields.items()},
         problem=problem,
         given=given or {},
-        **values,
     )
-
-
-def _scanner_name(store: Store, scanner_id: str) -> str:
-    return store.scanners.get(scanner_id).name

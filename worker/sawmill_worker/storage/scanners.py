@@ -64,6 +64,12 @@ class Scanners:
                 limit=limit,
             )
 
+    def names(self) -> dict[str, str]:
+        """Of all scanners by their ids, in the order of the names."""
+        with self._database.read() as session:
+            rows = session.execute(select(ScannerRow.id, ScannerRow.spec)).all()
+        return dict(sorted(((identifier, spec["name"]) for identifier, spec in rows), key=lambda item: item[1]))
+
     def update(self, scanner_id: str, spec: ScannerSpec) -> StoredScanner:
         """Replace its description; existing results keep the constants they were made with."""
         with self._database.write() as session:
