@@ -6,6 +6,7 @@ What draws is imported by the first picture: no other request needs it.
 
 import threading
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,6 +59,29 @@ def calibration_picture(store: Store, calibration_id: str, picture: CalibrationP
         return _log_png(path, calibration_id, _LOGS[picture]) if picture in _LOGS else _page_png(path, picture)
 
     return store.files.kept(JobKind.CALIBRATE, calibration_id, picture, draw, one_at_a_time=_DRAWING)
+
+
+@dataclass(frozen=True)
+class ShownLog:
+    """A log beside the phantom, as a calibration's pictures show it.
+
+    `before` is the geometry of the picture before, None where there is none; `row` is its row of the scan.
+    """
+
+    row: int
+    before: str | None
+
+
+def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
+    """What a calibration's pictures of a log show; None where its scan shows no log, or its files are gone."""
+    from sawmill_worker.contracts.calibration_arrays import log_before_with
+    from sawmill_worker.files.calibration_file import read_arrays
+
+    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
+    if "log_row" not in arrays:
+        return None
+    return ShownLog(int(arrays["log_row"]), log_before_with(arrays).value if "log_before" in arrays else None)
 
 
 def _page_png(path: Path, picture: CalibrationPicture) -> bytes:

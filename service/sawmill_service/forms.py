@@ -11,8 +11,8 @@ from sawmill_service.gate import SAFE_METHODS
 from sawmill_service.problems import Refused
 
 CSRF_FIELD, CSRF_HEADER = "csrf", "X-CSRF-Token"
-# A key, a token and a path.
-MAX_BYTES, MAX_FIELDS = 8192, 10
+# A scanner's settings, with a token.
+MAX_BYTES, MAX_FIELDS = 8192, 30
 
 
 async def form(request: Request) -> dict[str, str]:

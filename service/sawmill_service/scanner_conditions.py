@@ -17,11 +17,12 @@ def conditions_of(store: Store) -> list[ScannerCondition]:
     conditions = []
     for scanner in store.scanners.page(limit=SHOWN_SCANNERS).items:
         with suppress(NotFound):  # deleted a moment ago
-            conditions.append(_condition(store, scanner))
+            conditions.append(condition_of(store, scanner))
     return conditions
 
 
-def _condition(store: Store, scanner: StoredScanner) -> ScannerCondition:
+def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
+    """How one of them stands."""
     last = store.calibrations.newest_ended(scanner_id=scanner.id)
     newest = last if isinstance(last, CalibrationSucceeded) else _newest_succeeded(store, scanner)
     return ScannerCondition(

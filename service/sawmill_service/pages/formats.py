@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from babel import Locale
-from babel.dates import format_date, format_time, format_timedelta, get_datetime_format
+from babel.dates import format_date, format_skeleton, format_time, format_timedelta, get_datetime_format
 from babel.numbers import format_decimal
 
 _BINARY = ("B", "KiB", "MiB", "GiB", "TiB")
@@ -40,6 +40,7 @@ class Formats:
             "bytes": self.bytes,
             "moment": self.moment,
             "day": self.day,
+            "short_day": self.short_day,
             "age": self.age,
             "iso": iso,
         }
@@ -89,6 +90,10 @@ class Formats:
     def day(self, time: datetime | str | None) -> str:
         """The day alone, in the time zone of this machine."""
         return self._text.gettext("never") if time is None else format_date(_local(time), "medium", self._locale)
+
+    def short_day(self, time: datetime, *, with_year: bool = False) -> str:
+        """Day and month, or month and year, for an axis."""
+        return str(format_skeleton("yMMM" if with_year else "MMMd", _local(time), locale=self._locale))
 
     def age(self, time: datetime | str | None) -> str:
         """How long ago, or in how long."""

@@ -86,7 +86,7 @@ class CalibrationArrays:
                 field_mm=float(arrays["log_field_mm"]),
                 after=arrays["log_after"],
                 before=arrays.get("log_before"),
-                before_with=_log_before(arrays),
+                before_with=log_before_with(arrays),
             )
         return cls(
             sinogram=arrays["sinogram"],
@@ -108,7 +108,7 @@ def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
     return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
 
 
-def _log_before(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
-    """By its name; an earlier version had the active calibration's alone."""
+def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
+    """The geometry of `log_before` in result.h5, by its name; an earlier version had the active calibration's alone."""
     name = arrays.get("log_before_with")
     return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))

@@ -1,0 +1,161 @@
+"""/scanners/{scanner_id}: how one scanner stands and has moved, its newest calibration, history, schedules, settings."""
+
+from datetime import UTC, datetime
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.drawing import ShownLog, shown_log
+from sawmill_service.forms import TheForm
+from sawmill_service.pages.drift_chart import drift_chart, is_calibration, span_of
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.geometry_drawing import scanner_drawing
+from sawmill_service.pages.languages import locale_of, marked
+from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
+from sawmill_service.pages.schedule_form import DAYS, ScheduleForm, added, plain
+from sawmill_service.scanner_conditions import ScannerCondition, condition_of
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.measurements import Movement
+from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
+
+SPANS = {30: marked("30 days"), 90: marked("90 days"), 365: marked("1 year"), 730: marked("2 years")}
+SHOWN_ENTRIES, SHOWN_SCHEDULES, SHOWN_RUNS = 20, 20, 5
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get("/scanners/new")
+def new_scanner(page: ThePage) -> HTMLResponse:
+    """The form for a new scanner."""
+    return _new(page, _forms(page).empty())
+
+
+@router.post("/scanners/new", response_model=None)
+def create_scanner(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
+    """Add it, or show the form again with what is wrong."""
+    form, spec = _forms(page).read(typed, None)
+    if spec is None:
+        return _new(page, form)
+    return RedirectResponse(f"/scanners/{store.scanners.create(spec).id}", status_code=303)
+
+
+@router.get("/scanners/{scanner_id}")
+def scanner(
+    scanner_id: Identifier,
+    page: ThePage,
+    store: TheStore,
+    days: Annotated[int, Query(ge=1, le=3660)] = 90,
+) -> HTMLResponse:
+    """The whole page."""
+    return _answer(page, store, store.scanners.get(scanner_id), days=days)
+
+
+@router.post("/scanners/{scanner_id}/settings", response_model=None)
+def change_settings(
+    scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
+) -> HTMLResponse | RedirectResponse:
+    """Replace its description, or show the form again with what is wrong."""
+    known = store.scanners.get(scanner_id)
+    form, spec = _forms(page).read(typed, known)
+    if spec is None:
+        return _answer(page, store, known, form=form)
+    store.scanners.update(scanner_id, spec)
+    return RedirectResponse(f"/scanners/{scanner_id}#settings", status_code=303)
+
+
+@router.post("/scanners/{scanner_id}/schedules", response_model=None)
+def add_schedule(
+    scanner_id: Identifier, page: ThePage, store: TheStore, typed: TheForm
+) -> HTMLResponse | RedirectResponse:
+    """Add a schedule, or show the form again with what is wrong."""
+    known = store.scanners.get(scanner_id)
+    form = added(store, known, typed, page.text)
+    if form.errors:
+        return _answer(page, store, known, schedule=form)
+    return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
+
+
+@router.post("/scanners/{scanner_id}/schedules/{schedule_id}/delete")
+def delete_schedule(scanner_id: Identifier, schedule_id: Identifier, store: TheStore) -> RedirectResponse:
+    """Remove one of its schedules."""
+    if store.schedules.get(schedule_id).scanner_id != scanner_id:
+        raise NotFound("schedule", schedule_id)
+    store.schedules.delete(schedule_id)
+    return RedirectResponse(f"/scanners/{scanner_id}#schedules", status_code=303)
+
+
+def _forms(page: PageFrame) -> ScannerForms:
+    return ScannerForms(locale_of(page.language), page.text)
+
+
+def _new(page: PageFrame, form: ScannerForm) -> HTMLResponse:
+    return page.answer("scanner_new.html", status=422 if form.is_wrong else 200, form=form, fields=FIELDS)
+
+
+def _answer(
+    page: PageFrame,
+    store: Store,
+    known: StoredScanner,
+    *,
+    days: int = 90,
+    form: ScannerForm | None = None,
+    schedule: ScheduleForm | None = None,
+) -> HTMLResponse:
+    condition, now = condition_of(store, known), datetime.now(UTC)
+    history = store.scanners.history(known.id, limit=SHOWN_ENTRIES)
+    span = span_of(days, now)
+    movements = store.measurements.movements(span.start, scanner_id=known.id).get(known.id, [])
+    activations = [(entry.calibration_id, datetime.fromisoformat(entry.activated_at)) for entry in history]
+    active = _active(store, condition)
+    radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
+    return page.answer(
+        "scanner.html",
+        status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
+        scanner=known,
+        condition=condition,
+        active=active,
+        last=_last(movements),
+        log=_log(store, condition.newest),
+        chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm),
+        is_calibration=is_calibration,
+        days=days,
+        spans=SPANS,
+        history=history,
+        schedules=_schedules(store, known.id),
+        plain=plain,
+        day_choices=DAYS,
+        schedule_form=schedule or ScheduleForm(),
+        drawing=scanner_drawing(known.constants, active.theta if active else None, radius_mm),
+        settings=form or _forms(page).of(known),
+        fields=FIELDS,
+        editing=form is not None,
+    )
+
+
+def _active(store: Store, condition: ScannerCondition) -> CalibrationSucceeded | None:
+    identifier = condition.scanner.active_calibration_id
+    if identifier is None or condition.newest_is_active:
+        return condition.newest if identifier else None
+    found = store.calibrations.get(identifier)
+    return found if isinstance(found, CalibrationSucceeded) else None
+
+
+def _last(movements: list[Movement]) -> Movement | None:
+    """The newest measurement that shows a movement."""
+    return next((one for one in reversed(movements) if one.ray_change_mm is not None), None)
+
+
+def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:
+    return None if newest is None else shown_log(store, newest.id)
+
+
+def _schedules(store: Store, scanner_id: str) -> list[tuple[object, object]]:
+    """Each with its newest outcomes."""
+    items = store.schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items
+    return [(each, store.schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]

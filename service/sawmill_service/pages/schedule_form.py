@@ -1,0 +1,76 @@
+"""Schedules in plain words: a choice of days and a time becomes a cron expression, and such a one becomes words."""
+
+import gettext
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from sawmill_service.pages.languages import marked
+from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.contracts.schedules import ScheduleAsk
+from sawmill_worker.storage.errors import Invalid
+from sawmill_worker.storage.store import Store
+
+# The weekdays of cron, by their choices.
+DAYS = {
+    "*": marked("Every day"),
+    "1-5": marked("Monday to Friday"),
+    "1-6": marked("Monday to Saturday"),
+    "1": marked("Every Monday"),
+    "2": marked("Every Tuesday"),
+    "3": marked("Every Wednesday"),
+    "4": marked("Every Thursday"),
+    "5": marked("Every Friday"),
+    "6": marked("Every Saturday"),
+    "0": marked("Every Sunday"),
+}
+ON_PASS = ("report", "activate")
+_PLAIN = re.compile(r"([0-5]?\d) ([01]?\d|2[0-3]) \* \* (\*|1-5|1-6|[0-6])")
+_CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)")
+
+
+@dataclass
+class ScheduleForm:
+    """What stands in the fields of a new schedule, and what is wrong with it."""
+
+    values: dict[str, str] = field(
+        default_factory=lambda: {"days": "1-5", "clock": "05:30", "on_pass": ON_PASS[0], "cron": ""}
+    )
+    errors: dict[str, str] = field(default_factory=dict)
+
+
+def plain(cron: str) -> tuple[str, str] | None:
+    """The days, a text of the pages, and the time HH:MM of an expression that a choice could have made."""
+    found = _PLAIN.fullmatch(" ".join(cron.split()))
+    return None if found is None else (DAYS[found[3]], f"{int(found[2]):02}:{int(found[1]):02}")
+
+
+def added(
+    store: Store, scanner: StoredScanner, typed: Mapping[str, str], text: gettext.NullTranslations
+) -> ScheduleForm:
+    """Add the schedule that somebody typed; the form holds errors where it is none."""
+    form = ScheduleForm()
+    form.values |= {name: typed.get(name, "").strip() for name in form.values}
+    cron = form.values["cron"] or _cron_of(form, text)
+    if cron is None:
+        return form
+    on_pass: Any = form.values["on_pass"] if form.values["on_pass"] in ON_PASS else ON_PASS[0]
+    try:
+        store.schedules.create(ScheduleAsk(scanner_id=scanner.id, cron=cron[:100], on_pass=on_pass))
+    except Invalid as refused:
+        form.errors["cron"] = str(refused)
+    return form
+
+
+def _cron_of(form: ScheduleForm, text: gettext.NullTranslations) -> str | None:
+    """The expression, in UTC."""
+    days, clock = form.values["days"], form.values["clock"]
+    found = _CLOCK.fullmatch(clock)
+    if days not in DAYS:
+        form.errors["days"] = text.gettext("Choose the days.")
+    if found is None:
+        sentence = text.gettext("must be a time from 00:00 to 23:59, as in 05:30, not “%(value)s”")
+        form.errors["clock"] = sentence % {"value": clock}
+        return None
+    return None if form.errors else f"{int(found[2])} {int(found[1])} * * {days}"
