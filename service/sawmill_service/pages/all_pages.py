@@ -1,6 +1,6 @@
 """The routes of every page; each that has a place in the header also stands in `navigation`."""
 
-from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scans, system
+from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scanner, scans, system
 
 PAGES = (
     calibrate.router,
@@ -9,6 +9,7 @@ PAGES = (
     look.router,
     phantoms.router,
     report.router,
+    scanner.router,
     scans.router,
     system.router,
 )

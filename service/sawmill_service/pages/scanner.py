@@ -1,4 +1,4 @@
-"""/scanners/{scanner_id}: how one scanner stands and has moved, its newest calibration, history, schedules, settings."""
+"""/scanners/{scanner_id}: how a scanner stands and has moved, its newest calibration, history, schedules, settings."""
 
 from datetime import UTC, datetime
 from typing import Annotated
@@ -9,13 +9,14 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.forms import TheForm
+from sawmill_service.operator_page import ScannerCondition
 from sawmill_service.pages.drift_chart import drift_chart, is_calibration, span_of
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.geometry_drawing import scanner_drawing
 from sawmill_service.pages.languages import locale_of, marked
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.schedule_form import DAYS, ScheduleForm, added, plain
-from sawmill_service.scanner_conditions import ScannerCondition, condition_of
+from sawmill_service.scanner_conditions import condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.measurements import Movement

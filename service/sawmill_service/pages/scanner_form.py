@@ -53,8 +53,10 @@ FIELDS = (
         "detector_pitch_mm",
         ("constants", "detector_pitch_mm"),
         marked("Detector pitch"),
-        marked("From the middle of one cell to the middle of the next: on the data sheet, or the width over the cells."),
-        marked("1 % wrong: the distance to the detector comes out 1 % wrong, and the rays stay right."),
+        marked(
+            "From the middle of one cell to the middle of the next: on the data sheet, or the width over the cells."
+        ),
+        marked("One per cent wrong: the detector's distance comes out one per cent wrong, and the rays stay right."),
     ),
     Field(
         "row_pitch_mm",
@@ -84,7 +86,7 @@ FIELDS = (
         ("tolerances", "scale_percent"),
         marked("Tolerance of the millimetres"),
         marked("What sizes in the image may be off by."),
-        marked("0.5 % are 1.5 mm on a log of 300 mm."),
+        marked("Half a per cent is 1.5 mm on a log of 300 mm."),
         unit="%",
     ),
     Field(

@@ -16,6 +16,8 @@ from sawmill_worker.contracts.base import Identifier
 
 STATIC = Path(__file__).parent.parent / "static"
 
+LONGEST_REASON = 200
+
 router = APIRouter(include_in_schema=False)
 
 
@@ -49,10 +51,11 @@ def operator(request: Request, store: TheStore, caller: TheCaller, cookie: TheSe
 
 
 @router.post("/operator/activate/{calibration_id}")
-def accept_or_roll_back(calibration_id: Identifier, store: TheStore, form: TheForm) -> RedirectResponse:
+def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
     """The buttons that accept and roll back, on whatever page they stand: the field `next` leads back to it."""
-    store.calibrations.activate(calibration_id, "by hand on the operator's page")
-    return RedirectResponse(local_path(form.get("next", "/")), status_code=303)
+    reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]
+    store.calibrations.activate(calibration_id, reason or "by hand on a page")
+    return RedirectResponse(local_path(typed.get("next", "/")), status_code=303)
 
 
 def _page(html: str) -> HTMLResponse:

@@ -1,0 +1,180 @@
+"""A scanner's page: its chart, history, schedules and settings, as HTML."""
+
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from sawmill_service.pages.drift_chart import MOST_MARKS, drift_chart, span_of, thinned
+from sawmill_service.pages.schedule_form import plain
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.measurements import MeasurementKind, Movement
+
+NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
+SETTINGS = {
+    "name": "Line 2",
+    "source_to_cor_mm": "859.46",
+    "num_detector_pixels": "768",
+    "detector_pitch_mm": "1.5",
+    "ray_error_mm": "0.1",
+    "scale_percent": "0.5",
+    "ray_change_mm": "0.4",
+}
+
+
+def movement(days_ago: float, moved_mm: float | None = 0.1, **changes) -> Movement:
+    known = Movement(
+        scanner_id="example",
+        at=NOW - timedelta(days=days_ago),
+        kind=MeasurementKind.DRIFT,
+        subject_id="one",
+        against_id="example",
+        ray_change_mm=moved_mm,
+        ray_change_tolerance_mm=0.5,
+        within_tolerance=None if moved_mm is None else moved_mm <= 0.5,
+        cor_column_mm=-147.0,
+        cor_column_change_mm=0.1,
+        tilt_deg=-4.2,
+        tilt_change_deg=0.01,
+    )
+    return known._replace(**changes)
+
+
+def test_many_measurements_are_thinned_and_keep_their_extremes():
+    two_years = [movement(730 - day, 0.1 + 0.0001 * (day % 7)) for day in range(1, 730)]
+    two_years[300] = two_years[300]._replace(ray_change_mm=3.0, within_tolerance=False)
+    two_years[400] = two_years[400]._replace(cor_column_mm=-140.0)
+    two_years[500] = two_years[500]._replace(tilt_deg=-5.0)
+    shown = thinned(two_years, span_of(730, NOW))
+    assert len(shown) <= MOST_MARKS
+    assert [one.at for one in shown] == sorted(one.at for one in shown)
+    for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):
+        assert one in shown
+
+
+def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
+    seen = [movement(20, None, kind=MeasurementKind.CALIBRATION), movement(10, 0.25), movement(1, 9.0)]
+    chart = drift_chart(seen, [("example", NOW - timedelta(days=20))], span=span_of(30, NOW), tolerance_mm=0.5)
+    rays, cor, _ = chart.panels
+    assert [(mark.tone, mark.beyond) for mark in rays.marks] == [("good", False), ("bad", True)]
+    assert [mark.shape for mark in cor.marks] == ["calibration", "drift", "drift"]
+    assert cor.marks[0].tone == "idle"
+    assert rays.marks[0].y > rays.tolerance_y > rays.marks[1].y
+    assert [identifier for _, identifier, _ in chart.accepted] == ["example"]
+    assert 2 <= len(chart.days) <= 6
+
+
+def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
+    page = seeded.get("/scanners/example")
+    assert page.status_code == 200
+    for text in ("In tolerance", "The rays have moved 0.010", "Are the rays right?", "log-before.png", "drift check"):
+        assert text in page.text
+    rows = re.findall(r'<tr data-x="[^"]+">.*?</tr>', page.text)
+    assert len(rows) == 2
+    assert "not known" in rows[0]
+    assert "0.010" in rows[1]
+    assert seeded.get("/scanners/nobody").status_code == 404
+
+
+def test_a_scanner_without_anything_says_what_to_do(seeded):
+    page = seeded.get("/scanners/example-spare").text
+    for text in ("Not calibrated", "No calibration of this scanner has succeeded yet", "None was accepted yet"):
+        assert text in page
+    assert "Nothing was measured in this time" in page
+
+
+def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seeded, store, worker):
+    newer = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    worker.finish_calibration()
+    assert f"/operator/activate/{newer}" in seeded.get("/scanners/example").text
+    back = {"next": "/scanners/example", "reason": "the turntable <was> moved"}
+    for identifier in (newer, "example"):
+        done = seeded.post(f"/operator/activate/{identifier}", data=back)
+        assert (done.status_code, done.headers["location"]) == (303, "/scanners/example")
+    page = seeded.get("/scanners/example").text
+    assert "the turntable &lt;was&gt; moved" in page
+    assert "somebody at this machine" in page
+    elsewhere = seeded.post(f"/operator/activate/{newer}", data={"next": "//elsewhere.example/"})
+    assert elsewhere.headers["location"] == "/"
+
+
+def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, store):
+    path = "/scanners/example-spare/schedules"
+    assert seeded.post(path, data={"days": "1-5", "clock": "05:30", "on_pass": "activate"}).status_code == 303
+    assert seeded.post(path, data={"cron": "0 */6 * * *"}).status_code == 303
+    page = seeded.get("/scanners/example-spare").text
+    assert "Monday to Friday at 05:30 UTC" in page
+    assert "<code>0 */6 * * *</code> UTC" in page
+    made = {each.cron: each for each in store.schedules.page(scanner_id="example-spare").items}
+    assert "A calibration that passes is accepted, unless the scanner has moved." in page
+    gone = made["30 5 * * 1-5"].id
+    # Another scanner's page does not delete it.
+    assert seeded.post(f"/scanners/example/schedules/{gone}/delete").status_code == 404
+    assert seeded.post(f"{path}/{gone}/delete").status_code == 303
+    assert "Monday to Friday" not in re.findall(r"<b>.*?</b>", seeded.get("/scanners/example-spare").text)
+
+
+@pytest.mark.parametrize(
+    ("typed", "sentence"),
+    [
+        ({"days": "1-5", "clock": "25:00"}, "not “25:00”"),
+        ({"days": "8", "clock": "05:00"}, "Choose the days"),
+        ({"cron": "every monday"}, "not &#39;every monday&#39;"),
+    ],
+)
+def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence):
+    page = seeded.post("/scanners/example-spare/schedules", data=typed)
+    assert page.status_code == 422
+    assert sentence in page.text
+    assert all(value in page.text for name, value in typed.items() if name != "days")
+
+
+def test_cron_becomes_words_where_a_choice_could_have_made_it():
+    assert plain("30 5 * * 1-6") == ("Monday to Saturday", "05:30")
+    assert plain("*/5 * * * *") is None
+
+
+def test_a_new_scanner_is_added_and_its_settings_are_changed(seeded, store):
+    assert "A tape measure" in seeded.get("/scanners/new").text
+    made = seeded.post("/scanners/new", data=SETTINGS)
+    assert made.status_code == 303
+    path = made.headers["location"]
+    identifier = path.rsplit("/", 1)[1]
+    assert store.scanners.get(identifier).tolerances.ray_change_mm == 0.4
+    changed = {**SETTINGS, "name": "Line 3", "log_radius_mm": "180", "row_pitch_mm": "2"}
+    assert seeded.post(f"{path}/settings", data=changed).status_code == 303
+    scanner = store.scanners.get(identifier)
+    assert (scanner.name, scanner.log_radius_mm, scanner.constants.row_pitch_mm) == ("Line 3", 180.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("field", "typed", "sentence"),
+    [
+        ("source_to_cor_mm", "-5", "must be more than 0, not -5"),
+        ("source_to_cor_mm", "86 cm", "must be a number, as in 859.46, not “86 cm”"),
+        ("source_to_cor_mm", "859,46", "not “859,46”"),
+        ("source_to_cor_mm", "0.5", "constants.source_to_cor_mm must be at least 1, not 0.5"),
+        ("num_detector_pixels", "768.5", "not “768.5”"),
+        ("num_detector_pixels", "4", "must be 8 or more, not 4"),
+        ("detector_pitch_mm", "", "This is needed."),
+        ("name", "", "This is needed."),
+        ("log_radius_mm", "900", "log_radius_mm 900 must be less than constants.source_to_cor_mm 859.46"),
+        ("scale_percent", "200", "must be 100 or less, not 200"),
+    ],
+)
+def test_a_wrong_value_is_named_beside_its_field_and_nothing_typed_is_lost(seeded, store, field, typed, sentence):
+    page = seeded.post("/scanners/example/settings", data={**SETTINGS, "name": "Renamed", field: typed})
+    assert page.status_code == 422
+    marked = re.search(rf'<input id="{field}".*?</div>', page.text, re.DOTALL)[0]
+    assert sentence in marked
+    assert f'value="{typed}"' in marked
+    assert 'aria-invalid="true"' in marked
+    assert field == "name" or 'value="Renamed"' in page.text
+    assert store.scanners.get("example").name == "Line <2>"
+
+
+def test_finnish_decimals_are_read(seeded, store):
+    made = seeded.post(
+        "/scanners/new", data={**SETTINGS, "source_to_cor_mm": "859,46"}, headers={"Accept-Language": "fi"}
+    )
+    assert store.scanners.get(made.headers["location"].rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
