@@ -208,7 +208,7 @@ def _days(span: Span) -> list[tuple[float, datetime]]:
 
 
 def span_of(days: int, now: datetime) -> Span:
-    """The last so many days."""
+    """The last days up to now."""
     return Span(now - days * DAY, now)
 
 

@@ -14,6 +14,8 @@ PAGES = {
     "logs": "/logs",
     "log": "/logs/example",
     "report": "/calibrations/example/report",
+    "scanner": "/scanners/example",
+    "new-scanner": "/scanners/new",
 }
 LOOKS = [(390, "light", "en"), (800, "dark", "fi"), (1280, "light", "fi")]
 

@@ -1,0 +1,97 @@
+"""A scanner's page in a browser: accept and roll back, the slider, the chart, schedules and settings."""
+
+import re
+
+import pytest
+from page_checks import overflowing, shot
+from playwright.sync_api import Page, expect
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.storage.store import Store
+
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
+PAGE = "/scanners/example"
+
+
+@pytest.fixture
+def newer(store: Store, worker) -> str:
+    """A calibration that nobody has accepted yet, newer than the active one, which is `example`."""
+    identifier = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    worker.finish_calibration()
+    return identifier
+
+
+def split(page: Page) -> float:
+    """Where the picture after begins, in per cent from the left, as it is clipped."""
+    clip = page.locator(".over").evaluate("image => getComputedStyle(image).clipPath")
+    return float(re.search(r"([\d.]+)%\)$", clip)[1])
+
+
+def test_a_calibration_is_compared_accepted_and_rolled_back(site, store, newer):
+    page = site.open(PAGE, viewport={"width": 390, "height": 844})
+    slider = page.get_by_label("How much of the picture before is shown")
+    slider.focus()
+    assert split(page) == 50
+    page.keyboard.press("ArrowLeft")
+    assert split(page) == 49
+    page.keyboard.press("Home")
+    assert split(page) == 0
+    box = page.locator(".stack").bounding_box()
+    page.mouse.move(box["x"] + 10, box["y"] + 50)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 60)
+    page.mouse.up()
+    assert split(page) == pytest.approx(75, abs=1)
+    assert overflowing(page) == []
+    shot(page, "scanner-story-390")
+
+    page.get_by_role("button", name="Accept this calibration").click()
+    expect(page.get_by_text("This is the active calibration")).to_be_visible()
+    assert store.scanners.get("example").active_calibration_id == newer
+
+    # Rolling back asks once, and says what will happen.
+    really = page.get_by_role("button", name="Yes, roll back")
+    expect(really).to_be_hidden()
+    page.get_by_text("Roll back", exact=True).click()
+    expect(page.get_by_text("use this calibration again. Nothing is deleted")).to_be_visible()
+    page.get_by_label("Why").fill("the turntable was straightened")
+    really.click()
+    expect(page.get_by_role("button", name="Accept this calibration")).to_be_visible()
+    expect(page.locator(".entries li").first).to_contain_text("the turntable was straightened")
+    assert store.scanners.get("example").active_calibration_id == "example"
+
+
+def test_values_schedules_and_settings(site, store):
+    page = site.open(PAGE, viewport={"width": 800, "height": 900})
+    chart, readout = page.get_by_role("slider", name="Measurements"), page.locator("#readout")
+    page.get_by_role("link", name="2 years").focus()
+    page.keyboard.press("Tab")
+    expect(chart).to_be_focused()
+    expect(readout).to_contain_text("drift check · Rays moved 0.010")
+    page.keyboard.press("ArrowLeft")
+    expect(readout).to_contain_text("calibration · Rays moved not known")
+    assert "calibration" in chart.get_attribute("aria-valuetext")
+    page.locator(".values use").nth(0).hover(force=True)
+    expect(readout).to_contain_text("Rays moved")
+
+    page.get_by_text("Add a schedule").click()
+    page.get_by_label("Days", exact=True).select_option("Every Monday")
+    page.get_by_label("Time of day, UTC").fill("04:15")
+    expect(page.locator("#local-clock")).to_contain_text("where you are")
+    page.get_by_role("button", name="Add this schedule").click()
+    mine = page.locator(".entries li").filter(has_text="Every Monday at 04:15 UTC")
+    expect(mine).to_be_visible()
+    mine.get_by_role("button", name="Delete this schedule").click()
+    expect(page.get_by_role("heading", name="Schedules")).to_be_visible()
+    expect(page.locator(".entries li").filter(has_text="Every Monday")).to_have_count(0)
+
+    page.get_by_text("Change the settings").click()
+    page.get_by_label("Name").fill("Line 7")
+    page.get_by_label("Source to turning axis").fill("-859")
+    page.get_by_role("button", name="Save the settings").click()
+    expect(page.get_by_text("must be more than 0, not -859")).to_be_visible()
+    expect(page.get_by_label("Name")).to_have_value("Line 7")
+    page.get_by_label("Source to turning axis").fill("860")
+    page.get_by_role("button", name="Save the settings").click()
+    expect(page.get_by_role("heading", name="Line 7")).to_be_visible()
+    assert store.scanners.get("example").constants.source_to_cor_mm == 860.0
