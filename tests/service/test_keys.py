@@ -4,6 +4,8 @@ import pytest
 
 from sawmill_service.access import BY_METHOD, NEEDED, OPEN_PATHS, needed_scope
 from sawmill_service.app import create_app
+from sawmill_service.pages.all_pages import PAGES
+from sawmill_service.routes import console, login
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
@@ -65,7 +67,8 @@ def test_what_decides_or_removes_needs_more_than_work(keyed):
 
 
 def test_every_exception_names_a_route_that_exists(keyed):
-    pages = {("POST", path) for path in ("/operator/activate/{calibration_id}", "/login", "/logout")}
+    routers = (*PAGES, console.router, login.router)
+    pages = {(method, route.path) for router in routers for route in router.routes for method in route.methods}
     declared = {*operations(keyed.app), *pages}
     assert set(NEEDED) <= declared
     assert {method for method, _ in declared} <= set(BY_METHOD)
