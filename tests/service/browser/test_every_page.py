@@ -16,6 +16,11 @@ PAGES = {
     "report": "/calibrations/example/report",
     "scanner": "/scanners/example",
     "new-scanner": "/scanners/new",
+    "phantoms": "/phantoms",
+    "new-phantom": "/phantoms/new",
+    "phantom": "/phantoms/l-shape",
+    "jobs": "/jobs",
+    "system": "/system",
 }
 LOOKS = [(390, "light", "en"), (800, "dark", "fi"), (1280, "light", "fi")]
 
