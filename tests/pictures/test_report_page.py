@@ -122,6 +122,15 @@ def test_the_page_stands_alone_and_holds_both_parts_escaped():
     assert [_size(address) for address in shown.addresses] == [(64, 64), (32, 32), (32, 32), (CELLS, VIEWS)]
 
 
+@pytest.mark.parametrize(
+    ("with_", "words"),
+    [("active", "with the calibration that was active"), ("unshifted", "uncalibrated: nothing shifted, nothing tilted")],
+)
+def test_the_log_before_names_its_geometry(with_, words):
+    log = LOG | {"log_before_with": np.array(with_.encode())}
+    assert f"The log before : row 5 of this scan, {words}" in page(its_arrays=arrays(**log))[0].text
+
+
 def _size(address):
     return Image.open(BytesIO(base64.b64decode(address.partition(",")[2]))).size
 

@@ -89,8 +89,7 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
         residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
         search=None if arrays is None else search_figure(arrays.search_history),
         by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
-        log_row=None if arrays is None or arrays.log is None else arrays.log.row,
-        log_before=None if arrays is None or arrays.log is None else arrays.log.before_with.phrase,
+        log=None if arrays is None else arrays.log,
         numbers=numbers,
     )
     return page.lstrip()

@@ -29,7 +29,7 @@ NEEDED = (
     "search_history",
 )
 OF_A_LOG = ("log_row", "log_field_mm", "log_after", "log_before")
-METHOD, WRITTEN_AT = "phantom_image_method", "entry/start_time"
+TEXTS, WRITTEN_AT = ("phantom_image_method", "log_before_with"), "entry/start_time"
 
 
 def read_calibration_json(path: Path) -> str:
@@ -57,12 +57,12 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
         arrays = {name: found for name in (*NEEDED, *OF_A_LOG) if (found := _array(file, name)) is not None}
-        method = read_text(file, f"{ARRAYS}/{METHOD}")
+        texts = {name: found for name in TEXTS if (found := read_text(file, f"{ARRAYS}/{name}")) is not None}
     if not arrays:
         return None
     if missing := [name for name in NEEDED if name not in arrays]:
         raise UnreadableScan("dataset-missing", f"it has no /{ARRAYS}/{missing[0]}, which the pictures need")
-    return arrays if method is None else {**arrays, METHOD: np.array(method.encode())}
+    return arrays | {name: np.array(text.encode()) for name, text in texts.items()}
 
 
 def read_time_of_writing(path: Path) -> str | None:
