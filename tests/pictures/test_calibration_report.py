@@ -9,7 +9,6 @@ from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.pictures.calibration_report import overlay_png, report_png
 from sawmill_worker.pictures.calibration_table import calibration_table
-from sawmill_worker.pictures.image_panels import log_comparison_png
 
 pytestmark = pytest.mark.slow
 
@@ -180,13 +179,6 @@ def test_a_gap_between_outlines_is_not_drawn(answer, arrays):
     )
     # The line from one square to the other is about as long as both of them.
     assert line > 1.3 * drawn
-
-
-def test_comparison_shows_both_images_in_one_window():
-    low, high = np.zeros((32, 32)), np.tile(np.linspace(0, 1, 32), (32, 1))
-    page = pixels(log_comparison_png(before=low, after=high, field_mm=FIELD_MM, titles=("tape", "found"), unit="1/mm"))
-    left, right = page[:, : page.shape[1] // 2], page[:, page.shape[1] // 2 :]
-    assert near(left, (0, 0, 0)) > 2 * near(right, (0, 0, 0))
 
 
 def test_the_table_has_each_value_with_its_deviation(answer):

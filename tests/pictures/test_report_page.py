@@ -124,7 +124,10 @@ def test_the_page_stands_alone_and_holds_both_parts_escaped():
 
 @pytest.mark.parametrize(
     ("with_", "words"),
-    [("active", "with the calibration that was active"), ("unshifted", "uncalibrated: nothing shifted, nothing tilted")],
+    [
+        ("active", "with the calibration that was active"),
+        ("unshifted", "uncalibrated: nothing shifted, nothing tilted"),
+    ],
 )
 def test_the_log_before_names_its_geometry(with_, words):
     log = LOG | {"log_before_with": np.array(with_.encode())}

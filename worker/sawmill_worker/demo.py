@@ -20,11 +20,14 @@ from rich.table import Table
 
 from sawmill_worker import demo_client, examples
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.two_questions import TwoQuestions
 from sawmill_worker.demo_client import DemoError, Json
-from sawmill_worker.demo_page import Section, write_page
+from sawmill_worker.demo_page import LogPair, Section, write_page
 from sawmill_worker.files.volume_reader import volume_slice
-from sawmill_worker.pictures.image_panels import log_comparison_png
-from sawmill_worker.tomography.geometry import Scanner, Theta, angle_difference, to_vector
+from sawmill_worker.pictures.images import bare_png
+from sawmill_worker.pictures.report_numbers import theta_change, theta_rows, theta_values
+from sawmill_worker.pictures.windows import LOG_WINDOW, window_of
+from sawmill_worker.tomography.geometry import Scanner, SourceFrame, Theta, angle_difference, to_vector
 from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.vocabulary import Progress, ProgressCallback
@@ -35,6 +38,9 @@ PUBLISHED_THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799
 TAPE_ERROR = Theta(0.0, 18.0, 14.0, -11.0, -0.03)
 VIEWS, SPARSE_VIEWS = 360, 20
 SIZE, FIELD_MM = 256, 400.0
+# Pixels along the sides of the two pictures that people compare.
+SHOWN_SIZE = 540
+TAPED, CALIBRATED = "measured by tape", "calibrated"
 FIRST_LOG_ROW = examples.PHANTOM_ROWS
 
 console = Console()
@@ -42,11 +48,11 @@ console = Console()
 
 @dataclass(frozen=True)
 class Truth:
-    """The truth of the scan: theta and the log's slice [x, y]."""
+    """The truth of the scan: theta, the log's slice [x, y] and the side of the square that holds the log."""
 
     theta: Theta
     image: NDArray[np.float64]
-    unit: str
+    log_mm: float
 
 
 def run_demo(output: Path) -> int:
@@ -132,15 +138,17 @@ class _Demo:
                 phantom_id="l-shape",
                 phantom_rows=f"0:{FIRST_LOG_ROW}",
             )
-        section = Section(
+        truth = Truth(examples.THETA, image.astype(np.float64), 300.0)
+        rows = f"{FIRST_LOG_ROW}:{len(slices)}"
+        found = self._calibrate("Calibrating (simulated)", scan["id"], None)
+        section = self._section(
             "A simulated scan of a log with the phantom on its end",
             f"{VIEWS} views of raw counts with flat and dark fields; rows 0 to {FIRST_LOG_ROW - 1} show the L-shaped "
             "phantom, the others the log: growth rings, knots, photon noise.",
-            ("", "found", "standard deviation", "truth"),
+            "simulated",
+            found,
         )
-        truth = Truth(examples.THETA, image.astype(np.float64), "1/mm")
-        rows = f"{FIRST_LOG_ROW}:{len(slices)}"
-        self._process(section, "simulated", scan["id"], scan["id"], examples.SCANNER, truth, rows)
+        self._process(section, "simulated", (scan["id"], scan["id"]), found, truth, rows)
         return section
 
     def bad_day(self) -> Section:
@@ -153,17 +161,17 @@ class _Demo:
             spec = {"scanner_id": scanner, "data": "counts", "phantom_id": "l-shape"}
             uploaded = demo_client.upload(self._client, scan, on_progress, **spec)
         found = self._calibrate("Calibrating (bad day)", uploaded["id"], None)
-        section = Section(
+        section = self._section(
             "A bad day at the mill",
             "The same scanner, but much is wrong. Every effect is simulated with the size in the table (its fields: "
             "docs/simulating.md); below is what the calibration found by itself.",
-            ("what is wrong", "size"),
+            "bad-day",
+            found,
         )
-        section.rows = _physics_rows(examples.BAD_DAY)
-        section.facts.append(("calibration", _verdict(found, examples.SCANNER, examples.THETA)))
+        section.head, section.rows = ("what is wrong", "size"), _physics_rows(examples.BAD_DAY)
+        section.facts.append(("calibration", _verdict(found, examples.THETA)))
         section.facts += [("adjusted for", sentence) for sentence in found.adjustments]
         section.facts += [("reason", sentence) for sentence in found.reasons]
-        self._save_calibration(section, "bad-day", found.id)
         return section
 
     def published(self, folder: Path) -> Section:
@@ -184,13 +192,15 @@ class _Demo:
                 ids.append(scan["id"])
         with h5py.File(folder / "log-phantom" / "truth.mat", "r") as file:
             image = np.asarray(file["logPhan"][()], np.float64)
-        section = Section(
+        found = self._calibrate("Calibrating (published)", ids[0], None)
+        section = self._section(
             "The published scans (arXiv 2206.14444)",
             "The L-shaped phantom calibrates; the log, scanned separately, is reconstructed with that geometry.",
-            ("", "found", "standard deviation", "truth"),
+            "published",
+            found,
         )
-        truth = Truth(PUBLISHED_THETA, image, "as given")
-        self._process(section, "published", ids[0], ids[1], examples.SCANNER, truth, "0:1")
+        truth = Truth(PUBLISHED_THETA, image, FIELD_MM)
+        self._process(section, "published", (ids[0], ids[1]), found, truth, "0:1")
         return section
 
     def _scanner(self, name: str, scanner: Scanner) -> str:
@@ -198,58 +208,72 @@ class _Demo:
         created = demo_client.post(self._client, "/v1/scanners", json={"name": name, "constants": constants})
         return str(created["id"])
 
+    def _section(self, title: str, text: str, prefix: str, found: CalibrationSucceeded) -> Section:
+        """A section of one calibration, whose files are saved."""
+        report, overlay, result = (f"{prefix}-{name}" for name in ("report.html", "overlay.png", "result.h5"))
+        path = f"/v1/calibrations/{found.id}"
+        demo_client.download(self._client, f"/calibrations/{found.id}/report", self._output / report)
+        demo_client.download(self._client, f"{path}/overlay.png", self._output / overlay)
+        demo_client.download(self._client, f"{path}/result.h5", self._output / result)
+        section = Section(title, text, found.verdict, TwoQuestions.of(found, None), report)
+        section.pictures.append((overlay, "The phantom with the geometry found, and its drawing's outline."))
+        section.files += [
+            (report, "the calibration's report"),
+            (result, "the calibration with its sinogram, model and residual"),
+        ]
+        return section
+
     def _process(
-        self, section: Section, prefix: str, phantom_scan: str, log_scan: str, scanner: Scanner, truth: Truth, rows: str
+        self,
+        section: Section,
+        prefix: str,
+        scans: tuple[str, str],
+        found: CalibrationSucceeded,
+        truth: Truth,
+        rows: str,
     ) -> None:
-        found = self._calibrate(f"Calibrating ({prefix})", phantom_scan, None)
+        """The numbers and the log of a section; `scans` are the phantom's and the log's."""
+        phantom_scan, log_scan = scans
         sparse = self._calibrate(f"Calibrating with {SPARSE_VIEWS} views ({prefix})", phantom_scan, SPARSE_VIEWS)
-        section.rows = _theta_rows(found, truth.theta)
+        section.head, section.rows = ("", "found", "standard deviation", "truth"), _theta_rows(found, truth.theta)
         for label, calibration in ((f"{found.views} views", found), (f"{SPARSE_VIEWS} views", sparse)):
-            section.facts.append((f"calibration, {label}", _verdict(calibration, scanner, truth.theta)))
-        self._save_calibration(section, prefix, found.id)
-        volumes = {}
+            section.facts.append((f"calibration, {label}", _verdict(calibration, truth.theta)))
         taped = Theta.from_vector(to_vector(truth.theta) + to_vector(TAPE_ERROR))
-        asks: dict[str, Json] = {
-            "calibrated": {"calibration_id": found.id},
-            "measured by tape": {"theta": vars(taped)},
-        }
+        asks: dict[str, Json] = {CALIBRATED: {"calibration_id": found.id}, TAPED: {"theta": vars(taped)}}
         for name, geometry in asks.items():
             asked = {"scan_id": log_scan, "rows": rows, "size": SIZE, "field_mm": FIELD_MM, **geometry}
             path = self._output / f"{prefix}-log-{name.replace(' ', '-')}.h5"
-            volumes[name] = self._reconstruct(f"Reconstructing, {name} ({prefix})", asked, path)
-            error = relative_error(volumes[name], truth.image)
-            similarity = structural_similarity_index(volumes[name], truth.image)
+            volume = self._reconstruct(f"Reconstructing, {name} ({prefix})", asked, path)
+            error = relative_error(volume, truth.image)
+            similarity = structural_similarity_index(volume, truth.image)
             section.facts.append((f"log, geometry {name}", f"relative error {error:.3f}, SSIM {similarity:.3f}"))
             section.files.append((path.name, f"the log's slices, geometry {name}: /entry/reconstruction/data"))
-        picture = f"{prefix}-log.png"
-        (self._output / picture).write_bytes(
-            log_comparison_png(
-                before=volumes["measured by tape"],
-                after=volumes["calibrated"],
-                field_mm=FIELD_MM,
-                titles=("geometry measured by tape", "geometry calibrated"),
-                unit=f"attenuation, {truth.unit}",
-            )
+        section.log = LogPair(
+            *self._pair(prefix, log_scan, asks, rows, truth.log_mm),
+            before_mm=_ray_error_mm(taped.source_frame(examples.SCANNER.source_to_cor_mm), truth.theta),
+            after_mm=_ray_error_mm(found.source_frame, truth.theta),
+            assumed=theta_change(truth.theta, taped),
+            time_s=found.timing_s.total,
         )
-        section.pictures.append(
-            (picture, "The first log slice with the geometry a tape measure gives, and calibrated.")
-        )
+
+    def _pair(self, prefix: str, log_scan: str, asks: dict[str, Json], rows: str, field_mm: float) -> tuple[str, str]:
+        """The pictures of the first log slice, by tape and calibrated, in one grey window."""
+        first = int(rows.partition(":")[0])
+        shown = {"scan_id": log_scan, "rows": f"{first}:{first + 1}", "size": SHOWN_SIZE, "field_mm": field_mm}
+        images = {
+            name: self._reconstruct(f"Drawing, {name} ({prefix})", {**shown, **geometry}, self._folder / "shown.h5")
+            for name, geometry in asks.items()
+        }
+        window, names = window_of(images[CALIBRATED], *LOG_WINDOW), (f"{prefix}-before.png", f"{prefix}-after.png")
+        for name, image in zip(names, (images[TAPED], images[CALIBRATED]), strict=True):
+            (self._output / name).write_bytes(bare_png(image, field_mm=field_mm, window=window))
+        return names
 
     def _calibrate(self, what: str, scan_id: str, views: int | None) -> CalibrationSucceeded:
         with _step(self._bar, what) as on_progress:
             asked = demo_client.post(self._client, "/v1/calibrations", json={"scan_id": scan_id, "views": views})
             demo_client.wait(self._client, asked["job_id"], on_progress)
             return CalibrationSucceeded.model_validate(demo_client.get(self._client, f"/v1/calibrations/{asked['id']}"))
-
-    def _save_calibration(self, section: Section, prefix: str, calibration_id: str) -> None:
-        path = f"/v1/calibrations/{calibration_id}"
-        for name in ("overlay.png", "report.png", "result.h5"):
-            demo_client.download(self._client, f"{path}/{name}", self._output / f"{prefix}-{name}")
-        section.pictures += [
-            (f"{prefix}-overlay.png", "The phantom, reconstructed with the geometry found, and its drawing's outline."),
-            (f"{prefix}-report.png", "The calibration's report, with the residual sinogram and its profiles."),
-        ]
-        section.files.append((f"{prefix}-result.h5", "the calibration with its sinogram, model and residual"))
 
     def _reconstruct(self, what: str, asked: Json, path: Path) -> NDArray[np.float32]:
         with _step(self._bar, what) as on_progress:
@@ -260,12 +284,8 @@ class _Demo:
 
 
 def _theta_rows(found: CalibrationSucceeded, truth: Theta) -> list[tuple[str, ...]]:
-    deviation = found.standard_deviation.theta if found.standard_deviation else None
-    rows: list[tuple[str, ...]] = []
-    for name, value in vars(found.theta).items():
-        spread = getattr(deviation, name, None)
-        rows.append((name, f"{value:.5g}", "" if spread is None else f"{spread:.2g}", f"{getattr(truth, name):.5g}"))
-    return rows
+    rows = zip(theta_rows(found), theta_values(truth), strict=True)
+    return [(each.name, each.value, each.deviation, value) for each, value in rows]
 
 
 def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
@@ -278,15 +298,17 @@ def _physics_rows(physics: Physics) -> list[tuple[str, ...]]:
     ]
 
 
-def _verdict(found: CalibrationSucceeded, scanner: Scanner, truth: Theta) -> str:
-    true, frame = truth.source_frame(scanner.source_to_cor_mm), found.source_frame
-    error = ray_error(scanner, true, frame).rms_mm
+def _verdict(found: CalibrationSucceeded, truth: Theta) -> str:
+    true, frame = truth.source_frame(examples.SCANNER.source_to_cor_mm), found.source_frame
     psi = math.degrees(angle_difference(frame.psi_rad, true.psi_rad))
     predicted = found.predicted_ray_error_mm
     expected = "" if predicted is None else f" (predicted {predicted.rms:.3f})"
-    return (
-        f"{found.verdict}: ray error {error:.3f} mm{expected}, psi off by {psi:+.4f}°, in {found.timing_s.total:.2f} s"
-    )
+    error = f"ray error {_ray_error_mm(frame, truth):.3f} mm{expected}"
+    return f"{found.verdict}: {error}, psi off by {psi:+.4f}°, in {found.timing_s.total:.2f} s"
+
+
+def _ray_error_mm(frame: SourceFrame, truth: Theta) -> float:
+    return ray_error(examples.SCANNER, truth.source_frame(examples.SCANNER.source_to_cor_mm), frame).rms_mm
 
 
 def _print(section: Section) -> None:

@@ -35,32 +35,6 @@ def draw_phantom(figure: FigureBase, ax: Axes, image: NDArray[Any], field_mm: fl
     figure.colorbar(shown, ax=ax, shrink=0.85, pad=0.02)
 
 
-def log_comparison_png(
-    *,
-    before: NDArray[Any],
-    after: NDArray[Any],
-    field_mm: float,
-    titles: tuple[str, str],
-    unit: str = "",
-) -> bytes:
-    """Two reconstructions of one log, side by side in one grey window.
-
-    Parameters
-    ----------
-    before, after : (x, y) float
-        With the nominal and with the calibrated geometry.
-    field_mm : float
-        Side of both images.
-    titles : (str, str)
-        One line above each.
-    unit : str
-        Of the values, for the colour bar.
-    """
-    figure = Figure(figsize=(15.0, 7.4), layout="constrained")
-    draw_logs(figure, [(titles[0], before), (titles[1], after)], field_mm, unit)
-    return encoded(figure)
-
-
 def draw_logs(figure: FigureBase, images: list[tuple[str, NDArray[Any]]], field_mm: float, unit: str) -> None:
     """Draw one or two reconstructions (x, y) of a log, each under its title, in the grey window of the last."""
     window = window_of(images[-1][1], *LOG_WINDOW)

@@ -113,7 +113,7 @@ def residual_figure(arrays: CalibrationArrays, pitch_mm: float) -> ResidualFigur
     limit = float(np.percentile(np.abs(shown), STRONGEST)) or 1.0
     half_mm = cells * pitch_mm / 2
     return ResidualFigure(
-        href=data_url(Image.fromarray(_diverging(shown / limit))),
+        href=data_url(_diverging(shown / limit)),
         size_px=(shown.shape[1], shown.shape[0]),
         limit=f"{limit:.2g}",
         views=[Mark((view + 0.5) / views, f"{text}°") for view, text in labelled_views(angles_deg)],
@@ -177,13 +177,14 @@ def _no_finer(values: NDArray[Any]) -> NDArray[np.float32]:
     return np.asarray(whole.resize((width, height), Image.Resampling.BOX))
 
 
-def _diverging(fractions: NDArray[Any]) -> NDArray[np.uint8]:
-    """Fractions -1..1 as colours, (..., 3), in 65 steps, so that noise packs."""
+def _diverging(fractions: NDArray[Any]) -> Image.Image:
+    """Fractions -1..1 as a picture of 65 colours, so that noise packs."""
     steps = np.rint(np.clip(fractions, -1.0, 1.0) * 32).astype(int) + 32
     places = np.linspace(0.0, 64.0, len(DIVERGING))
     table = np.stack([np.interp(np.arange(65), places, DIVERGING[:, part]) for part in range(3)], axis=1)
-    colours: NDArray[np.uint8] = np.rint(table).astype(np.uint8)[steps]
-    return colours
+    picture = Image.fromarray(steps.astype(np.uint8))
+    picture.putpalette(np.rint(table).astype(np.uint8).tobytes())
+    return picture
 
 
 def _profile(residual: NDArray[Any], *, axis: int) -> Profile:

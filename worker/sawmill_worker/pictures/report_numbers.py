@@ -72,6 +72,27 @@ def theta_rows(result: CalibrationResult) -> list[Parameter]:
     ]
 
 
+def theta_values(theta: Theta) -> list[str]:
+    """The five of a theta as `theta_rows` has them."""
+    lengths = (theta.detector_to_cor_mm, theta.source_shift_mm, theta.detector_shift_mm)
+    return [
+        f"{math.degrees(theta.initial_angle_rad):.4f}°",
+        *(f"{length:.3f} mm" for length in lengths),
+        f"{_slope_degrees(theta):.4f}°",
+    ]
+
+
+def theta_change(before: Theta, after: Theta) -> list[str]:
+    """What differs between two thetas in words, as in "source shift +14 mm"; what does not is left out."""
+    changes = [
+        ("COR to detector", after.detector_to_cor_mm - before.detector_to_cor_mm, " mm"),
+        ("source shift", after.source_shift_mm - before.source_shift_mm, " mm"),
+        ("detector shift", after.detector_shift_mm - before.detector_shift_mm, " mm"),
+        ("detector tilt", _slope_degrees(after) - _slope_degrees(before), "°"),
+    ]
+    return [f"{name} {change:+.3g}{unit}" for name, change, unit in changes if change]
+
+
 def frame_rows(result: CalibrationResult) -> list[Parameter]:
     """The source frame with its standard deviations."""
     frame = result.source_frame
@@ -144,7 +165,7 @@ def hypothesis_rows(result: CalibrationResult) -> list[tuple[str, str, str]]:
         (
             f"{each.handedness}, {each.rotation}",
             f"{each.relative_residual:.3%}",
-            NOT_KNOWN if each.log_likelihood_behind is None else f"{each.log_likelihood_behind:.4g}",
+            NOT_KNOWN if each.log_likelihood_behind is None else f"{each.log_likelihood_behind:.1f}",
         )
         for each in result.hypotheses
     ]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import cache
 
-from jinja2 import Template
+from jinja2 import Environment
 from markupsafe import Markup
 
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
@@ -76,21 +76,25 @@ def report_html(result: CalibrationResult, about: About, arrays: CalibrationArra
     """
     both = TwoQuestions.of(result, about.tolerances)
     before, after = (None, None) if arrays is None else log_fields(arrays)
-    page = _template().render(
-        result=result,
-        about=about,
-        both=both,
-        step=next_step(result, both, active=about.active is True),
-        sentence=VERDICTS[result.verdict],
-        has_arrays=arrays is not None,
-        phantom=None if arrays is None else phantom_field(arrays),
-        before=before,
-        after=after,
-        residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
-        search=None if arrays is None else search_figure(arrays.search_history),
-        by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
-        log=None if arrays is None else arrays.log,
-        numbers=numbers,
+    page = (
+        page_templates()
+        .get_template("report.html")
+        .render(
+            result=result,
+            about=about,
+            both=both,
+            step=next_step(result, both, active=about.active is True),
+            sentence=VERDICTS[result.verdict],
+            has_arrays=arrays is not None,
+            phantom=None if arrays is None else phantom_field(arrays),
+            before=before,
+            after=after,
+            residual=None if arrays is None else residual_figure(arrays, result.scanner.detector_pitch_mm),
+            search=None if arrays is None else search_figure(arrays.search_history),
+            by_total_variation=arrays is not None and arrays.phantom_image_method == "total_variation",
+            log=None if arrays is None else arrays.log,
+            numbers=numbers,
+        )
     )
     return page.lstrip()
 
@@ -108,7 +112,8 @@ def css_text(text: str) -> Markup:
 
 
 @cache
-def _template() -> Template:
+def page_templates() -> Environment:
+    """The templates of pages that stand alone, with what shows a verdict."""
     templates = templates_of("sawmill_worker.pictures")
     templates.filters |= {
         "mm": in_mm,
@@ -122,4 +127,4 @@ def _template() -> Template:
         "marks": {word: mark for word, (mark, _) in LOOKS.items()},
         "tones": {word: tone for word, (_, tone) in LOOKS.items()},
     }
-    return templates.get_template("report.html")
+    return templates

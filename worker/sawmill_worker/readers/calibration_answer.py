@@ -57,12 +57,12 @@ def read_calibration_arrays(path: Path) -> dict[str, NDArray[Any]] | None:
     """
     with library_errors_translated("HDF5"), open_hdf5(path) as file:
         arrays = {name: found for name in (*NEEDED, *OF_A_LOG) if (found := _array(file, name)) is not None}
-        texts = {name: found for name in TEXTS if (found := read_text(file, f"{ARRAYS}/{name}")) is not None}
+        texts = {name: read_text(file, f"{ARRAYS}/{name}") for name in TEXTS}
     if not arrays:
         return None
     if missing := [name for name in NEEDED if name not in arrays]:
         raise UnreadableScan("dataset-missing", f"it has no /{ARRAYS}/{missing[0]}, which the pictures need")
-    return arrays | {name: np.array(text.encode()) for name, text in texts.items()}
+    return arrays | {name: np.array(text.encode()) for name, text in texts.items() if text is not None}
 
 
 def read_time_of_writing(path: Path) -> str | None:
