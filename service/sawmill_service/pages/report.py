@@ -1,9 +1,12 @@
 """`/calibrations/{id}/report`: one page that prints on A4, the same that `sawmill report` writes.
 
-It stands alone, so that it can be saved and sent: it is the one page without the frame of the others.
+It stands alone, so that it can be saved and sent: it is the one page without the frame of the others. What draws is
+imported by the first report: a service at rest does not hold it.
 """
+# ruff: noqa: PLC0415 - for that reason
 
 from datetime import datetime
+from typing import TYPE_CHECKING
 
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
@@ -11,14 +14,14 @@ from fastapi.responses import HTMLResponse
 from sawmill_service.dependencies import TheStore
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.files import calibration_file
-from sawmill_worker.pictures.report_numbers import moment
-from sawmill_worker.pictures.report_page import About, report_html
 from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
+
+if TYPE_CHECKING:
+    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+    from sawmill_worker.pictures.report_page import About
 
 router = APIRouter(include_in_schema=False)
 
@@ -26,12 +29,16 @@ router = APIRouter(include_in_schema=False)
 @router.get("/calibrations/{calibration_id}/report")
 def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
     """The report of a calibration that has an answer."""
+    from sawmill_worker.pictures.report_page import report_html
+
     calibration = succeeded(store, calibration_id, "report")
     html = report_html(calibration, _about(store, calibration), _arrays(store, calibration_id))
     return HTMLResponse(html, headers={"Cache-Control": "no-store", "Vary": "Cookie"})
 
 
-def _about(store: Store, calibration: CalibrationSucceeded) -> About:
+def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
+    from sawmill_worker.pictures.report_page import About
+
     scanner, scan = store.scanners.get(calibration.scanner_id), store.scans.get(calibration.scan_id)
     activations = store.scanners.history(scanner.id)
     activation = next((each for each in activations if each.calibration_id == calibration.id), None)
@@ -52,6 +59,8 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> About:
 
 
 def _in_use(activated_at: str, reason: str) -> str:
+    from sawmill_worker.pictures.report_numbers import moment
+
     return f"since {moment(datetime.fromisoformat(activated_at).astimezone())}: {reason}"
 
 
@@ -61,8 +70,11 @@ def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:
     return store.jobs.get(calibration.job_id).asked_by
 
 
-def _arrays(store: Store, calibration_id: str) -> CalibrationArrays | None:
+def _arrays(store: Store, calibration_id: str) -> "CalibrationArrays | None":
     """Those of result.h5; None where the file was removed."""
+    from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
+    from sawmill_worker.files import calibration_file
+
     try:
         path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
     except NotFound:
