@@ -1,7 +1,8 @@
 """`/calibrate`: from a file to the accepted calibration; the address alone says how far it is.
 
 Without anything it takes a file; with `inspection` it asks what that file does not say; with `calibration` it follows
-the search and then shows the result. `inspection` beside it is where "other answers" leads back to.
+the search and then shows the result. `inspection` beside it is where "other answers" leads back to; `scan` has the answers
+that were given before.
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ from sawmill_worker.storage.store import Store
 
 CALIBRATE = "/calibrate"
 LOGS = ("log_before", "log_after")
+# What the form asks of a scan.
+ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
 
 router = APIRouter(include_in_schema=False)
 
@@ -46,6 +49,7 @@ class Where:
     scanner: str | None = None
     inspection: str | None = None
     calibration: str | None = None
+    scan: str | None = None
 
     def path(self, **changes: str | None) -> str:
         """The address with some of it changed."""
@@ -61,9 +65,10 @@ def calibrate(
     scanner: Annotated[Identifier | None, Query()] = None,
     inspection: Annotated[Identifier | None, Query()] = None,
     calibration: Annotated[Identifier | None, Query()] = None,
+    scan: Annotated[Identifier | None, Query()] = None,
 ) -> HTMLResponse:
     """Wherever one is between the file and the accepted calibration."""
-    where = Where(scanner, inspection, calibration)
+    where = Where(scanner, inspection, calibration, scan)
     if calibration is not None:
         return _of_calibration(page, store, where, store.calibrations.get(calibration))
     if inspection is not None:
@@ -142,7 +147,7 @@ def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Insp
     if result is None or result.refusal is not None:
         failure = inspection.failure if result is None else result.refusal
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
-    questions = questions_of(store, inspection, {"scanner_id": where.scanner or ""})
+    questions = questions_of(store, inspection, {"scanner_id": where.scanner or "", **_earlier(store, where.scan)})
     return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
 
 
@@ -194,11 +199,18 @@ def _scan(store: Store, scan_id: str) -> Scan | None:
         return None
 
 
+def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
+    """The answers that made a scan of the same file; none where it was deleted since."""
+    scan = None if scan_id is None else _scan(store, scan_id)
+    given = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
+    return {name: str(value) for name, value in given.items() if value is not None}
+
+
 def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
     """Where the same file is asked about once more; None where it is no longer kept."""
     if where.inspection is None or scan is None or not store.files.upload(JobKind.INSPECT, where.inspection).exists():
         return None
-    return where.path(calibration=None, scanner=scan.scanner_id)
+    return where.path(calibration=None, scan=scan.id)
 
 
 def _logs(store: Store, calibration_id: str) -> bool:

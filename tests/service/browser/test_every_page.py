@@ -9,6 +9,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 PAGES = {
     "login": "/login",
     "problem": "/nothing/here",
+    "calibrate": "/calibrate?scanner=example",
+    "calibrate-questions": "/calibrate?inspection=example",
+    "calibrate-result": "/calibrate?calibration=example",
     "scans": "/scans",
     "scan": "/scans/example",
     "logs": "/logs",

@@ -1,0 +1,109 @@
+"""From an empty data folder to the accepted calibration, in a browser in front of `sawmill serve`."""
+
+import re
+
+import numpy as np
+import pytest
+from live_service import SCANNER, Offline, serving
+from page_checks import overflowing, shot, small_targets
+from playwright.sync_api import Page, expect
+
+from sawmill_worker.tomography.built_in import L_SHAPE
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
+from sawmill_worker.tomography.simulate import simulate_stack
+
+pytestmark = pytest.mark.slow
+
+THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
+VIEWS = 60
+
+
+@pytest.fixture(scope="module")
+def scan_path(tmp_path_factory):
+    """Counts of the phantom with flat and dark fields, and without the angles: they begin at 3 degrees."""
+    angles = (np.arange(VIEWS) + 0.5) * TAU / VIEWS
+    wood = L_SHAPE.of_density(SAPWOOD_PER_MM)
+    stack = simulate_stack([wood], FanBeamGeometry(SCANNER, THETA, angles), seed=3)
+    path = tmp_path_factory.mktemp("scan") / "morning.npz"
+    np.savez(path, projections=stack.counts, flats=stack.flats, darks=stack.darks)
+    return path
+
+
+@pytest.fixture
+def service(tmp_path):
+    with serving(tmp_path, {**Offline(tmp_path).variables, "SAWMILL_STOP_GRACE_S": "1"}, "--no-examples") as started:
+        yield started
+
+
+@pytest.fixture
+def page(browser, service):
+    """A tablet, which asks no other host for anything."""
+    context = browser.new_context(base_url=str(service.client.base_url), viewport={"width": 800, "height": 1100})
+    hosts = set()
+    context.on("request", lambda request: hosts.add(re.sub(r"^\w+://([^/]*).*", r"\1", request.url)))
+    yield context.new_page()
+    context.close()
+    assert hosts <= {service.client.base_url.netloc.decode()}
+
+
+def looks_right(page: Page, name: str) -> None:
+    """A glove hits it, at the width of a telephone too."""
+    for width in (390, 800):
+        page.set_viewport_size({"width": width, "height": 1100})
+        shot(page, f"calibrate-{name}-{width}")
+        assert overflowing(page) + small_targets(page) == []
+
+
+def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path, tmp_path):
+    page.goto("/calibrate")
+    expect(page.get_by_role("link", name="Describe a scanner")).to_be_visible()
+    scanner_id = service.create_scanner()
+    page.goto(f"/calibrate?scanner={scanner_id}")
+    looks_right(page, "file")
+
+    # A file that is no scan.
+    (tmp_path / "letter.txt").write_text("Dear editor, " * 100)
+    page.get_by_label("Choose the phantom's scan").set_input_files(tmp_path / "letter.txt")
+    expect(page.get_by_role("heading", name="letter.txt cannot be read as a scan")).to_be_visible()
+    looks_right(page, "refused")
+    page.get_by_role("link", name="Choose another file").click()
+
+    # An upload that is cancelled: the request stays unanswered until then.
+    page.route("**/v1/inspections?*", lambda _: None)
+    page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
+    page.get_by_role("button", name="Cancel").click()
+    expect(page.get_by_role("alert")).to_have_text("Sending was cancelled. Nothing of it is kept.")
+    page.unroute("**/v1/inspections?*")
+
+    # What the file does not say: the phantom and the angles, first a wrong one.
+    page.get_by_label("Choose the phantom's scan").set_input_files(scan_path)
+    expect(page.get_by_role("heading", name="What the file says")).to_be_visible()
+    facts = page.locator("dl.facts")
+    expect(facts).to_contain_text("morning.npz")
+    expect(facts).to_contain_text("60")
+    expect(page.get_by_text("What are the numbers?")).to_have_count(0)
+    page.get_by_label(re.compile("l-shape", re.IGNORECASE)).check()
+    page.get_by_label("At which angles were the views taken").fill("3:six")
+    looks_right(page, "questions")
+    page.keyboard.press("Enter")
+    expect(page.get_by_text("an angle must be a number of degrees, not 'six'")).to_be_visible()
+    looks_right(page, "failed")
+
+    # The same file with other answers: nothing is sent again, and a reload comes back to the search.
+    page.get_by_role("link", name="Try again with other answers").click()
+    expect(page.get_by_label(re.compile("l-shape", re.IGNORECASE))).to_be_checked()
+    expect(page.get_by_label("At which angles were the views taken")).to_have_value("3:six")
+    page.get_by_label("At which angles were the views taken").fill("3:6")
+    page.get_by_role("button", name="Calibrate", exact=True).click()
+    page.wait_for_url(re.compile("calibration="))
+    page.reload()
+    expect(page.get_by_role("heading", name="Are the rays right?")).to_be_visible()
+    expect(page.get_by_text("In 95 of 100 cases the rays are off by less than")).to_be_visible()
+    expect(page.get_by_alt_text(re.compile("with its outline"))).to_have_js_property("complete", True)
+    looks_right(page, "result")
+    page.get_by_role("button", name="Accept").click()
+    expect(page.get_by_role("heading", name="This calibration is in use")).to_be_visible()
+    active = service.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"]
+    assert active is not None
+    assert f"calibration={active}" in page.url

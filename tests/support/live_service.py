@@ -1,0 +1,183 @@
+"""Real servers on free loopback ports, which nothing leave behind and which cannot reach the network."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+from sawmill_worker.tomography.geometry import Scanner
+
+SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=512, detector_pitch_mm=2.25)
+START_S, STOP_S, JOB_S = 60.0, 25.0, 90.0
+
+# Python imports this file at the start of every process that has its folder on PYTHONPATH.
+GUARD = """
+import ipaddress, os, socket
+
+def local(address):
+    if not isinstance(address, tuple):
+        return True  # a Unix socket's path, or netlink
+    try:
+        return ipaddress.ip_address(address[0]).is_loopback
+    except ValueError:
+        return address[0] in ("", "localhost")
+
+def refuse(address):
+    with open(os.environ["NETWORK_ASKED_FOR"], "a") as log:
+        log.write(f"{address}\\n")
+    raise PermissionError(f"the network was asked for: {address}")
+
+class Guarded(socket.socket):
+    def connect(self, address):
+        return super().connect(address) if local(address) else refuse(address)
+    def connect_ex(self, address):
+        return super().connect_ex(address) if local(address) else refuse(address)
+    def sendto(self, data, *rest):
+        return super().sendto(data, *rest) if local(rest[-1]) else refuse(rest[-1])
+    def bind(self, address):
+        return super().bind(address) if local(address) else refuse(address)
+
+find = socket.getaddrinfo
+def getaddrinfo(host, *rest, **options):
+    return find(host, *rest, **options) if local((host,)) else refuse((host,))
+
+socket.socket, socket.getaddrinfo = Guarded, getaddrinfo
+"""
+
+
+@dataclass
+class Offline:
+    """An environment in which every process notes and refuses what would leave this machine."""
+
+    folder: Path
+    variables: dict[str, str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        (self.folder / "sitecustomize.py").write_text(GUARD)
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+        paths = os.pathsep.join(filter(None, (str(self.folder), kept.get("PYTHONPATH"))))
+        self.variables = {**kept, "PYTHONPATH": paths, "NETWORK_ASKED_FOR": str(self._log)}
+
+    @property
+    def _log(self) -> Path:
+        return self.folder / "asked"
+
+    def asked_for(self) -> str:
+        return self._log.read_text() if self._log.exists() else ""
+
+
+@dataclass
+class Service:
+    """A running service as its clients see it, and its data folder."""
+
+    client: httpx.Client
+    data: Path
+    process_id: int
+
+    def get(self, path: str, **options: Any) -> httpx.Response:
+        return self._answered(self.client.get(path, **options))
+
+    def post(self, path: str, **options: Any) -> dict[str, Any]:
+        return self._answered(self.client.post(path, **options)).json()
+
+    def create_scanner(self, scanner: Scanner = SCANNER, name: str = "Line 2") -> str:
+        return self.post("/v1/scanners", json={"name": name, "constants": vars(scanner)})["id"]
+
+    def upload(self, content: Any, **spec: str) -> dict[str, Any]:
+        return self.post("/v1/scans", params=spec, content=content)
+
+    def wait(self, job_id: str) -> dict[str, Any]:
+        deadline = time.monotonic() + JOB_S
+        while time.monotonic() < deadline:
+            job = self.get(f"/v1/jobs/{job_id}").json()
+            if job["state"] in {"succeeded", "failed", "cancelled"}:
+                return job
+            time.sleep(0.05)
+        raise AssertionError(f"job {job_id} did not end: {job}")
+
+    @staticmethod
+    def _answered(response: httpx.Response) -> httpx.Response:
+        assert response.is_success, f"{response.request.url}: {response.status_code} {response.text}"
+        return response
+
+
+def descendants(process_id: int) -> set[int]:
+    """Of a process: its children, theirs, and so on, as they are now."""
+    parents = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            parents[int(stat.parent.name)] = int(stat.read_text().rpartition(")")[2].split()[1])
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    found, new = set[int](), {process_id}
+    while new:
+        found |= new
+        new = {child for child, parent in parents.items() if parent in new} - found
+    return found
+
+
+def running(process_id: int) -> bool:
+    try:
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@contextmanager
+def process(command: list[str], environment: dict[str, str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a server; at the end ask it to stop, and see that it leaves no process behind."""
+    with log.open("wb") as sink, subprocess.Popen(command, stdout=sink, stderr=sink, env=environment) as started:
+        try:
+            yield started
+        finally:
+            family = descendants(started.pid)
+            started.send_signal(signal.SIGTERM)
+            try:
+                started.wait(STOP_S)
+            finally:
+                left = {member for member in family if running(member)}
+                for member in left:
+                    os.kill(member, signal.SIGKILL)
+    assert not left, f"still running after the end of {command}: {left}\n{log.read_text()[-3000:]}"
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return free.getsockname()[1]
+
+
+@contextmanager
+def serving(folder: Path, environment: dict[str, str], *flags: str, prefix: Sequence[str] = ()) -> Iterator[Service]:
+    """`sawmill serve` with a data folder of its own, once it is ready; `prefix` is a command that becomes it."""
+    port, data, log = free_port(), folder / "data", folder / "service.log"
+    serve = [sys.executable, "-m", "sawmill_service.cli", "serve", "--data", str(data), "--port", str(port), *flags]
+    command = [*prefix, *serve]
+    address = f"http://127.0.0.1:{port}"
+    with (
+        process(command, environment, log) as server,
+        httpx.Client(base_url=address, timeout=30, trust_env=False) as client,
+    ):
+        wait_until_ready(client, server, log)
+        yield Service(client, data, server.pid)
+
+
+def wait_until_ready(client: httpx.Client, server: "subprocess.Popen[bytes]", log: Path) -> None:
+    deadline = time.monotonic() + START_S
+    while time.monotonic() < deadline:
+        assert server.poll() is None, log.read_text()
+        try:
+            if client.get("/health/ready").is_success:
+                return
+        except httpx.TransportError:
+            time.sleep(0.05)
+    raise AssertionError(log.read_text())
