@@ -1,8 +1,8 @@
 """`/calibrate`: from a file to the accepted calibration; the address alone says how far it is.
 
 Without anything it takes a file; with `inspection` it asks what that file does not say; with `calibration` it follows
-the search and then shows the result. `inspection` beside it is where "other answers" leads back to; `scan` has the answers
-that were given before.
+the search and then shows the result. `inspection` beside it is where "other answers" leads back to, and `scan` has the
+answers that were given before.
 """
 
 from dataclasses import dataclass
