@@ -77,7 +77,7 @@ def shown_log(store: Store, calibration_id: str) -> ShownLog | None:
     from sawmill_worker.contracts.calibration_arrays import log_before_with
     from sawmill_worker.files.calibration_file import read_arrays
 
-    path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
+    path = store.files.results(JobKind.CALIBRATE, calibration_id) / "result.h5"
     arrays = read_arrays(path, "log_row", "log_before", "log_before_with") if path.is_file() else {}
     if "log_row" not in arrays:
         return None

@@ -14,6 +14,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from pydantic import ValidationError
 
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.drawing import shown_log
 from sawmill_service.forms import TheForm
 from sawmill_service.pages.calibrate_questions import questions_of
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
@@ -29,7 +30,6 @@ from sawmill_worker.storage.errors import Conflict, NotFound, StorageError
 from sawmill_worker.storage.store import Store
 
 CALIBRATE = "/calibrate"
-LOGS = ("log_before", "log_after")
 # What the form asks of a scan.
 ASKED = ("scanner_id", "phantom_id", "data", "angles_deg")
 
@@ -165,7 +165,7 @@ def _of_calibration(
             headline=headline(page, calibration, active=scanner.active_calibration_id == calibration.id),
             changes=changes_of(page, calibration),
             parameters=parameters_of(page, calibration),
-            logs=_logs(store, calibration.id),
+            log=shown_log(store, calibration.id),
         )
     if calibration.state in {"queued", "running"}:
         jobs = [calibration.job_id] if scan is None else [scan.job_id, calibration.job_id]
@@ -211,15 +211,3 @@ def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
     if where.inspection is None or scan is None or not store.files.upload(JobKind.INSPECT, where.inspection).exists():
         return None
     return where.path(calibration=None, scan=scan.id)
-
-
-def _logs(store: Store, calibration_id: str) -> bool:
-    """Whether its scan shows a log, before and after."""
-    try:
-        path = store.files.result(JobKind.CALIBRATE, calibration_id, "result.h5")
-    except NotFound:
-        return False
-    # Imported by the first result: a service that shows none does not hold NumPy and h5py.
-    from sawmill_worker.files.calibration_file import read_arrays  # noqa: PLC0415
-
-    return len(read_arrays(path, *LOGS)) == len(LOGS)

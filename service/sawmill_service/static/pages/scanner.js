@@ -1,24 +1,4 @@
-// The slider between two pictures, the chart's values under the pointer and by keyboard, and a clock in local time.
-const compare = document.getElementById("compare");
-if (compare) {
-  const range = compare.querySelector("input");
-  const stack = compare.querySelector(".stack");
-  const show = () => stack.style.setProperty("--cut", `${range.value}%`);
-  const follow = (event) => {
-    const box = stack.getBoundingClientRect();
-    range.value = Math.round((100 * (event.clientX - box.left)) / box.width);
-    show();
-  };
-  compare.classList.add("live");
-  range.addEventListener("input", show);
-  stack.addEventListener("pointerdown", (event) => {
-    stack.setPointerCapture(event.pointerId);
-    follow(event);
-  });
-  stack.addEventListener("pointermove", (event) => event.buttons && follow(event));
-  show();
-}
-
+// The chart's values under the pointer and by keyboard, and a clock in local time.
 const chart = document.getElementById("chart");
 if (chart) {
   const rows = [...document.querySelectorAll("#measurements tbody tr")];
