@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from playwright.sync_api import Page, sync_playwright
 
 from sawmill_service.app import create_app
+from sawmill_service.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind, JobState
@@ -146,10 +147,9 @@ def fill(store: Store, slices: int, size: int) -> None:
 @contextmanager
 def serving(store: Store) -> Iterator[str]:
     """The address of the service on a store, in a thread."""
-    settings = ServiceSettings()
-    config = uvicorn.Config(create_app(settings, store, lambda _: None), port=0, log_config=None, lifespan="off")
-    server = uvicorn.Server(config)
-    with closing(config.bind_socket()) as listening:
+    app = create_app(ServiceSettings(), store, lambda _: None)
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
+    with closing(listen("127.0.0.1", 0, guarded=False)) as listening:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
         try:

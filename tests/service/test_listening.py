@@ -95,6 +95,15 @@ def test_loopback_needs_no_token(host):
         assert is_loopback(listening.getsockname()[0])
 
 
+def test_no_part_of_an_answer_waits_for_an_acknowledgement():
+    with (
+        listen("127.0.0.1", 0, guarded=False) as listening,
+        socket.create_connection(listening.getsockname()),
+        listening.accept()[0] as connection,
+    ):
+        assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) != 0
+
+
 @pytest.mark.parametrize(
     ("address", "loopback"),
     [("127.0.0.1", True), ("::ffff:127.0.0.1", True), ("::ffff:192.0.2.1", False), ("192.0.2.1", False), ("::", False)],

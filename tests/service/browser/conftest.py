@@ -18,6 +18,7 @@ import uvicorn
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from sawmill_service.app import create_app
+from sawmill_service.listening import listen
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.storage.store import Store
 
@@ -86,9 +87,9 @@ def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[
 @contextmanager
 def serving(store: Store, settings: ServiceSettings) -> Iterator[int]:
     """The application on a free loopback port, in a thread."""
-    config = uvicorn.Config(create_app(settings, store, lambda _: None), port=0, log_config=None, lifespan="off")
-    server = uvicorn.Server(config)
-    with closing(config.bind_socket()) as listening:
+    app = create_app(settings, store, lambda _: None)
+    server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
+    with closing(listen("127.0.0.1", 0, guarded=True)) as listening:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
         try:
