@@ -115,6 +115,16 @@ def test_a_saved_calibration_reads_back(calibration, tmp_path):
         again.plot()
 
 
+def test_a_report_has_the_pictures_unless_the_calibration_was_read_from_a_file(calibration, tmp_path):
+    calibration.save(tmp_path / "saved.json")
+    pictures = {}
+    for name, known in (("made", calibration), ("read", sawmill.read_calibration(tmp_path / "saved.json"))):
+        known.report(tmp_path / f"{name}.html")
+        pictures[name] = (tmp_path / f"{name}.html").read_text().count("data:image/png")
+    assert pictures["made"] >= 2
+    assert pictures["read"] == 0
+
+
 def test_a_calibration_finds_the_geometry(calibration):
     assert calibration.verdict == "pass"
     assert calibration.predicted_ray_error_mm.upper_95 < 0.1

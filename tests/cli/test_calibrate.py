@@ -131,6 +131,14 @@ def test_the_report_is_a_picture(run, phantom_scan, tmp_path):
         assert min(picture.size) > 500
 
 
+def test_the_report_is_a_page_where_its_name_says_so(run, phantom_scan, tmp_path):
+    run("calibrate", phantom_scan, *KNOWN, *L, "--views", 20, "--json", "--report", tmp_path / "out.html")
+    page = (tmp_path / "out.html").read_text()
+    assert page.startswith("<!doctype html>")
+    assert page.count("data:image/png;base64,") >= 2
+    assert phantom_scan.name in page
+
+
 def test_a_phantom_may_be_a_drawing(run, phantom_scan, tmp_path):
     corners = L_SHAPE.shapes[0].vertices_mm
     drawing = {"name": "our L", "shapes": [{"kind": "polygon", "vertices_mm": corners}]}

@@ -123,6 +123,16 @@ class Calibration:
 
         return report_figure(self.result, self.arrays())
 
+    def report(self, path: str | Path) -> None:
+        """Write the report as one HTML page that prints on A4, as `sawmill report` does.
+
+        A calibration that was read from a file has no pictures of its scan here; the page says so.
+        """
+        from sawmill_worker.pictures.report_page import About, report_html  # noqa: PLC0415 - few need it
+
+        arrays = None if self.arrays is None else self.arrays()
+        Path(path).write_text(report_html(self.result, About(), arrays), encoding="utf-8")
+
     def _repr_html_(self) -> str:
         from sawmill_worker.pictures.calibration_table import calibration_table  # noqa: PLC0415
 

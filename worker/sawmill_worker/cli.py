@@ -107,7 +107,7 @@ def calibrate(
     phantom_width_mm: shared.PhantomWidth = None,
     tolerance_scale_percent: Annotated[float, option(Tolerances, "scale_percent")] = 0.5,
     log_radius_mm: Annotated[float | None, option(ScannerSpec, "log_radius_mm")] = None,
-    report: Annotated[Path | None, shared.picture("Write a report picture.")] = None,
+    report: Annotated[Path | None, shared.ReportFlag] = None,
     as_json: shared.JsonFlag = False,
 ) -> None:
     """Find the geometry from a scan of a phantom."""

@@ -1,5 +1,6 @@
 """`sawmill calibrate`: a scan's file to a calibration."""
 
+from datetime import datetime
 from pathlib import Path
 
 from sawmill_worker.commands.options import PhantomSource
@@ -52,7 +53,10 @@ def calibrate_scan(
     result = calibration_result(calibration, given, witness=witness_of(calibration, given))
     if picture is not None:
         # Imported here because it brings the reconstruction along, for which an answer need not wait.
-        from sawmill_worker.use_cases.calibration_files import report_arrays, write_report_png  # noqa: PLC0415
+        from sawmill_worker.pictures.report_page import About  # noqa: PLC0415
+        from sawmill_worker.use_cases.calibration_files import report_arrays, write_report  # noqa: PLC0415
 
-        write_report_png(picture, result, report_arrays(calibration, given, stack, used.rows))
+        name = scan.path.name
+        about = About(made_at=datetime.now().astimezone(), scan_name=name, phantom=drawing, origin=name)
+        write_report(picture, result, report_arrays(calibration, given, stack, used.rows), about)
     return result

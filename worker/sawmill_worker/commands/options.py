@@ -285,4 +285,10 @@ Result = Annotated[
     Path,
     typer.Option("--output", "-o", metavar="OUT", dir_okay=False, callback=writable, help="The file that is written."),
 ]
+ReportFlag = typer.Option(
+    metavar="OUT.html",
+    dir_okay=False,
+    callback=writable,
+    help="Write a report: OUT.html is a page that prints on A4, OUT.png one picture.",
+)
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output and nothing else.")]

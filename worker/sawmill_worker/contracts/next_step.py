@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.two_questions import N_, Answer, TwoQuestions
+from sawmill_worker.contracts.two_questions import Answer, TwoQuestions
 
 # The 95 % number over the size's standard uncertainty, where the size is one of two equal shares in quadrature.
 HALF_OF_IT_SIZE = 1.96 * 2.0**0.5
@@ -27,9 +27,9 @@ class NextStep:
     Attributes
     ----------
     message : str
-        A sentence, to be translated; it ends in a colon where a reason follows.
+        A sentence; it ends in a colon where a reason follows.
     reason : str or None
-        The answer's own sentence, in English.
+        The answer's own sentence.
     """
 
     action: Action
@@ -45,32 +45,32 @@ def next_step(result: CalibrationResult, both: TwoQuestions, *, active: bool) ->
     if rays is Answer.NO:
         return NextStep(Action.SCAN_AGAIN, _not_to_be_used(active=active), reason)
     if rays is Answer.LOOK:
-        return NextStep(Action.SCAN_AGAIN, N_("Put this right, then scan the phantom again:"), reason)
+        return NextStep(Action.SCAN_AGAIN, "Put this right, then scan the phantom again:", reason)
     if rays is Answer.UNKNOWN:
-        return NextStep(Action.LOOK, N_("Look at the pictures before you use it: it has no error bars."))
+        return NextStep(Action.LOOK, "Look at the pictures before you use it: it has no error bars.")
     if active:
-        return _scale_step(result, both, N_("It is in use. Nothing needs to be done."), reason)
+        return _scale_step(result, both, "It is in use. Nothing needs to be done.", reason)
     if moved is not None:
-        text = N_("Find out what moved on the scanner. If the change is known, accept this calibration:")
+        text = "Find out what moved on the scanner. If the change is known, accept this calibration:"
         return NextStep(Action.LOOK, text, moved)
     return _scale_step(result, both, None, reason)
 
 
 def _not_to_be_used(*, active: bool) -> str:
     if active:
-        return N_("It is in use and must not be: go back to an earlier one, or put this right and scan again:")
-    return N_("Do not use it. Put this right, then scan the phantom again:")
+        return "It is in use and must not be: go back to an earlier one, or put this right and scan again:"
+    return "Do not use it. Put this right, then scan the phantom again:"
 
 
 def _scale_step(result: CalibrationResult, both: TwoQuestions, in_use: str | None, reason: str | None) -> NextStep:
     """Where the rays are right: by the answer to the second question."""
     if both.millimetres.answer is not Answer.LOOK:
-        accept = N_("Accept it.")
+        accept = "Accept it."
         return NextStep(Action.NOTHING, in_use) if in_use else NextStep(Action.ACCEPT, accept)
     if _is_size(result):
-        text = N_("Use it for sharp images. For right millimetres measure the phantom, and scan it again.")
+        text = "Use it for sharp images. For right millimetres measure the phantom, and scan it again."
         return NextStep(Action.MEASURE, text)
-    return NextStep(Action.MEASURE, N_("Use it for sharp images. For right millimetres put this right:"), reason)
+    return NextStep(Action.MEASURE, "Use it for sharp images. For right millimetres put this right:", reason)
 
 
 def _is_size(result: CalibrationResult) -> bool:

@@ -27,9 +27,9 @@ def N_(text: str) -> str:  # noqa: N802 - Babel's word for a text that is transl
 # What a verdict means, in a sentence.
 VERDICTS: Mapping[Verdict, str] = MappingProxyType(
     {
-        "pass": N_("The geometry is known well enough to be used."),
-        "watch": N_("There is a geometry, but look at it before it is used."),
-        "fail": N_("This geometry must not be used."),
+        "pass": "The geometry is known well enough to be used.",
+        "watch": "There is a geometry, but look at it before it is used.",
+        "fail": "This geometry must not be used.",
     }
 )
 

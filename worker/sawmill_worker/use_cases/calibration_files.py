@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,11 @@ from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.log_comparison import log_images, log_row_beside
 from sawmill_worker.vocabulary import ReconstructionMethod
 
+if TYPE_CHECKING:
+    from sawmill_worker.pictures.report_page import About
+
 PHANTOM_SIZE = 256
+PAGES = frozenset({".html", ".htm"})
 # Of the image of a phantom that was not seen all round: as smooth as the weight that cross-validation chooses for the
 # measured disc (docs/measured.md), in a tenth of the time.
 MOST_VIEWS, WEIGHT, ITERATIONS = 60, 200.0, 60
@@ -86,9 +91,14 @@ def write_result(folder: Path, result: CalibrationResult, arrays: CalibrationArr
     )
 
 
-def write_report_png(path: Path, result: CalibrationResult, arrays: CalibrationArrays) -> None:
-    """Write the report's picture."""
-    # Drawing takes longer to import than a calibration takes.
+def write_report(path: Path, result: CalibrationResult, arrays: CalibrationArrays, about: "About") -> None:
+    """Write the report: a page that prints where the name ends in `.html`, else the one picture."""
+    # Drawing is imported here because no job needs it, and the picture's takes longer than a calibration.
+    if path.suffix.lower() in PAGES:
+        from sawmill_worker.pictures.report_page import report_html  # noqa: PLC0415
+
+        path.write_text(report_html(result, about, arrays), encoding="utf-8")
+        return
     from sawmill_worker.pictures.calibration_report import report_png  # noqa: PLC0415
 
     path.write_bytes(report_png(result, arrays))
