@@ -1,14 +1,17 @@
 """A scanner's page: its chart, history, schedules and settings, as HTML."""
 
+import math
 import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from sqlalchemy import insert
 
 from sawmill_service.pages.drift_chart import MOST_MARKS, drift_chart, span_of, thinned
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
+from sawmill_worker.storage.tables import MeasurementRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 SETTINGS = {
@@ -74,6 +77,32 @@ def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
     assert "not known" in rows[0]
     assert "0.010" in rows[1]
     assert seeded.get("/scanners/nobody").status_code == 404
+
+
+def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
+    now = datetime.now(UTC)
+    rows = [
+        {
+            "scanner_id": "example",
+            "at": now - timedelta(days=day),
+            "kind": kind,
+            "subject_id": f"{kind}-{day}",
+            "ray_change_mm": 0.1 + 0.05 * math.sin(day),
+            "within_tolerance": True,
+            "cor_column_mm": -147.0 + math.cos(day),
+            "tilt_deg": -4.0 + math.sin(2.0 * day),
+            "source_to_detector_mm": 1600.0,
+            "relative_residual": 0.01,
+        }
+        for day in range(1, 730)
+        for kind in MeasurementKind
+    ]
+    with store._database.write() as session:
+        session.execute(insert(MeasurementRow), rows)
+    page = seeded.get("/scanners/example?days=730")
+    assert len(page.content) < 200_000  # of the 300 000 that a page may have with its styles and scripts
+    assert page.text.count("<tr data-x=") <= MOST_MARKS
+    assert "Of 1460 measurements the chart draws" in page.text
 
 
 def test_a_scanner_without_anything_says_what_to_do(seeded):
