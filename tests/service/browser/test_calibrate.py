@@ -8,15 +8,22 @@ from live_service import SCANNER, Offline, serving
 from page_checks import overflowing, shot, small_targets
 from playwright.sync_api import Page, expect
 
+from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
 from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_worker.vocabulary import Progress
 
 pytestmark = pytest.mark.slow
 
 THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
 VIEWS = 60
+DROP = """text => {
+  const dataTransfer = new DataTransfer();
+  dataTransfer.items.add(new File([text], "letter.txt"));
+  document.querySelector("main").dispatchEvent(new DragEvent("drop", {dataTransfer, bubbles: true}));
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -55,16 +62,19 @@ def looks_right(page: Page, name: str) -> None:
         assert overflowing(page) + small_targets(page) == []
 
 
-def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path, tmp_path):
+def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_path):
     page.goto("/calibrate")
-    expect(page.get_by_role("link", name="Describe a scanner")).to_be_visible()
-    scanner_id = service.create_scanner()
-    page.goto(f"/calibrate?scanner={scanner_id}")
+    page.get_by_role("link", name="Describe a scanner").click()
+    page.get_by_label("Name").fill("Line 2")
+    page.get_by_label("Source to turning axis").fill(str(SCANNER.source_to_cor_mm))
+    page.get_by_label("Detector cells").fill(str(SCANNER.num_detector_pixels))
+    page.get_by_label("Detector pitch").fill(str(SCANNER.detector_pitch_mm))
+    page.get_by_role("button", name="Add this scanner").click()
+    page.get_by_role("main").get_by_role("link", name="Calibrate", exact=True).click()
     looks_right(page, "file")
 
-    # A file that is no scan.
-    (tmp_path / "letter.txt").write_text("Dear editor, " * 100)
-    page.get_by_label("Choose the phantom's scan").set_input_files(tmp_path / "letter.txt")
+    # A file that is no scan, dropped anywhere on the page.
+    page.evaluate(DROP, "Dear editor, " * 100)
     expect(page.get_by_role("heading", name="letter.txt cannot be read as a scan")).to_be_visible()
     looks_right(page, "refused")
     page.get_by_role("link", name="Choose another file").click()
@@ -104,6 +114,26 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     looks_right(page, "result")
     page.get_by_role("button", name="Accept").click()
     expect(page.get_by_role("heading", name="This calibration is in use")).to_be_visible()
-    active = service.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"]
+    (scanner,) = service.get("/v1/scanners").json()["items"]
+    active = scanner["active_calibration_id"]
     assert active is not None
     assert f"calibration={active}" in page.url
+
+
+@pytest.mark.usefixtures("seeded")
+def test_the_search_is_followed_live_and_cancelled(site, store):
+    asked = store.calibrations.accept(CalibrationAsk(scan_id="example"))
+    page = site.open(f"/calibrate?calibration={asked.id}", viewport={"width": 800, "height": 700})
+    stage = page.locator("#follow-stage")
+    expect(stage).to_have_text("Waiting for its turn")
+    claim = store.jobs.claim("test")
+    store.jobs.heartbeat(claim, Progress(fraction=0.4, stage="search", best_value=0.01234))
+    expect(stage).to_have_text("Searching for the geometry")
+    expect(page.get_by_role("progressbar")).to_have_js_property("value", 0.4)
+    expect(page.locator("#follow-more")).to_contain_text("best value so far: 0.0123")
+    looks_right(page, "search")
+    page.get_by_role("button", name="Cancel").click()
+    while not store.jobs.heartbeat(claim):
+        page.wait_for_timeout(10)
+    store.jobs.cancelled(claim)
+    expect(page.get_by_role("heading", name="The calibration was cancelled")).to_be_visible()

@@ -71,7 +71,8 @@ function takeFiles(step) {
     }
   }
 
-  input.addEventListener("change", () => input.files.length && send(input.files[0]));
+  const sendChosen = () => input.files.length && send(input.files[0]);
+  input.addEventListener("change", sendChosen);
   step.querySelector("#sending-cancel").addEventListener("click", () => cancelling.abort());
   for (const name of ["dragenter", "dragover"]) {
     document.addEventListener(name, (event) => {
@@ -87,6 +88,7 @@ function takeFiles(step) {
       send(event.dataTransfer.files[0]);
     }
   });
+  sendChosen(); // before this script was there
 }
 
 async function follow(step) {
