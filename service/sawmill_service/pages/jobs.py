@@ -17,7 +17,7 @@ from sawmill_worker.storage.store import Store
 
 JOBS = "/jobs"
 # Of a list: what fits on a page that is looked at, and is read again every few seconds.
-LISTED = 25
+LISTED = 20
 
 router = APIRouter(include_in_schema=False)
 
