@@ -37,10 +37,10 @@ FATES = {
 }
 # Of what a job made: a page where there is one, else the numbers.
 _MADE = {
-    JobKind.INGEST: ("/scans/{}", marked("Look at the scan")),
+    JobKind.INGEST: ("/scans/{}", marked("Open the scan")),
     JobKind.CALIBRATE: ("/calibrations/{}/report", marked("Report")),
-    JobKind.RECONSTRUCT: ("/logs/{}", marked("Look at the log")),
-    JobKind.TRACE_PHANTOM: ("/phantoms/{}", marked("Look at the phantom")),
+    JobKind.RECONSTRUCT: ("/logs/{}", marked("Open the log")),
+    JobKind.TRACE_PHANTOM: ("/phantoms/{}", marked("Open the phantom")),
 }
 _NUMBERS = marked("All numbers")
 

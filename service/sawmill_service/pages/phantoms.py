@@ -19,6 +19,7 @@ from sawmill_worker.contracts.base import Contract, Identifier
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import DrawnShape, PhantomPicture, StoredPhantom, faults_of
+from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.pictures.phantom_drawing import outline_svg, shown_svg
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.store import Store
@@ -159,10 +160,15 @@ def _phantom_page(
         shown=_picture_of(stored, store),
         newer=store.phantoms.followers().get(phantom_id),
         plans=list(plan_views(store, phantom_id, page)),
-        scanners=store.scanners.page(limit=OFFERED).items,
+        scanners=_scanners(store),
         today=today,
         refused=refused,
     )
+
+
+def _scanners(store: Store) -> list[StoredScanner]:
+    """Those first whose calibration has a geometry to plan with."""
+    return sorted(store.scanners.page(limit=OFFERED).items, key=lambda each: each.active_calibration_id is None)
 
 
 def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
