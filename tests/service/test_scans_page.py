@@ -10,7 +10,7 @@ from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.paging import new_id
-from sawmill_worker.storage.tables import ScanRow
+from sawmill_worker.storage.tables import ReconstructionRow, ScanRow
 from sawmill_worker.vocabulary import DataKind
 
 HTML = {"Accept": "text/html"}
@@ -189,6 +189,35 @@ def test_a_log_s_page_says_how_it_was_made(seeded):
     both = seeded.get("/logs/example?beside=example-sparse")
     assert both.text.count("data-volume=") == 2
     assert '<option value="example-sparse" selected>' in both.text
+
+
+def test_a_log_s_page_has_what_the_method_reports(seeded, store):
+    method = {
+        "name": "cauchy_map",
+        "noise": 0.0123,
+        "data_misfit": 1.04,
+        "worst_data_misfit": 1.31,
+        "beta": 0.0021,
+        "metal": {"slices": 1, "samples": 9, "share_of_samples": 0.1, "treatment": "left-out", "source": "a paper"},
+        "unconverged_slices": 2,
+        "remarks": ["the rays <cross> a nail"],
+    }
+    with store._database.write() as session:
+        row = session.get(ReconstructionRow, "example")
+        row.result = row.result | {"method": method, "preparation": ["dark fields taken off"]}
+    answer = seeded.get("/logs/example")
+    shown = words(answer)
+    for fact in (
+        "Cauchy MAP",
+        "1.04 times the noise, at worst 1.31",
+        "beta 0.0021 1/mm",
+        "in 1 slice",
+        "2 slices",
+        "the rays &lt;cross&gt; a nail",
+        "dark fields taken off",
+    ):
+        assert fact in shown
+    assert "sigma" not in shown
 
 
 def test_a_log_whose_file_or_scan_is_gone_is_still_described(seeded, store):
