@@ -83,9 +83,12 @@ def array(
     except BaseException:
         _ALL.give_back(size)
         raise
+    # What is sent may be smaller than what was read.
+    held = min(size, len(content))
+    _ALL.give_back(size - held)
     length, disposition = str(len(content)), f'attachment; filename="{save_as}"'
     own = {"ETag": tag, "Content-Length": length, "Content-Disposition": disposition}
-    return _Sent(content, {**headers, **own}, counted=size)
+    return _Sent(content, {**headers, **own}, counted=held)
 
 
 class _Sent(StreamingResponse):

@@ -14,8 +14,12 @@ export function parseNpy(buffer) {
   return { rows, columns, data: new Float32Array(buffer, start) };
 }
 
-async function fetchArray(path, options) {
+async function fetchArray(path, options, tries = 5) {
   const answer = await fetch(path, options);
+  if (answer.status === 429 && tries > 1) {
+    await new Promise((resolve) => setTimeout(resolve, 1000 * Number(answer.headers.get("Retry-After") ?? 1)));
+    return fetchArray(path, options, tries - 1);
+  }
   if (!answer.ok) {
     throw new Problem(await answer.json().catch(() => null), answer.status);
   }
