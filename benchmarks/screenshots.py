@@ -20,10 +20,10 @@ from pathlib import Path
 import httpx
 import matplotlib as mpl
 import numpy as np
-from mill_history import PastClock, write_history
+from mill_history import LINES, PastClock, write_history
 from numpy.typing import NDArray
 from PIL import Image
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, sync_playwright
 
 mpl.use("agg")
 import matplotlib.pyplot as plt
@@ -39,26 +39,44 @@ from sawmill_worker.tomography.projector import Projector
 
 PICTURES = Path(__file__).parents[1] / "docs/pictures"
 LARGEST_BYTES = 150_000
-COLOURS = 48
+# A script draws what it has fetched.
+SETTLED_MS = 6000
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking", "--force-color-profile=srgb")
 LANGUAGES = {"": "en-GB", ".fi": "fi-FI"}
+GOOD, WATCHED, MOVED = (line.name for line in LINES[:3])
 CAPTIONS = {"": ("measured by tape", "calibrated"), ".fi": ("mittanauhalla mitattu", "kalibroitu")}
 
 
 @dataclass(frozen=True)
 class Shot:
-    """A page at a width; `scanner` is the place in the list of lines whose id fills the path."""
+    """A page at a size, of one of the lines by its name.
+
+    `finnish` asks for a twin in that language; `part` is the element that is shown, if not what the window shows.
+    """
 
     name: str
     path: str
     width: int = 1000
-    height: int = 640
-    scanner: int = 0
+    height: int = 700
+    line: str = GOOD
+    finnish: bool = False
+    part: str = "body"
 
 
 SHOTS = (
-    Shot("today", "/"),
+    Shot("today", "/", height=620, finnish=True),
+    Shot("scanner", "/scanners/{scanner}", height=1000, line=MOVED, finnish=True),
+    Shot(
+        "verdict",
+        "/calibrate?scanner={scanner}&calibration={calibration}",
+        height=1080,
+        line=WATCHED,
+        finnish=True,
+    ),
+    Shot("drift", "/scanners/{scanner}?days=90", line=WATCHED, part="section[aria-labelledby=drift]"),
     Shot("phantom", "/phantoms/l-shape"),
+    Shot("viewer", "/logs/{reconstruction}"),
+    Shot("report", "/calibrations/{calibration}/report", width=820, height=1160),
 )
 
 
@@ -72,26 +90,44 @@ def main() -> int:
     if asked.only in {None, "before-after"}:
         images = before_after()
         for suffix, captions in CAPTIONS.items():
-            save(drawn_side_by_side(images, captions), f"before-after{suffix}")
+            save(drawn_side_by_side(images, captions), f"before-after{suffix}", 48, Image.Quantize.MAXCOVERAGE)
     shots = [shot for shot in SHOTS if asked.only in {None, shot.name}]
     if not shots:
         return 0
     with mill(asked.data) as (folder, scanner_ids), running_service(folder) as client, chromium() as browser:
         for shot in shots:
+            path = shot.path.format_map(Ids(client, scanner_ids[shot.line]))
             for suffix, language in LANGUAGES.items():
-                save(photograph(browser, client, shot, scanner_ids, language), f"{shot.name}{suffix}")
+                if shot.finnish or not suffix:
+                    save(photograph(browser, f"{client.base_url}{path}", shot, language), f"{shot.name}{suffix}")
     return 0
 
 
+@dataclass(frozen=True)
+class Ids:
+    """Ids by the names in a shot's path: the newest of a line's."""
+
+    client: httpx.Client
+    scanner_id: str
+
+    def __getitem__(self, name: str) -> str:
+        """The scanner's, or that of the newest of a kind."""
+        if name == "scanner":
+            return self.scanner_id
+        listed = self.client.get(f"/v1/{name}s", params={"scanner_id": self.scanner_id, "limit": 1})
+        return str(listed.raise_for_status().json()["items"][0]["id"])
+
+
 @contextmanager
-def mill(kept: Path | None) -> Iterator[tuple[Path, Sequence[str]]]:
-    """A folder whose `data` has a mill's history, and its scanners' ids in their order."""
+def mill(kept: Path | None) -> Iterator[tuple[Path, dict[str, str]]]:
+    """A folder whose `data` has a mill's history, and its scanners' ids by their names."""
     with tempfile.TemporaryDirectory(prefix="sawmill-mill-") as temporary:
         folder = kept or Path(temporary)
         settings, clock = StorageSettings(data_folder=folder / "data", database_url=None), PastClock()
         with closing(Store.open(settings, clock=clock)) as store:
-            known = [scanner.id for scanner in reversed(store.scanners.page().items)]
-            ids = known or write_history(store, clock)
+            if not store.scanners.page().items:
+                write_history(store, clock)
+            ids = {scanner.name: scanner.id for scanner in store.scanners.page().items}
         yield folder, ids
 
 
@@ -108,22 +144,21 @@ def chromium() -> Iterator[Browser]:
         yield browser
 
 
-def photograph(
-    browser: Browser, client: httpx.Client, shot: Shot, scanner_ids: Sequence[str], language: str
-) -> Image.Image:
+def photograph(browser: Browser, address: str, shot: Shot, language: str) -> Image.Image:
     """One page in one language, light."""
     context = browser.new_context(
-        base_url=str(client.base_url),
-        viewport={"width": shot.width, "height": shot.height},
-        locale=language,
-        color_scheme="light",
-        timezone_id="UTC",
+        viewport={"width": shot.width, "height": shot.height}, locale=language, color_scheme="light", timezone_id="UTC"
     )
     with closing(context):
-        page: Page = context.new_page()
-        page.goto(shot.path.format(scanner_id=scanner_ids[shot.scanner]))
+        page = context.new_page()
+        answered = page.goto(address)
+        if answered is None or not answered.ok:
+            sys.exit(f"{address} has no page to be shown")
         page.wait_for_load_state("load")
-        return Image.open(io.BytesIO(page.screenshot(animations="disabled")))
+        page.wait_for_timeout(SETTLED_MS)
+        whole = shot.part == "body"
+        taken = page.screenshot(animations="disabled") if whole else page.locator(shot.part).screenshot()
+        return Image.open(io.BytesIO(taken))
 
 
 def before_after() -> list[NDArray[np.float32]]:
@@ -157,12 +192,11 @@ def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[st
     return Image.open(stream)
 
 
-def save(picture: Image.Image, name: str) -> None:
+def save(picture: Image.Image, name: str, colours: int = 96, method: Image.Quantize = Image.Quantize.MEDIANCUT) -> None:
     """As a PNG with a palette, which must be small."""
     path = PICTURES / f"{name}.png"
-    picture.convert("RGB").quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-        path, optimize=True
-    )
+    palette = picture.convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE)
+    palette.save(path, optimize=True)
     size = path.stat().st_size
     print(f"{path.name}: {picture.width} x {picture.height}, {size / 1e3:.0f} kB", flush=True)
     if size > LARGEST_BYTES:
