@@ -199,3 +199,19 @@ def test_a_key_that_submits_calibrates_and_hears_who_may_accept(seeded, store, w
 def test_a_calibration_of_a_deleted_scan_is_shown(seeded, store):
     store.calibrations.accept(CalibrationAsk(scan_id="example"))
     assert seeded.get("/calibrate?calibration=example").status_code == 200
+
+
+def test_a_scan_that_is_here_already_is_asked_its_phantom_alone(seeded, store, woken):
+    page = seeded.get("/calibrate?scan=example")
+    assert re.search(r'value="l-shape" required checked', page.text)
+    assert "Which scanner made it?" not in shown(page)
+    answer = seeded.post("/calibrate", data={"scan_id": "example", "phantom_id": "example-spare"})
+    calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
+    assert (calibration.scan_id, calibration.phantom_id) == ("example", "example-spare")
+    assert woken == [calibration.job_id]
+
+
+def test_a_wrong_phantom_of_such_a_scan_is_asked_again(seeded):
+    page = seeded.post("/calibrate", data={"scan_id": "example", "phantom_id": "No Phantom"})
+    assert page.status_code == 422
+    assert "phantom_id" in shown(page)

@@ -1,8 +1,8 @@
 """`/calibrate`: from a file to the accepted calibration; the address alone says how far it is.
 
 Without anything it takes a file; with `inspection` it asks what that file does not say; with `calibration` it follows
-the search and then shows the result. `inspection` beside it is where "other answers" leads back to, and `scan` has the
-answers that were given before.
+the search and then shows the result; with `scan` it asks about a scan that was sent before. Where others stand, too,
+`inspection` is what "other answers" leads back to, and `scan` has the answers that were given before.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
 from sawmill_service.forms import TheForm
-from sawmill_service.pages.calibrate_questions import questions_of
+from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.problems import field_problem
@@ -73,6 +73,8 @@ def calibrate(
         return _of_calibration(page, store, where, store.calibrations.get(calibration))
     if inspection is not None:
         return _of_inspection(page, store, where, store.inspections.get(inspection))
+    if scan is not None:
+        return _of_scan(page, store, where, scan)
     scanners = store.scanners.page(limit=200).items
     return page.answer(
         "calibrate_file.html",
@@ -86,6 +88,8 @@ def calibrate(
 @router.post(CALIBRATE)
 def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Response:
     """Take the answers: make a scan of the inspected file and calibrate with it."""
+    if "scan_id" in form:
+        return _start_of_scan(page, store, wake, form)
     where = Where(form.get("scanner_id"), form.get("inspection_id"))
     inspection = store.inspections.get(where.inspection or "")
     given = {name: value for name, value in form.items() if name in _Answers.model_fields and value.strip()}
@@ -97,6 +101,19 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
     except (NotFound, Conflict) as error:
         return _asked_again(page, store, where, inspection, form, str(error))
     return RedirectResponse(where.path(calibration=calibration.id), 303)
+
+
+def _start_of_scan(page: PageFrame, store: Store, wake: TheWake, form: dict[str, str]) -> Response:
+    where = Where(scan=form["scan_id"])
+    try:
+        ask = CalibrationAsk(scan_id=form["scan_id"], phantom_id=form.get("phantom_id") or None)
+        calibration = store.calibrations.accept(ask)
+    except ValidationError as error:
+        return _of_scan(page, store, where, form["scan_id"], _sentence(page, error))
+    except Conflict as error:
+        return _of_scan(page, store, where, form["scan_id"], str(error))
+    wake(calibration.job_id)
+    return RedirectResponse(where.path(scan=None, calibration=calibration.id), 303)
 
 
 @router.post(f"{CALIBRATE}/dataset")
@@ -149,6 +166,21 @@ def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Insp
         return page.answer("calibrate_refused.html", where=where, inspection=inspection, failure=failure)
     questions = questions_of(store, inspection, {"scanner_id": where.scanner or "", **_earlier(store, where.scan)})
     return page.answer("calibrate_questions.html", where=where, questions=questions, problem=None)
+
+
+def _of_scan(page: PageFrame, store: Store, where: Where, scan_id: str, problem: str | None = None) -> HTMLResponse:
+    """A scan that was sent before: which phantom it shows is all that can be asked."""
+    scan = store.scans.get(scan_id)
+    return page.answer(
+        "calibrate_scan.html",
+        status=422 if problem else 200,
+        where=where,
+        scan=scan,
+        scanner=store.scanners.get(scan.scanner_id),
+        phantoms=usable_phantoms(store),
+        chosen_phantom=scan.phantom_id,
+        problem=problem,
+    )
 
 
 def _of_calibration(
@@ -207,7 +239,9 @@ def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
 
 
 def _again(store: Store, where: Where, scan: Scan | None) -> str | None:
-    """Where the same file is asked about once more; None where it is no longer kept."""
-    if where.inspection is None or scan is None or not store.files.upload(JobKind.INSPECT, where.inspection).exists():
+    """Where the same file, or the scan that was made of it, is asked about once more; None where neither can be."""
+    if scan is None:
         return None
-    return where.path(calibration=None, scan=scan.id)
+    if where.inspection is not None and store.files.upload(JobKind.INSPECT, where.inspection).exists():
+        return where.path(calibration=None, scan=scan.id)
+    return None if scan.state is ScanState.REFUSED else Where(scan=scan.id).path()

@@ -78,7 +78,7 @@ def questions_of(store: Store, inspection: Inspection, answers: Mapping[str, str
         inspection=inspection,
         datasets=_arrays(result) if "dataset" in missing else [],
         scanners=store.scanners.page(limit=OFFERED).items,
-        phantoms=_phantoms(store),
+        phantoms=usable_phantoms(store),
         data=_only_possible(result),
         counts_possible=result.reading is not None and result.reading.flats is not None,
         angles="angles_deg" in missing,
@@ -99,7 +99,7 @@ def _proposed(store: Store, questions: Questions) -> dict[str, str]:
     return {"scanner_id": scanner_id, "phantom_id": next(shown, None) or ""}
 
 
-def _phantoms(store: Store) -> list[StoredPhantom]:
+def usable_phantoms(store: Store) -> list[StoredPhantom]:
     """Those that can be used and that no newer measurement has replaced."""
     followed = store.phantoms.followers()
     listed = store.phantoms.page(limit=OFFERED).items
