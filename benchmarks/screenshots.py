@@ -28,6 +28,7 @@ from playwright.sync_api import Browser, sync_playwright
 mpl.use("agg")
 import matplotlib.pyplot as plt
 
+import sawmill_calibration as sawmill
 from sawmill_worker import demo, examples
 from sawmill_worker.demo_client import running_service
 from sawmill_worker.storage.settings import StorageSettings
@@ -162,18 +163,22 @@ def photograph(browser: Browser, address: str, shot: Shot, language: str) -> Ima
 
 
 def before_after() -> list[NDArray[np.float32]]:
-    """One scan of a log, reconstructed (x, y) with what a tape measure gives, and with the true geometry."""
+    """One scan of a log, reconstructed (x, y) with what a tape measure gives, and with the calibrated geometry.
+
+    The calibration is by the phantom on the log's end, a row of the same scan.
+    """
     size, field_mm, views = 420, 300.0, 360
-    log = examples.mill_slices()[examples.PHANTOM_ROWS]
+    phantom_and_log = examples.mill_slices()[examples.PHANTOM_ROWS - 1 : examples.PHANTOM_ROWS + 1]
     angles = examples.full_turn(views)
-    stack = examples.mill_stack(views, [log])
-    air, dark = stack.flats.mean(axis=0)[0] - stack.darks.mean(), stack.darks.mean()
-    sinogram = -np.log(np.maximum(stack.counts[:, 0] - dark, 1.0) / air)
+    stack = examples.mill_stack(views, phantom_and_log)
+    dark = stack.darks.mean()
+    lines = -np.log(np.maximum(stack.counts - dark, 1.0) / (stack.flats.mean(axis=0) - dark))
+    scan = sawmill.Scan.from_arrays(lines[:, :1], angles, examples.SCANNER, from_counts=True)
     taped = Theta.from_vector(to_vector(examples.THETA) + to_vector(demo.TAPE_ERROR))
     images = []
-    for theta in (taped, examples.THETA):
+    for theta in (taped, sawmill.calibrate(scan, "l-shape").theta):
         geometry = FanBeamGeometry(examples.SCANNER, theta, angles)
-        images.append(fbp(Projector(geometry, ImageGrid(size, field_mm)), sinogram).image)
+        images.append(fbp(Projector(geometry, ImageGrid(size, field_mm)), lines[:, 1]).image)
     return images
 
 
