@@ -7,6 +7,15 @@ for (const zone of document.querySelectorAll('.filter input[name="zone"]')) {
   zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
 }
 
+// A picture that is not there any more leaves an empty place.
+document.addEventListener("error", (event) => {
+  if (event.target.matches("img.thumbnail")) {
+    const place = document.createElement("span");
+    place.className = "thumbnail";
+    event.target.replaceWith(place);
+  }
+}, true);
+
 async function lookAgain() {
   const answer = await fetch(location.href, { headers: { Accept: "text/html" } });
   if (!answer.ok || answer.redirected) {
