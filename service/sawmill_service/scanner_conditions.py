@@ -1,39 +1,195 @@
-"""How each scanner stands, as the store has it: for the operator's page, and for whoever watches from outside."""
+"""How each scanner stands, as the store has it: for the pages, and for whoever watches from outside."""
 
-from contextlib import suppress
+from collections.abc import Iterable
+from dataclasses import dataclass
+from datetime import datetime
 
-from sawmill_service.operator_page import ScannerCondition
+from sawmill_service.pages.languages import marked
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.drifts import Drift, DriftResult
+from sawmill_worker.contracts.jobs import Failure
 from sawmill_worker.contracts.scanners import StoredScanner
-from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.overviews import Overview
 from sawmill_worker.storage.store import Store
 
 SHOWN_SCANNERS = 200  # more than any mill has
+# From here on a scanner is watched, though it is allowed to move by more: the next check may find it beyond.
+NEARLY = 0.7
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Whether a scanner is in tolerance: in a word, a colour's name and a sentence.
+
+    `scientific` sentences come from a result and are English in every language; the others are in the catalogues.
+    """
+
+    word: str
+    tone: str
+    sentence: str
+    scientific: bool = False
+
+
+@dataclass(frozen=True)
+class Moved:
+    """How far a scanner's rays have moved against a calibration, by a later one or by a log.
+
+    `since_active` tells that this calibration is still in use; otherwise a newer one has taken the movement up.
+    """
+
+    ray_change_mm: float
+    tolerance_mm: float
+    within_tolerance: bool
+    at: datetime
+    since_active: bool
+
+    @property
+    def share(self) -> float:
+        """Of what is allowed."""
+        return self.ray_change_mm / self.tolerance_mm
+
+    @property
+    def tone(self) -> str:
+        """The colour of its bar."""
+        return "bad" if not self.within_tolerance else "watch" if self.share >= NEARLY else "good"
+
+
+@dataclass(frozen=True)
+class ScannerCondition:
+    """What the pages show of one scanner.
+
+    `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
+    the newest drift check that succeeded or failed.
+    """
+
+    scanner: StoredScanner
+    newest: CalibrationSucceeded | None
+    active: CalibrationSucceeded | None
+    failure: Failure | None
+    drift: Drift | None
+    scanned: bool
+    calibrating: bool
+
+    @property
+    def newest_is_active(self) -> bool:
+        """Whether the newest calibration is what the scanner's reconstructions use."""
+        return self.newest is not None and self.newest.id == self.scanner.active_calibration_id
+
+    @property
+    def drifted(self) -> DriftResult | None:
+        """The newest drift check, if it is later than the newest calibration and the active one is out of tolerance."""
+        check = self._check_of_active()
+        return check.result if check is not None and check.result and check.result.within_tolerance is False else None
+
+    @property
+    def moved(self) -> Moved | None:
+        """What is known last of how far it has moved; None: nothing has looked."""
+        check = self._check_of_active()
+        if check is not None and check.result is not None and check.result.within_tolerance is not None:
+            result = check.result
+            within = result.within_tolerance is True
+            return Moved(result.ray_change_mm, result.tolerance_mm, within, check.created_at, since_active=True)
+        newest = self.newest
+        if newest is None or newest.comparison is None:
+            return None
+        change = newest.comparison
+        tolerance_mm = change.tolerance_mm or self.scanner.tolerances.ray_change_mm
+        since_active = not self.newest_is_active
+        return Moved(change.ray_change_mm, tolerance_mm, change.within_tolerance, newest.created_at, since_active)
+
+    @property
+    def standing(self) -> Standing:
+        """By the newest calibration (its verdict, then what moved since the active one) and a later log."""
+        newest = self.newest
+        if newest is None:
+            return self._without_calibration()
+        fine = Standing(marked("Fine"), "good", marked("It stands where its calibration says."))
+        return self._out_of_tolerance(newest) or self._to_be_watched(newest) or fine
+
+    @property
+    def needs_somebody(self) -> bool:
+        """Whether a person must do something."""
+        return self.standing.tone != "good"
+
+    @property
+    def wants_review(self) -> bool:
+        """Whether the next step is to look at the newest calibration, and not to make another."""
+        if self.newest is None or self.failure is not None or self.drifted is not None:
+            return False
+        return not self.newest_is_active or self.newest.verdict != "pass"
+
+    def _out_of_tolerance(self, newest: CalibrationSucceeded) -> Standing | None:
+        if newest.verdict == "fail":
+            return Standing(marked("Calibration failed"), "bad", " ".join(newest.reasons), scientific=True)
+        if moved := self._moved_out_of_tolerance():
+            return Standing(marked("Out of tolerance"), "bad", moved, scientific=True)
+        return None
+
+    def _to_be_watched(self, newest: CalibrationSucceeded) -> Standing | None:
+        if self.failure is not None:
+            return Standing(marked("Last calibration failed"), "watch", self.failure.detail, scientific=True)
+        if newest.verdict == "watch":
+            return Standing(marked("Watch"), "watch", " ".join(newest.reasons), scientific=True)
+        if self.scanner.active_calibration_id is None:
+            passed = marked("The newest calibration passed: accept it to use it.")
+            return Standing(marked("Not accepted"), "watch", passed)
+        if self.moved is not None and self.moved.since_active and self.moved.share >= NEARLY:
+            little_left = marked("It has moved nearly as far as is allowed: calibrate it today.")
+            return Standing(marked("Watch"), "watch", little_left)
+        return None
+
+    def _without_calibration(self) -> Standing:
+        if self.failure is not None:
+            return Standing(marked("Calibration failed"), "bad", self.failure.detail, scientific=True)
+        if self.scanned:
+            return Standing(marked("Never calibrated"), "idle", marked("It has been scanned, and not calibrated yet."))
+        return Standing(marked("New"), "idle", marked("It has no scan yet: mount the phantom and calibrate."))
+
+    def _moved_out_of_tolerance(self) -> str:
+        """What moved since the active calibration, by the newest one or a later log; empty where nothing did."""
+        comparison = self.newest.comparison if self.newest else None
+        if comparison is not None and not comparison.within_tolerance and not self.newest_is_active:
+            return comparison.reason
+        return f"A log shows: {self.drifted.reason}." if self.drifted else ""
+
+    def _check_of_active(self) -> Drift | None:
+        """The newest drift check, if it compares with the active calibration and the newest one is no later."""
+        check = self.drift
+        if check is None or check.calibration_id != self.scanner.active_calibration_id:
+            return None
+        return check if self.newest is None or check.created_at >= self.newest.created_at else None
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:
-    """The newest scanners first."""
-    conditions = []
-    for scanner in store.scanners.page(limit=SHOWN_SCANNERS).items:
-        with suppress(NotFound):  # deleted a moment ago
-            conditions.append(condition_of(store, scanner))
-    return conditions
+    """Of all scanners, the newest first; a few questions to the store, however many there are."""
+    return _conditions(store, store.overviews.read(limit=SHOWN_SCANNERS))
 
 
 def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
     """How one of them stands."""
-    last = store.calibrations.newest_ended(scanner_id=scanner.id)
-    newest = last if isinstance(last, CalibrationSucceeded) else _newest_succeeded(store, scanner)
-    return ScannerCondition(
-        scanner=scanner,
-        newest=newest,
-        failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
-        drift=store.drifts.newest_ended(scanner_id=scanner.id),
-        history=store.scanners.history(scanner.id, limit=20),
-    )
+    return _conditions(store, store.overviews.read(scanner_id=scanner.id))[0]
 
 
-def _newest_succeeded(store: Store, scanner: StoredScanner) -> CalibrationSucceeded | None:
-    found = store.calibrations.page(scanner_id=scanner.id, state=JobState.SUCCEEDED, limit=1).items
-    return next((item for item in found if isinstance(item, CalibrationSucceeded)), None)
+def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCondition]:
+    overviews = list(overviews)
+    ids = {one for each in overviews for one in (each.ended_id, each.succeeded_id, each.scanner.active_calibration_id)}
+    calibrations = store.calibrations.several([one for one in ids if one is not None])
+    checks = store.drifts.several([each.drift_id for each in overviews if each.drift_id is not None])
+
+    def succeeded(identifier: str | None) -> CalibrationSucceeded | None:
+        calibration = None if identifier is None else calibrations.get(identifier)
+        return calibration if isinstance(calibration, CalibrationSucceeded) else None
+
+    def condition(of: Overview) -> ScannerCondition:
+        last = None if of.ended_id is None else calibrations.get(of.ended_id)
+        return ScannerCondition(
+            scanner=of.scanner,
+            newest=succeeded(of.succeeded_id),
+            active=succeeded(of.scanner.active_calibration_id),
+            failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
+            drift=None if of.drift_id is None else checks.get(of.drift_id),
+            scanned=of.scan_id is not None,
+            calibrating=of.calibrating,
+        )
+
+    return [condition(each) for each in overviews]

@@ -5,9 +5,8 @@ from datetime import datetime
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 
-from sawmill_service.operator_page import ScannerCondition
+from sawmill_service.scanner_conditions import ScannerCondition
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.storage.store import Store
 
 _TEXTS = {
     "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
@@ -15,7 +14,7 @@ _TEXTS = {
     "ray_error_tolerance_millimeters": "What upper_95 may be.",
     "movement_millimeters": "RMS ray change against the active calibration, by the newest drift check or calibration.",
     "movement_tolerance_millimeters": "What the ray change may be.",
-    "in_tolerance": "0: the operator's page shows the scanner red; without a calibration there is none.",
+    "in_tolerance": "0: the page shows the scanner red; without a calibration there is none.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
     "calibration_age_seconds": "Since the newest calibration that succeeded was asked for.",
     "drift_check_age_seconds": "Since the newest drift check that ended was asked for.",
@@ -28,7 +27,7 @@ _FURTHER_LABELS = {
 Value = tuple[str, str | None, float]
 
 
-def scanner_measures(store: Store, conditions: Sequence[ScannerCondition], now: datetime) -> Iterator[Metric]:
+def scanner_measures(conditions: Sequence[ScannerCondition], now: datetime) -> Iterator[Metric]:
     """A family for each measure, with a value for each scanner of which it is known."""
     families = {
         name: GaugeMetricFamily(
@@ -37,18 +36,18 @@ def scanner_measures(store: Store, conditions: Sequence[ScannerCondition], now: 
         for name, text in _TEXTS.items()
     }
     for condition in conditions:
-        for name, further, value in _values(store, condition, now):
+        for name, further, value in _values(condition, now):
             families[name].add_metric([condition.scanner.id, *filter(None, [further])], value)
     yield from families.values()
 
 
-def _values(store: Store, condition: ScannerCondition, now: datetime) -> Iterator[Value]:
+def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
     scanner, newest, check = condition.scanner, condition.newest, condition.drift
     yield "ray_error_tolerance_millimeters", None, scanner.tolerances.predicted_ray_error_mm
     yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
     failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
     yield "calibration_failed", None, int(failed)
-    yield from _ray_errors("active", _active(store, condition))
+    yield from _ray_errors("active", condition.active)
     if newest is not None:
         yield "in_tolerance", None, int(condition.standing.tone != "bad")
         yield "calibration_age_seconds", None, _age_s(newest.created_at, now)
@@ -59,14 +58,6 @@ def _values(store: Store, condition: ScannerCondition, now: datetime) -> Iterato
         yield "drift_check_age_seconds", None, _age_s(check.created_at, now)
         if check.result is not None:
             yield "movement_millimeters", "drift", check.result.ray_change_mm
-
-
-def _active(store: Store, condition: ScannerCondition) -> CalibrationSucceeded | None:
-    active_id = condition.scanner.active_calibration_id
-    if active_id is None or condition.newest_is_active:
-        return None if active_id is None else condition.newest
-    active = store.calibrations.get(active_id)
-    return active if isinstance(active, CalibrationSucceeded) else None
 
 
 def _ray_errors(which: str, calibration: CalibrationSucceeded | None) -> Iterator[Value]:

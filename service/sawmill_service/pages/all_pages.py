@@ -1,6 +1,6 @@
 """The routes of every page; each that has a place in the header also stands in `navigation`."""
 
-from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scanner, scans, system
+from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scanner, scans, system, today
 
 PAGES = (
     calibrate.router,
@@ -12,4 +12,5 @@ PAGES = (
     scanner.router,
     scans.router,
     system.router,
+    today.router,
 )

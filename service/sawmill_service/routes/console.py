@@ -1,4 +1,4 @@
-"""The pages for people: the API console, its assets and example file, the operator's page."""
+"""The API console with its document and example file, and the buttons that accept and roll back."""
 
 from pathlib import Path
 
@@ -6,12 +6,10 @@ from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from sawmill_service.answers import file
-from sawmill_service.dependencies import TheCaller, TheSessionCookie, TheStore
+from sawmill_service.dependencies import TheStore
 from sawmill_service.forms import TheForm
-from sawmill_service.operator_page import operator_page
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
-from sawmill_service.scanner_conditions import conditions_of
 from sawmill_worker.contracts.base import Identifier
 
 STATIC = Path(__file__).parent.parent / "static"
@@ -41,23 +39,9 @@ def example_scan(request: Request, store: TheStore) -> Response:
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 
-@router.get("/")
-def operator(request: Request, store: TheStore, caller: TheCaller, cookie: TheSessionCookie) -> HTMLResponse:
-    """The operator's page; a display's cookie is given anew with it."""
-    answer = _page(operator_page(conditions_of(store), caller))
-    if caller.display and caller.csrf_token is not None:
-        cookie.give(answer, request.scope, cookie.read(request.scope, request.headers), lasting=True)
-    return answer
-
-
 @router.post("/operator/activate/{calibration_id}")
 def accept_or_roll_back(calibration_id: Identifier, store: TheStore, typed: TheForm) -> RedirectResponse:
     """The buttons that accept and roll back, on whatever page they stand: the field `next` leads back to it."""
     reason = "".join(letter for letter in typed.get("reason", "") if letter.isprintable()).strip()[:LONGEST_REASON]
     store.calibrations.activate(calibration_id, reason or "by hand on a page")
     return RedirectResponse(local_path(typed.get("next", "/")), status_code=303)
-
-
-def _page(html: str) -> HTMLResponse:
-    """A page about whoever looks at it: kept nowhere, so that nobody finds it after the logout."""
-    return HTMLResponse(html, headers={"Cache-Control": "no-store"})

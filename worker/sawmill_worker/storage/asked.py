@@ -4,7 +4,7 @@ A kind's rows stand in the table `asked`. The four kinds of the first versions k
 stored row had to move: `tables.OWN_TABLES` names them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Generic
@@ -109,14 +109,11 @@ class Asked(Generic[Ask, Answer]):
         with self._database.read() as session:
             return read_page(session, statement, table, self._read, after=after, limit=limit)
 
-    def newest_ended(self, **references: str) -> Answer | None:
-        """The newest that succeeded or failed, narrowed as a page."""
-        table = table_of(self._declared.kind)
-        columns = [getattr(table, name) == wanted for name, wanted in references.items()]
-        ended = _rows(self._declared, JobState.SUCCEEDED, JobState.FAILED).where(*columns)
+    def several(self, identifiers: Collection[str]) -> dict[str, Answer]:
+        """Those of these ids that there are."""
+        statement = _rows(self._declared).where(table_of(self._declared.kind).id.in_(identifiers))
         with self._database.read() as session:
-            row = session.scalar(ended.order_by(table.created_at.desc(), table.id.desc()).limit(1))
-            return None if row is None else self._read(row)
+            return {row.id: self._read(row) for row in session.scalars(statement)}
 
     def _read(self, row: Answered) -> Answer:
         columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}

@@ -1,6 +1,7 @@
 """Everything that is stored, behind one object."""
 
 import os
+from datetime import datetime
 
 from sqlalchemy import text
 
@@ -22,6 +23,7 @@ from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
 from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.measurements import Measurements
+from sawmill_worker.storage.overviews import Overviews
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
@@ -39,6 +41,8 @@ class Store:
     scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, jobs,
     schedules, events, keys, sessions, audit
         The rows.
+    overviews
+        Of every scanner at once.
     tallies
         Counts of them.
     files
@@ -64,6 +68,7 @@ class Store:
         self.tallies = Tallies(self._database)
         self.schedules = Schedules(self._database)
         self.events = Events(self._database)
+        self.overviews = Overviews(self._database)
         self.keys = KeyStore(self._database)
         self.sessions = Sessions(self._database)
         self.audit = Audit(self._database)
@@ -101,6 +106,10 @@ class Store:
     def time_has_an_owner(self) -> bool:
         """Whether the time is a row that one process owns, and not a database server's."""
         return self._database.engine.dialect.name == "sqlite"
+
+    def now(self) -> datetime:
+        """The time by which rows are stamped."""
+        return self._database.now()
 
     def clock_off_s(self) -> float:
         """By how much this machine's clock is ahead of the store's."""

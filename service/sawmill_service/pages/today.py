@@ -1,0 +1,89 @@
+"""/: how all scanners stand, the worst first, kept up to date while the page is open."""
+
+import gettext
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.sparkline import Sparkline, sparkline
+from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.measurements import Movement
+from sawmill_worker.storage.store import Store
+
+SPAN = timedelta(days=30)
+# A lost connection is mended within a second, and the stream speaks every five seconds where nothing happens.
+LOST_MS, SILENT_MS = 4_000, 12_000
+_WORST_FIRST = ("bad", "watch", "idle", "good")
+_OF_CLOCKS = {EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED}
+
+router = APIRouter(include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class ScannerRow:
+    """One scanner of the page."""
+
+    condition: ScannerCondition
+    movements: Sparkline | None
+
+    @property
+    def rank(self) -> tuple[int, float, str]:
+        """The worst comes first; among equals the one that has moved farthest."""
+        moved = self.condition.moved
+        share = moved.share if moved is not None and moved.since_active else 0.0
+        return _WORST_FIRST.index(self.condition.standing.tone), -share, self.condition.scanner.name
+
+
+@dataclass(frozen=True)
+class Board:
+    """The part of the page that changes: all scanners, how many of them need somebody, and when that was so."""
+
+    rows: Sequence[ScannerRow]
+    needy: int
+    headline: str
+    now: datetime
+
+
+@router.get("/")
+def today(page: ThePage, store: TheStore) -> HTMLResponse:
+    """The whole page; its script follows the events behind the number that was read before the rows."""
+    number = store.events.reader().number
+    kinds = " ".join(kind for kind in EventKind if kind not in _OF_CLOCKS)
+    return page.answer(
+        "today.html", board=_board(page, store), number=number, kinds=kinds, lost_ms=LOST_MS, silent_ms=SILENT_MS
+    )
+
+
+@router.get("/today/rows")
+def rows(page: ThePage, store: TheStore) -> HTMLResponse:
+    """The part of the page that changes."""
+    return page.answer("today_rows.html", board=_board(page, store))
+
+
+def _board(page: PageFrame, store: Store) -> Board:
+    now = store.now()
+    movements = store.measurements.movements(now - SPAN)
+    scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
+    needy = sum(row.condition.needs_somebody for row in scanners)
+    return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)
+
+
+def _row(condition: ScannerCondition, movements: Mapping[str, Sequence[Movement]], now: datetime) -> ScannerRow:
+    scanner = condition.scanner
+    return ScannerRow(condition, sparkline(movements.get(scanner.id, ()), scanner.tolerances, now - SPAN, now))
+
+
+def _headline(text: gettext.NullTranslations, scanners: int, needy: int) -> str:
+    fine = scanners - needy
+    if not scanners:
+        return text.gettext("There is no scanner yet")
+    if not needy:
+        return text.ngettext("The scanner is fine", "All %(fine)s scanners are fine", fine) % {"fine": fine}
+    both = text.ngettext("%(fine)s fine, %(needy)s needs you", "%(fine)s fine, %(needy)s need you", needy)
+    return both % {"fine": fine, "needy": needy}

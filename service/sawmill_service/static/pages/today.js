@@ -1,0 +1,137 @@
+// Today follows the events of the service: at each it fetches its rows anew. It says so when it hears nothing.
+import { showTimes } from "./time.js";
+
+const page = document.querySelector("#today");
+const warning = document.querySelector("#silent");
+const LOST_MS = Number(page.dataset.lostMs);
+const SILENT_MS = Number(page.dataset.silentMs);
+const TOGETHER_MS = 250; // events that come at once are one change of the page
+const AGAIN_MS = 2000;
+const heardAt = new Intl.DateTimeFormat(document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang,
+  { dateStyle: "medium", timeStyle: "medium" });
+
+let number = page.dataset.after;
+let stream;
+let heard = Date.now(); // when the service last spoke
+let lost; // since when the connection is gone
+let waiting; // for more events, before the rows are fetched
+let reconnecting;
+const known = new Map([...page.querySelectorAll(".scanner")].map((row) => [row.id, row.outerHTML]));
+
+function hear(event) {
+  heard = Date.now();
+  lost = undefined;
+  number = event.lastEventId || number;
+  showSilence();
+}
+
+function follow() {
+  stream = new EventSource(`/v1/events?after=${number}`);
+  stream.addEventListener("alive", hear);
+  for (const kind of page.dataset.kinds.split(" ")) {
+    stream.addEventListener(kind, (event) => {
+      hear(event);
+      waiting ??= setTimeout(refresh, TOGETHER_MS);
+    });
+  }
+  stream.addEventListener("error", () => {
+    lost ??= Date.now();
+    if (stream.readyState === EventSource.CLOSED) {
+      reconnect();
+    }
+  });
+}
+
+// A browser gives up a stream that is refused, as while the service starts, or when the key has ended.
+function reconnect() {
+  reconnecting ??= setTimeout(() => {
+    reconnecting = undefined;
+    refresh().then(follow, reconnect);
+  }, AGAIN_MS);
+}
+
+async function refresh() {
+  clearTimeout(waiting);
+  waiting = undefined;
+  const answer = await fetch("/today/rows", { headers: { Accept: "text/html" } });
+  if (answer.redirected) {
+    location.reload(); // to the login: the key has ended
+    return;
+  }
+  if (!answer.ok) {
+    throw new Error(`status ${answer.status}`);
+  }
+  show(new DOMParser().parseFromString(await answer.text(), "text/html").querySelector("#rows"));
+}
+
+// Only what differs is replaced, so that what has the focus keeps it and nothing moves without need.
+function show(rows) {
+  document.title = rows.dataset.title;
+  for (const id of ["headline", "as-of"]) {
+    const [old, now] = [page.querySelector(`#${id}`), rows.querySelector(`#${id}`)];
+    if (id === "as-of" || old.textContent !== now.textContent) {
+      old.innerHTML = now.innerHTML;
+    }
+  }
+  const focused = where(document.activeElement);
+  const list = page.querySelector("#scanners");
+  const wanted = [...rows.querySelectorAll(".scanner")];
+  for (const row of [...list.children]) {
+    if (!wanted.some((each) => each.id === row.id)) {
+      row.remove();
+      known.delete(row.id);
+    }
+  }
+  wanted.forEach((row, place) => {
+    let mine = document.getElementById(row.id);
+    if (mine === null || known.get(row.id) !== row.outerHTML) {
+      known.set(row.id, row.outerHTML);
+      const next = document.adoptNode(row);
+      mine?.replaceWith(next);
+      mine = next;
+    }
+    if (list.children[place] !== mine) {
+      list.insertBefore(mine, list.children[place] ?? null);
+    }
+  });
+  showTimes(page);
+  if (focused) {
+    document.getElementById(focused.row)?.querySelector(focused.part)?.focus({ preventScroll: true });
+  }
+}
+
+function where(element) {
+  const row = element?.closest(".scanner");
+  return row && { row: row.id, part: element.closest(".act") ? ".act a" : "h2 a" };
+}
+
+function showSilence() {
+  const now = Date.now();
+  const silent = now - heard > SILENT_MS || (lost !== undefined && now - lost > LOST_MS) || !navigator.onLine;
+  if (silent === page.classList.contains("silent")) {
+    return;
+  }
+  warning.querySelector("time").textContent = heardAt.format(heard);
+  warning.hidden = !silent;
+  page.classList.toggle("silent", silent);
+  if (!silent) {
+    refresh().catch(reconnect);
+  }
+}
+
+// A page that nobody sees follows nothing: browsers allow a few connections only.
+function look() {
+  if (document.hidden) {
+    stream?.close();
+  } else if (stream === undefined || stream.readyState === EventSource.CLOSED) {
+    heard = Date.now();
+    follow();
+  }
+}
+
+document.addEventListener("visibilitychange", look);
+for (const change of ["online", "offline"]) {
+  window.addEventListener(change, showSilence);
+}
+setInterval(showSilence, Math.min(1000, LOST_MS / 4));
+look();

@@ -1,0 +1,224 @@
+import re
+
+import pytest
+from sqlalchemy import event
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.vocabulary import DataKind
+
+FAILURE = Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom in rows <0:4>")
+
+
+def comparison(*, within: bool = True, moved_mm: float = 0.05) -> dict:
+    return {
+        "calibration_id": "example",
+        "ray_change_mm": moved_mm,
+        "angle_change_deg": 0.1,
+        "cor_column_change_mm": -1.25,
+        "source_distance_change_mm": 2.5,
+        "tilt_change_deg": 0.05,
+        "tolerance_mm": 0.5,
+        "within_tolerance": within,
+        "reason": f"the rays moved by {moved_mm} mm <RMS>",
+    }
+
+
+@pytest.fixture
+def newest(seeded, worker):
+    """Adds a newer calibration with this outcome and returns its id."""
+
+    def add(**changes):
+        identifier = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()["id"]
+        worker.finish_calibration(**changes)
+        return identifier
+
+    return add
+
+
+@pytest.fixture
+def checked(seeded, worker):
+    """Adds a newer drift check with this outcome, or none, and returns its id."""
+
+    def add(**changes):
+        identifier = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["id"]
+        worker.finish_drift(**changes)
+        return identifier
+
+    return add
+
+
+@pytest.fixture
+def scanned(store, worker):
+    """Adds a scan to the spare scanner and asks for its calibration."""
+
+    def add(**ask):
+        spec = ScanSpec(scanner_id="example-spare", data=DataKind.COUNTS, phantom_id="l-shape")
+        store.scans.accept(spec, store.files.receive([b"x"], max_bytes=10), scan_id="spare")
+        worker.finish_scan()
+        store.calibrations.accept(CalibrationAsk(scan_id="spare", **ask))
+
+    return add
+
+
+def rows(client) -> dict[str, str]:
+    """The page's scanners in their order, by id."""
+    found = re.findall(
+        r'<li class="scanner card (\w+)" id="scanner-([\w-]+)">(.*?)</li>', client.get("/").text, re.DOTALL
+    )
+    return {identifier: f"{tone} {html}" for tone, identifier, html in found}
+
+
+def word(row: str) -> tuple[str, str]:
+    """The row's colour and its badge."""
+    tone, badge_tone, badge = re.search(r'^(\w+) .*?<span class="badge (\w+)">(.*?)</span>', row, re.DOTALL).groups()
+    assert tone == badge_tone
+    return tone, badge
+
+
+def button(row: str) -> tuple[str, str]:
+    return re.search(r'<a class="button[^"]*" href="([^"]+)"[^>]*>(\w+)</a>', row).groups()
+
+
+def headline(client) -> str:
+    return re.search(r'<h1 id="headline"[^>]*>(.*?)</h1>', client.get("/").text)[1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, ("good", "Fine")),
+        ({"comparison": comparison()}, ("good", "Fine")),
+        # From 0.7 of what is allowed on.
+        ({"comparison": comparison(moved_mm=0.43)}, ("watch", "Watch")),
+        ({"comparison": comparison(within=False, moved_mm=0.75)}, ("bad", "Out of tolerance")),
+        ({"verdict": "watch", "reasons": ["h_S is not resolved."]}, ("watch", "Watch")),
+        ({"verdict": "fail", "reasons": ["The residual is too large."]}, ("bad", "Calibration failed")),
+    ],
+)
+def test_each_scanner_has_a_word_a_colour_and_a_reason(seeded, newest, changes, expected):
+    newest(**changes)
+    shown = rows(seeded)
+    assert word(shown["example"]) == expected
+    assert all(reason in shown["example"] for reason in changes.get("reasons", []))
+    assert word(shown["example-spare"]) == ("idle", "New")
+
+
+def test_failed_is_neither_new_nor_never_calibrated(seeded, store, worker, scanned):
+    scanned()
+    spare = rows(seeded)["example-spare"]
+    assert word(spare) == ("idle", "Never calibrated")
+    assert "Being calibrated now." in spare
+    store.jobs.fail(worker.claim(), FAILURE)
+    shown = rows(seeded)
+    assert list(shown) == ["example-spare", "example"], "the worst first"
+    assert word(shown["example-spare"]) == ("bad", "Calibration failed")
+    assert "no phantom in rows &lt;0:4&gt;" in shown["example-spare"]
+    assert "Being calibrated" not in shown["example-spare"]
+
+
+def test_a_calibration_that_failed_since_is_shown_until_one_succeeds(seeded, store, worker, newest):
+    seeded.post("/v1/calibrations", json={"scan_id": "example"})
+    store.jobs.fail(worker.claim(), FAILURE)
+    assert word(rows(seeded)["example"]) == ("watch", "Last calibration failed")
+    newest()
+    assert word(rows(seeded)["example"]) == ("good", "Fine")
+
+
+def test_a_passing_calibration_that_nobody_accepted_wants_a_review(seeded, worker, scanned):
+    scanned()
+    worker.finish_calibration()
+    spare = rows(seeded)["example-spare"]
+    assert word(spare) == ("watch", "Not accepted")
+    assert button(spare) == ("/scanners/example-spare#newest", "Review")
+
+
+def test_the_headline_counts_who_needs_somebody(seeded, store, checked):
+    assert headline(seeded) == "1 fine, 1 needs you"
+    assert "<title>(1) Today · Sawmill calibration</title>" in seeded.get("/").text
+    checked(ray_change_mm=0.8, within_tolerance=False, reason="the COR moved")
+    assert headline(seeded) == "0 fine, 2 need you"
+    store.scanners.delete("example-spare")
+    checked()
+    assert headline(seeded) == "The scanner is fine"
+    assert "<title>Today · Sawmill calibration</title>" in seeded.get("/").text
+
+
+def test_without_a_scanner_the_page_leads_to_the_first(client):
+    assert headline(client) == "There is no scanner yet"
+    assert 'href="/scanners/new"' in client.get("/").text
+
+
+@pytest.mark.parametrize(
+    ("moved_mm", "tone", "share"), [(0.05, "good", "0.100"), (0.43, "watch", "0.860"), (0.8, "bad", "1.600")]
+)
+def test_movement_is_a_bar_to_its_tolerance(seeded, checked, moved_mm, tone, share):
+    checked(ray_change_mm=moved_mm, within_tolerance=moved_mm < 0.5, reason="the COR moved <0.81 mm>")
+    row = rows(seeded)["example"]
+    assert word(row)[0] == tone
+    assert f'<div class="moved {tone}">' in row
+    assert f"--share: {share}" in row
+    assert f"<strong>{moved_mm:.2f}\N{NO-BREAK SPACE}mm</strong> of 0.50\N{NO-BREAK SPACE}mm" in row
+    assert re.search(r'<time datetime="20\d\d-[^"]+" data-show="age"', row)
+    assert '<svg class="spark"' in row
+    assert "checks in 30 days" in row
+    if tone == "bad":
+        assert "A log shows: the COR moved &lt;0.81 mm&gt;." in row
+    assert button(row) == ("/calibrate?scanner=example", "Calibrate")
+
+
+def test_movement_that_a_newer_calibration_took_up_colours_its_bar_alone(seeded, store, newest):
+    store.calibrations.activate(newest(comparison=comparison(moved_mm=0.43)), "by hand")
+    row = rows(seeded)["example"]
+    assert word(row) == ("good", "Fine")
+    assert '<div class="moved watch">' in row
+    assert "moved before it was calibrated" in row
+
+
+def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, store, checked):
+    checked(within_tolerance=None, reason="too round")
+    row = rows(seeded)["example"]
+    assert word(row) == ("good", "Fine")
+    assert "Not checked since its calibration." in row
+
+
+def test_the_part_that_changes_is_that_of_the_page(seeded):
+    part = re.search(r'<ol class="scanners".*</ol>', seeded.get("/today/rows").text, re.DOTALL)[0]
+    ages = r">[^<]*</time>"
+    assert re.sub(ages, "", part) in re.sub(ages, "", seeded.get("/").text)
+
+
+def test_names_and_reasons_are_escaped(seeded, newest):
+    newest(comparison=comparison(within=False, moved_mm=0.75))
+    page = seeded.get("/").text
+    assert "Line &lt;2&gt;" in page
+    assert "0.75 mm &lt;RMS&gt;" in page
+    assert "<2>" not in page
+    assert "<RMS>" not in page
+
+
+def test_whoever_only_looks_is_offered_no_button(seeded, store):
+    key = store.keys.create(KeyAsk(name="tablet", scope=Scope.READ))
+    headers = {"Authorization": f"Bearer {key.secret}"}
+    page = seeded.get("/", headers=headers).text
+    assert "/scanners/example" in page
+    assert "/calibrate" not in page
+
+
+def test_many_scanners_take_no_more_questions_than_one(seeded, store):
+    def statements() -> int:
+        asked = []
+        listener = lambda *_: asked.append(None)  # noqa: E731
+        event.listen(store._database.engine, "before_cursor_execute", listener)
+        assert seeded.get("/today/rows").status_code == 200
+        event.remove(store._database.engine, "before_cursor_execute", listener)
+        return len(asked)
+
+    few = statements()
+    spec = store.scanners.get("example")
+    for _ in range(10):
+        store.scanners.create(ScannerSpec(name="another", constants=spec.constants))
+    assert statements() == few

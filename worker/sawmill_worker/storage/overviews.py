@@ -1,0 +1,86 @@
+"""What is newest of every scanner, found for all of them at once: pages and metrics show it."""
+
+from typing import Any, NamedTuple
+
+from sqlalchemy import ScalarSelect, Select, select
+from sqlalchemy.orm import aliased
+
+from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.tables import ActivationRow, CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
+
+_WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
+
+
+class Overview(NamedTuple):
+    """Ids of what is newest of one scanner; None: there is none.
+
+    `ended_id` is the newest calibration that succeeded or failed, `succeeded_id` the newest that succeeded, `drift_id`
+    the newest drift check that succeeded or failed. `scan_id` is the newest scan. `calibrating` tells that the newest
+    calibration has not ended.
+    """
+
+    scanner: StoredScanner
+    ended_id: str | None
+    succeeded_id: str | None
+    drift_id: str | None
+    scan_id: str | None
+    calibrating: bool
+
+
+class Overviews:
+    """Every method is one transaction."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def read(self, *, scanner_id: str | None = None, limit: int = 200) -> list[Overview]:
+        """Of the newest scanners, or of one alone."""
+        statement = select(
+            ScannerRow,
+            _of_scanner(select(ActivationRow.calibration_id), ActivationRow, ActivationRow.number).label("active_id"),
+            _newest(CalibrationRow, *_WITH_A_FATE).label("ended_id"),
+            _newest(CalibrationRow, JobState.SUCCEEDED).label("succeeded_id"),
+            _newest(DriftRow, *_WITH_A_FATE).label("drift_id"),
+            _of_scanner(select(ScanRow.id), ScanRow, ScanRow.created_at).label("scan_id"),
+            _state_of_newest_calibration().label("state"),
+        )
+        newest_first = statement.order_by(ScannerRow.created_at.desc(), ScannerRow.id.desc()).limit(limit)
+        if scanner_id is not None:
+            newest_first = newest_first.where(ScannerRow.id == scanner_id)
+        with self._database.read() as session:
+            return [_read(*row) for row in session.execute(newest_first)]
+
+
+def _newest(table: type[CalibrationRow | DriftRow], *states: JobState) -> ScalarSelect[Any]:
+    in_state = select(table.id).join(JobRow, JobRow.id == table.job_id).where(JobRow.state.in_(states))
+    return _of_scanner(in_state, table, table.created_at)
+
+
+def _state_of_newest_calibration() -> ScalarSelect[Any]:
+    newest = aliased(CalibrationRow)
+    states = select(JobRow.state).join(newest, newest.job_id == JobRow.id)
+    return _of_scanner(states, newest, newest.created_at)
+
+
+def _of_scanner(statement: Select[Any], table: Any, order: Any) -> ScalarSelect[Any]:  # noqa: ANN401 - aliases too
+    """The first column of the scanner's newest row; an index by scanner and time finds it."""
+    mine = statement.where(table.scanner_id == ScannerRow.id)
+    return mine.order_by(order.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
+
+
+def _read(
+    row: ScannerRow,
+    active_id: str | None,
+    ended_id: str | None,
+    succeeded_id: str | None,
+    drift_id: str | None,
+    scan_id: str | None,
+    state: JobState | None,
+) -> Overview:
+    scanner = StoredScanner.model_validate(
+        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
+    )
+    calibrating = state is not None and not state.ended
+    return Overview(scanner, ended_id, succeeded_id, drift_id, scan_id, calibrating)
