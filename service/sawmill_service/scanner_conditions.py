@@ -9,6 +9,7 @@ from sawmill_worker.contracts.calibrations import CalibrationSucceeded, Calibrat
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.overviews import Overview
 from sawmill_worker.storage.store import Store
 
@@ -166,8 +167,11 @@ def conditions_of(store: Store) -> list[ScannerCondition]:
 
 
 def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
-    """How one of them stands."""
-    return _conditions(store, store.overviews.read(scanner_id=scanner.id))[0]
+    """How one of them stands, or `NotFound`: it was deleted a moment ago."""
+    found = _conditions(store, store.overviews.read(scanner_id=scanner.id))
+    if not found:
+        raise NotFound("scanner", scanner.id)
+    return found[0]
 
 
 def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCondition]:

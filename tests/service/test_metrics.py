@@ -15,7 +15,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind
-from sawmill_worker.storage.errors import NotFound, StorageUnavailable
+from sawmill_worker.storage.errors import StorageUnavailable
 
 ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.usefixtures("seeded")
@@ -153,15 +153,6 @@ def test_a_database_that_is_away_leaves_the_rest(store, scrape, monkeypatch):
     assert scrape("sawmill_jobs", state="queued") is None
     assert scrape("sawmill_data_folder_free_bytes") > 0
     assert scrape("sawmill_http_requests_total", method="GET", route="/metrics", status="200") >= 3
-
-
-def test_a_scanner_that_is_deleted_meanwhile_is_left_out(store, scrape, monkeypatch):
-    def history(scanner_id, **_):
-        raise NotFound("scanner", scanner_id)
-
-    monkeypatch.setattr(store.scanners, "history", history)
-    assert scrape("sawmill_database_up") == 1
-    assert scrape("sawmill_scanner_in_tolerance", scanner="example") is None
 
 
 def test_a_data_folder_that_is_away_leaves_the_rest(store, scrape, monkeypatch):

@@ -9,8 +9,9 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import AbstractContextManager, closing, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from urllib.parse import urlsplit
 
 import pytest
@@ -76,7 +77,7 @@ class Site:
 @pytest.fixture
 def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[Site]:
     """A running service on the test's store, in front of a browser."""
-    with serving(store, settings) as port:
+    with serving(store, settings, 0) as port:
         site = Site(f"http://127.0.0.1:{port}", browser)
         yield site
         for context in browser.contexts:
@@ -84,18 +85,25 @@ def site(browser: Browser, store: Store, settings: ServiceSettings) -> Iterator[
     assert site.hosts_asked() <= {f"127.0.0.1:{port}"}
 
 
+@pytest.fixture
+def serve(store: Store, settings: ServiceSettings) -> Callable[[int], AbstractContextManager[int]]:
+    """Runs the service on a port, or on a free one where that is 0, for as long as a test wants."""
+    return partial(serving, store, settings)
+
+
 @contextmanager
-def serving(store: Store, settings: ServiceSettings) -> Iterator[int]:
-    """The application on a free loopback port, in a thread."""
+def serving(store: Store, settings: ServiceSettings, port: int) -> Iterator[int]:
+    """The application on a loopback port, a free one where it is 0, in a thread."""
     app = create_app(settings, store, lambda _: None)
     server = uvicorn.Server(uvicorn.Config(app, log_config=None, lifespan="off"))
-    with closing(listen("127.0.0.1", 0, guarded=True)) as listening:
+    with closing(listen("127.0.0.1", port, guarded=True)) as listening:
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listening]})
         thread.start()
         try:
             wait_until(lambda: server.started)
             yield listening.getsockname()[1]
         finally:
+            app.state.stopping.begin()  # streams of events end
             server.should_exit = True
             thread.join()
 

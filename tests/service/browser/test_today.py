@@ -1,0 +1,83 @@
+"""Today on a tablet: it follows the service, says when it hears nothing, and a display on the wall does so too."""
+
+import pytest
+from page_checks import shot
+from playwright.sync_api import Page, expect
+
+from sawmill_service.pages import today
+from sawmill_service.routes import events
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+
+TOKEN = "Zm9yIHRlc3RzIGFsb25lLCBub3QgYSBzZWNyZXQ"  # noqa: S105 - for tests alone
+OUT = {"within_tolerance": False, "ray_change_mm": 0.8, "reason": "the COR moved 0.81 mm: look at the turntable"}
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
+
+
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch):
+    """A page and a service that notice within half a second what they notice within half a minute."""
+    monkeypatch.setattr(today, "LOST_MS", 400)
+    monkeypatch.setattr(events, "_ACCESS_S", 0.2)
+
+
+@pytest.fixture
+def check(store, worker):
+    """A drift check with this outcome."""
+
+    def add(**changes):
+        store.drifts.accept(DriftAsk(scan_id="example"))
+        worker.finish_drift(**changes)
+
+    return add
+
+
+def names(page: Page) -> list[str]:
+    """The rows' ids, from the top."""
+    return page.locator(".scanner").evaluate_all("rows => rows.map(row => row.id)")
+
+
+def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, check):
+    with serve(0) as port:
+        page = browser.new_page(base_url=f"http://127.0.0.1:{port}", viewport={"width": 800, "height": 900})
+        page.goto("/")
+        expect(page.get_by_role("heading", level=1)).to_have_text("1 fine, 1 needs you")
+        example = page.locator("#scanner-example")
+        page.get_by_role("link", name="Calibrate Line <2>").last.focus()
+        check(**OUT)
+        expect(example).to_contain_text("Out of tolerance")
+        expect(page.get_by_role("heading", level=1)).to_have_text("0 fine, 2 need you")
+        expect(page).to_have_title("(2) Today · Sawmill calibration")
+        assert names(page)[0] == "scanner-example"
+        # The row was replaced and went to the top; who works without a mouse stands where he stood.
+        assert page.evaluate("document.activeElement.closest('.scanner').id") == "scanner-example"
+        shot(page, "today-red-800")
+    expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
+    expect(example).to_be_visible()
+    shot(page, "today-silent-800")
+    check()  # while nobody listens
+    with serve(port):
+        expect(page.get_by_role("alert")).to_be_hidden()
+        expect(example).to_contain_text("Fine")
+        check(**OUT)
+        expect(example).to_contain_text("Out of tolerance")
+        page.context.close()
+
+
+@pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])
+def test_a_display_follows_until_its_key_ends(site, store, check):
+    key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))
+    page = site.open()
+    page.get_by_label("Key").fill(key.secret)
+    page.get_by_role("button", name="Log in").click()
+    expect(page.locator(".scanner")).to_have_count(2)
+    expect(page.locator(".scanner .button")).to_have_count(0)
+    check(**OUT)
+    expect(page.locator("#scanner-example")).to_contain_text("Out of tolerance")
+    page.context.set_offline(True)
+    expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
+    page.context.set_offline(False)
+    expect(page.get_by_role("alert")).to_be_hidden()
+    store.keys.revoke(key.id)
+    expect(page.get_by_label("Key")).to_be_visible()
