@@ -9,7 +9,6 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.forms import TheForm
-from sawmill_service.operator_page import ScannerCondition
 from sawmill_service.pages.drift_chart import drift_chart, is_calibration, span_of
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.geometry_drawing import scanner_drawing
@@ -113,7 +112,7 @@ def _answer(
     span = span_of(days, now)
     movements = store.measurements.movements(span.start, scanner_id=known.id).get(known.id, [])
     activations = [(entry.calibration_id, datetime.fromisoformat(entry.activated_at)) for entry in history]
-    active = _active(store, condition)
+    active = condition.active
     radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
     return page.answer(
         "scanner.html",
@@ -137,14 +136,6 @@ def _answer(
         fields=FIELDS,
         editing=form is not None,
     )
-
-
-def _active(store: Store, condition: ScannerCondition) -> CalibrationSucceeded | None:
-    identifier = condition.scanner.active_calibration_id
-    if identifier is None or condition.newest_is_active:
-        return condition.newest if identifier else None
-    found = store.calibrations.get(identifier)
-    return found if isinstance(found, CalibrationSucceeded) else None
 
 
 def _last(movements: list[Movement]) -> Movement | None:
