@@ -67,7 +67,7 @@ def sparkline(
 
 
 def _thinned(movements: list[Movement]) -> list[Movement]:
-    """At most so many, the farthest of each few neighbours, and the newest."""
+    """At most sixty: the farthest of each few neighbours, and the newest."""
     step = -(-len(movements) // _MOST)
     groups = [movements[first : first + step] for first in range(0, len(movements) - 1, step)]
     return [*(max(group[:step], key=lambda each: each.ray_change_mm or 0.0) for group in groups), movements[-1]]
