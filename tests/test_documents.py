@@ -219,7 +219,8 @@ def test_the_command_line_block_works(tmp_path):
     check_log_volume(tmp_path / "log-volume.h5", 2)
     assert np.loadtxt(tmp_path / "geometry.txt").shape == (360, 6)
     assert "</svg>" in (tmp_path / "tee.svg").read_text()
-    for name in ("phantom-report.png", "log.png"):
+    assert (tmp_path / "phantom-report.html").read_text().startswith("<!doctype html>")
+    for name in ("log.png", "log-20-views.png"):
         with Image.open(tmp_path / name) as picture:
             assert picture.format == "PNG"
 
