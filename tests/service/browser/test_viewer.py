@@ -127,6 +127,7 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     expect(page.locator("#high")).to_have_value("4")
     page.locator("#high").fill("2")
     page.get_by_label("Colours").first.select_option("viridis")
+    expect(page.locator("#viewer")).to_have_attribute("data-colors", "viridis")
     page.wait_for_function("() => new Promise(requestAnimationFrame)")
     table = np.array(page.request.get("/v1/color-maps").json()["viridis"])
     expected = table[np.clip(np.floor(volume[11] / 2 * 255 + 0.5), 0, 255).astype(int)]

@@ -1,10 +1,19 @@
 // Values to pixels: a window and a table of 256 colours, as the service's pictures have them.
 
-// The service's colour maps, as pixels of a canvas (little-endian red, green, blue, opaque).
+// A pixel of a canvas: red, green, blue and opaque, little-endian.
+const pixel = ([red, green, blue]) => ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0;
+
+// From black to white: shown before the service has sent its other maps.
+export const GREY = Uint32Array.from({ length: 256 }, (_, step) => pixel([step, step, step]));
+
+// The service's colour maps.
 export async function colorTables(path) {
-  const maps = await (await fetch(path)).json();
-  const pixels = (colors) => Uint32Array.from(colors, ([red, green, blue]) =>
-    ((255 << 24) | (blue << 16) | (green << 8) | red) >>> 0);
+  const answer = await fetch(path);
+  if (!answer.ok) {
+    throw new Error(`status ${answer.status}`);
+  }
+  const maps = await answer.json();
+  const pixels = (colors) => Uint32Array.from(colors, pixel);
   return Object.fromEntries(Object.entries(maps).map(([name, colors]) => [name, pixels(colors)]));
 }
 

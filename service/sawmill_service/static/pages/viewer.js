@@ -1,6 +1,6 @@
 // The slice viewer: one slice of one or two logs, linked by height; its state stays in the address.
 import { navigator } from "./navigator.js";
-import { colorTables } from "./painting.js";
+import { GREY, colorTables } from "./painting.js";
 import { Pane } from "./pane.js";
 
 const KEYS = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: 10, PageDown: -10, Home: -Infinity, End: Infinity };
@@ -10,7 +10,7 @@ const root = document.querySelector("#viewer");
 const find = (selector) => root.querySelector(selector);
 const [slider, low, high, colors] = ["#slice", "#low", "#high", "#colors"].map(find);
 const asked = new URLSearchParams(location.search);
-const tables = await colorTables("/v1/color-maps");
+let tables = { grey: GREY };
 
 const viewer = { index: Number(slider.value), window: null, table: tables.grey };
 const panes = [...root.querySelectorAll(".pane")].map((figure) => new Pane(figure, viewer));
@@ -73,8 +73,13 @@ function usual() {
   look({ low: first.window[0], high: first.window[1] });
 }
 
-function color(name) {
+// The other maps are asked for when one of them is chosen; while the service is away, it stays grey.
+async function color(name) {
+  if (!(name in tables)) {
+    tables = await colorTables("/v1/color-maps").catch(() => tables);
+  }
   colors.value = name in tables ? name : "grey";
+  root.dataset.colors = colors.value;
   viewer.table = tables[colors.value];
   repaint();
   changed();
