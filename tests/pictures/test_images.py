@@ -9,7 +9,8 @@ from PIL import Image
 
 from sawmill_worker.pictures.color_maps import painted
 from sawmill_worker.pictures.images import image_png, image_png16, sinogram_png
-from sawmill_worker.pictures.windows import round_length, ticks, window_of
+from sawmill_worker.pictures.round_numbers import round_length, ticks
+from sawmill_worker.pictures.windows import window_of
 from sawmill_worker.vocabulary import ColorMap
 
 
@@ -163,6 +164,7 @@ def test_a_grey_slice_is_drawn_without_matplotlib():
             "sawmill_worker.pictures.images",
             "sawmill_worker.pictures.log_pictures",
             "sawmill_worker.pictures.pages",
+            "sawmill_worker.pictures.round_numbers",
             "sawmill_worker.pictures.windows",
         ]
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
-from sawmill_worker.pictures.windows import round_length, ticks
+from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14
 # Values far beyond the tolerance stand at the upper edge: they must not flatten all others.

@@ -11,7 +11,8 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from sawmill_worker.pictures.windows import LOG_WINDOW, Window, round_length, window_of
+from sawmill_worker.pictures.round_numbers import round_length
+from sawmill_worker.pictures.windows import LOG_WINDOW, Window, window_of
 
 OUTLINE = "#ff7f0e"
 

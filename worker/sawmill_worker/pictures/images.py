@@ -22,7 +22,8 @@ from sawmill_worker.pictures.pages import (
     page_of,
     panel_of,
 )
-from sawmill_worker.pictures.windows import Window, labelled_views, round_length, to_unit, window_of
+from sawmill_worker.pictures.round_numbers import round_length
+from sawmill_worker.pictures.windows import Window, labelled_views, to_unit, window_of
 from sawmill_worker.vocabulary import ColorMap
 
 SMALLEST_SIDE_PX = 512

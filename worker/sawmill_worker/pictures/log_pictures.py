@@ -25,7 +25,8 @@ from sawmill_worker.pictures.pages import (
     page_of,
     panel_of,
 )
-from sawmill_worker.pictures.windows import Window, ticks, to_unit, window_of
+from sawmill_worker.pictures.round_numbers import ticks
+from sawmill_worker.pictures.windows import Window, to_unit, window_of
 from sawmill_worker.vocabulary import ColorMap
 
 TILE_PX = 256

@@ -15,7 +15,8 @@ from PIL import Image, ImageDraw, ImageFont
 from PIL.PngImagePlugin import PngInfo
 
 from sawmill_worker.pictures.color_maps import painted
-from sawmill_worker.pictures.windows import Window, round_length, ticks, to_unit
+from sawmill_worker.pictures.round_numbers import round_length, ticks
+from sawmill_worker.pictures.windows import Window, to_unit
 from sawmill_worker.vocabulary import ColorMap
 
 INK = "#141414"

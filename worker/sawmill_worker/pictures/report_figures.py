@@ -15,7 +15,8 @@ from PIL import Image
 
 from sawmill_worker.contracts.calibration_arrays import CalibrationArrays
 from sawmill_worker.pictures.pages import encoded
-from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, round_length, ticks, to_unit, window_of
+from sawmill_worker.pictures.round_numbers import round_length, ticks
+from sawmill_worker.pictures.windows import LOG_WINDOW, Window, labelled_views, to_unit, window_of
 
 # Of a residual: beyond this percentile of its size it is shown as the end of the colours.
 STRONGEST = 99.5

@@ -1,4 +1,4 @@
-"""Grey windows and round numbers, shared by all pictures."""
+"""Grey windows, shared by all pictures."""
 
 import math
 from typing import Any
@@ -41,20 +41,6 @@ def to_unit(values: NDArray[np.floating[Any]], window: Window) -> NDArray[np.flo
     if not np.isfinite(values).all():
         raise ValueError(NOT_FINITE)
     return np.clip((np.asarray(values, dtype=np.float64) - low) / (high - low), 0.0, 1.0)
-
-
-def round_length(longest: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above the given length."""
-    power = 10.0 ** math.floor(math.log10(longest))
-    return next(digit * power for digit in (5, 2, 1) if digit * power <= longest * (1 + 1e-9))
-
-
-def ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Round values inside a range, at most `most` of them."""
-    step = round_length((high - low) / most)
-    while math.floor(high / step) - math.ceil(low / step) + 1 > most:
-        step = round_length(step * 2.5)
-    return [k * step for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
 
 
 def labelled_views(angles_deg: NDArray[np.floating[Any]]) -> list[tuple[int, str]]:
