@@ -18,7 +18,6 @@ from sawmill_service.pages.schedule_form import DAYS, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
-from sawmill_worker.contracts.measurements import Movement
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
@@ -120,7 +119,6 @@ def _answer(
         scanner=known,
         condition=condition,
         active=active,
-        last=_last(movements),
         log=_log(store, condition.newest),
         chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm),
         is_calibration=is_calibration,
@@ -136,11 +134,6 @@ def _answer(
         fields=FIELDS,
         editing=form is not None,
     )
-
-
-def _last(movements: list[Movement]) -> Movement | None:
-    """The newest measurement that shows a movement."""
-    return next((one for one in reversed(movements) if one.ray_change_mm is not None), None)
 
 
 def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:
