@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -80,6 +80,9 @@ bench-viewer: install-dev
 	@$(BIN)/python benchmarks/viewer.py
 
 # OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
+bench-pages: install-dev
+	@$(BIN)/python benchmarks/pages.py
+
 bench-job-price: install-dev
 	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)
 
