@@ -31,6 +31,7 @@ from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_stack
 from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
 
 # Coarser cells than the example's scanner, and 120 views, the fewest that a drift check takes: a day costs a second.
 SCANNER = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
@@ -39,6 +40,7 @@ PHANTOM_ROWS, LOG_ROWS, SHOWN_LOG_ROWS = 2, 1, 12
 WEEK_DAYS = 7
 # A strong tube: the checks of one row of such coarse cells scatter by a tenth of the tolerance.
 PHOTONS = 300_000.0
+PHYSICS = Physics(detector=DetectorEffects(gain_spread=0.03, air_of_full_scale=0.8))
 STEADY_MM = 0.2
 SEED = 14
 """Simulated scans are those of this seed, of their scanner's number and of their day."""
@@ -113,6 +115,7 @@ class _Scans:
         stack = simulate_stack(
             bodies,
             FanBeamGeometry(SCANNER, theta_at(self.line.moved_mm(day)), angles),
+            PHYSICS,
             photons=PHOTONS,
             seed=SEED + self.seed,
         )
