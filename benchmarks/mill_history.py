@@ -150,7 +150,8 @@ def _scanner(store: Store, line: Line) -> str:
 
 def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool) -> None:
     phantom = first or day % WEEK_DAYS == 0
-    rows = SHOWN_LOG_ROWS if day == 0 else LOG_ROWS
+    shown = day == 0 and abs(scans.line.moved_mm(0)) < STEADY_MM
+    rows = SHOWN_LOG_ROWS if shown else LOG_ROWS
     content = scans.stack(day, phantom=phantom, log_rows=rows)
     scan_id = _uploaded(store, scans.scanner_id, content, clock.now.date(), phantom=phantom)
     clock.now += timedelta(minutes=1)
@@ -162,7 +163,7 @@ def _day(store: Store, clock: PastClock, scans: _Scans, day: int, *, first: bool
     _run_next(store)
     if first:
         store.calibrations.activate(asked.id, "the first calibration")
-    if day == 0 and abs(scans.line.moved_mm(0)) < STEADY_MM:
+    if shown:
         store.reconstructions.accept(ReconstructionAsk(scan_id=scan_id, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + rows}"))
         _run_next(store)
 
