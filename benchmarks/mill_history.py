@@ -74,7 +74,7 @@ LINES = (
     Line("Line 1", lambda day: 0.05 + _trembling(day)),
     Line("Line 2", lambda day: _trembling(day) + 0.0148 * max(0, 55 - day)),
     Line("Line 3", lambda day: _trembling(day) + (2.6 if day < 2 else 0.0)),
-    Line("Line 4, new", lambda _: 0.0, watched=False),
+    Line("Line 4", lambda _: 0.0, watched=False),
 )
 
 

@@ -65,7 +65,7 @@ class Shot:
 
 
 SHOTS = (
-    Shot("today", "/", height=620, finnish=True),
+    Shot("today", "/", height=970, finnish=True),
     Shot("scanner", "/scanners/{scanner}", height=1000, line=MOVED, finnish=True),
     Shot(
         "verdict",
