@@ -79,10 +79,10 @@ bench-http: install-dev
 bench-viewer: install-dev
 	@$(BIN)/python benchmarks/viewer.py
 
-# OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
 bench-pages: install-dev
 	@$(BIN)/python benchmarks/pages.py
 
+# OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
 bench-job-price: install-dev
 	@$(BIN)/python benchmarks/job_price.py $(OPTIONS)
 
