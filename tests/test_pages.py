@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from sawmill_service.pages.catalogues import found_texts, read_catalogue
+
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = ("service", "worker", "tests", "benchmarks", "examples")
@@ -64,6 +66,18 @@ def test_the_index_of_the_documents_has_each_page():
     index = ROOT / "docs/README.md"
     listed = set(re.findall(r"\]\(([^)#]+)\)", index.read_text()))
     assert {page.name for page in (ROOT / "docs").glob("*.md")} - {index.name} <= listed
+
+
+def page_words(document: str) -> set[str]:
+    """What a document prints in bold: words that stand on a page."""
+    return {" ".join(words.split()) for words in re.findall(r"\*\*(.+?)\*\*", document, re.DOTALL)}
+
+
+def test_the_technician_s_words_are_those_of_the_pages():
+    english, finnish = (page_words((ROOT / f"docs/technician{kind}.md").read_text()) for kind in ("", ".fi"))
+    assert english <= {message.id for message in found_texts()}
+    translated = {message.id: message.string for message in read_catalogue("fi") if message.string}
+    assert {translated[words] for words in english & translated.keys()} <= finnish
 
 
 PICTURES = ROOT / "docs/pictures"
