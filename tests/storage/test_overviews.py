@@ -1,0 +1,29 @@
+"""What is newest of each scanner, on each database."""
+
+import pytest
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.scanners import ScannerSpec
+
+pytestmark = pytest.mark.slow
+
+
+def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finish):
+    other = store.scanners.create(ScannerSpec(name="Line 9", constants=scanner.constants))
+    ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
+    store.calibrations.accept(ask, identifier="first")
+    finish(store)
+    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    finish(store)
+    store.calibrations.accept(ask, identifier="second")
+    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="none"))
+    store.calibrations.accept(ask, identifier="third")
+
+    new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)
+    assert (seen.ended_id, seen.succeeded_id, seen.drift_id) == ("second", "first", drift.id)
+    assert (seen.scan_id, seen.calibrating, seen.scanner.active_calibration_id) == (ready_scan.id, True, "first")
+    assert new == (store.scanners.get(other.id), None, None, None, None, False)
+    assert store.overviews.read(scanner_id=other.id) == [new]
+    assert store.calibrations.several(["first", "nothing"]) == {"first": store.calibrations.get("first")}
