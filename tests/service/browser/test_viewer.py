@@ -111,7 +111,7 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
         shows(page, index)
     page.get_by_label("Next slice").click()
     shows(page, 11)
-    expect(page.locator(".where")).to_contain_text("11 / 29 (110 mm)")
+    expect(page.locator(".where")).to_contain_text("11 (0 … 29) (110 mm)")
 
     before = pixels(page)
     hover(page, 10, 10)
