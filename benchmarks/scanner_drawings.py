@@ -128,7 +128,7 @@ def draw_hypotheses(panels: "np.ndarray[tuple[int, int], np.dtype[np.object_]]")
 
 
 def draw_measured_phantom(axes: Axes) -> None:
-    """Where a calliper is put on a phantom: its whole extent along x and y, at both ends."""
+    """Where a caliper is put on a phantom: its whole extent along x and y, at both ends."""
     outline(axes, L_SHAPE)
     (corners,) = L_SHAPE.outlines()
     (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)

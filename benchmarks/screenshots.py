@@ -197,7 +197,9 @@ def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[st
     return Image.open(stream)
 
 
-def save(picture: Image.Image, name: str, colours: int = 96, method: Image.Quantize = Image.Quantize.MEDIANCUT) -> None:
+def save(
+    picture: Image.Image, name: str, colours: int = 96, method: Image.Quantize = Image.Quantize.MAXCOVERAGE
+) -> None:
     """As a PNG with a palette, which must be small."""
     path = PICTURES / f"{name}.png"
     palette = picture.convert("RGB").quantize(colours, method=method, dither=Image.Dither.NONE)

@@ -51,7 +51,9 @@ class Moved:
 
     @property
     def tone(self) -> str:
-        """The colour of its bar."""
+        """The colour of its bar: none where the movement has been taken up."""
+        if not self.since_active:
+            return "idle"
         return "bad" if not self.within_tolerance else "watch" if self.share >= NEARLY else "good"
 
 
@@ -117,11 +119,11 @@ class ScannerCondition:
         """Whether the next step is to look at the newest calibration, and not to make another."""
         if self.newest is None or self.failure is not None or self.drifted is not None:
             return False
-        return not self.newest_is_active or self.newest.verdict != "pass"
+        return not self.newest_is_active and self.newest.verdict != "fail"
 
     def _out_of_tolerance(self, newest: CalibrationSucceeded) -> Standing | None:
         if newest.verdict == "fail":
-            return Standing(marked("Calibration failed"), "bad", " ".join(newest.reasons), scientific=True)
+            return Standing(marked("Calibration failed"), "bad", _sentences(newest.reasons), scientific=True)
         if moved := self._moved_out_of_tolerance():
             return Standing(marked("Out of tolerance"), "bad", moved, scientific=True)
         return None
@@ -130,12 +132,14 @@ class ScannerCondition:
         if self.failure is not None:
             return Standing(marked("Last calibration failed"), "watch", self.failure.detail, scientific=True)
         if newest.verdict == "watch":
-            return Standing(marked("Watch"), "watch", " ".join(newest.reasons), scientific=True)
+            return Standing(marked("Watch"), "watch", _sentences(newest.reasons), scientific=True)
         if self.scanner.active_calibration_id is None:
             passed = marked("The newest calibration passed: accept it to use it.")
             return Standing(marked("Not accepted"), "watch", passed)
         if self.moved is not None and self.moved.since_active and self.moved.share >= NEARLY:
             little_left = marked("It has moved nearly as far as is allowed: calibrate it today.")
+            if not self.newest_is_active:
+                little_left = marked("It has moved nearly as far as is allowed: accept its newest calibration.")
             return Standing(marked("Watch"), "watch", little_left)
         return None
 
@@ -159,6 +163,10 @@ class ScannerCondition:
         if check is None or check.calibration_id != self.scanner.active_calibration_id:
             return None
         return check if self.newest is None or check.created_at >= self.newest.created_at else None
+
+
+def _sentences(reasons: Iterable[str]) -> str:
+    return " ".join(f"{reason[:1].upper()}{reason[1:].rstrip('.')}." for reason in reasons)
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:

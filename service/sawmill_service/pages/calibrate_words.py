@@ -66,6 +66,11 @@ def headline(page: PageFrame, calibration: CalibrationSucceeded, *, active: bool
     """By the verdict on the rays, which are what an image needs to be sharp."""
     _ = page.text.gettext
     rays = calibration.rays_verdict or calibration.verdict
+    if rays == "fail" and active:
+        must_not = _("It is in use and must not be: go back to an earlier one, or scan again.")
+        return Headline("bad", _("Do not use this calibration"), must_not)
+    if active and calibration.verdict != "pass":
+        return Headline("watch", _("This calibration is in use"), _("Read what is not certain."))
     if active:
         return Headline("good", _("This calibration is in use"), _("Nothing more to do here."))
     if rays == "fail":
