@@ -166,7 +166,9 @@ class ScannerCondition:
 
 
 def _sentences(reasons: Iterable[str]) -> str:
-    return " ".join(f"{reason[:1].upper()}{reason[1:].rstrip('.')}." for reason in reasons)
+    """One after the other; a symbol at the beginning, as h_S, stays as it is."""
+    ended = (f"{reason.rstrip('.')}." for reason in reasons)
+    return " ".join(each[:1].upper() + each[1:] if each[1:2].isalpha() else each for each in ended)
 
 
 def conditions_of(store: Store) -> list[ScannerCondition]:

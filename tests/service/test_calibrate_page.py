@@ -177,6 +177,16 @@ def test_a_result_shows_what_it_is_worth_and_is_accepted(seeded, store, worker, 
     assert "This calibration is in use" in shown(seeded.get(started))
 
 
+def test_a_calibration_in_use_that_must_not_be_is_not_called_good(seeded, store, worker, started):
+    worker.finish_scan()
+    worker.finish_calibration(verdict="fail", rays_verdict="fail", reasons=["The residual is too large."])
+    store.calibrations.activate(re.search(r"calibration=(\w+)", started)[1], "by hand")
+    page = shown(seeded.get(started))
+    assert "Do not use this calibration" in page
+    assert "It is in use and must not be" in page
+    assert "Nothing more to do here" not in page
+
+
 def test_another_site_s_address_is_not_gone_to(seeded):
     answer = seeded.post("/operator/activate/example", data={"next": "//elsewhere.example"})
     assert answer.headers["Location"] == "/"

@@ -107,6 +107,18 @@ def test_each_scanner_has_a_word_a_colour_and_a_reason(seeded, newest, changes, 
     assert word(shown["example-spare"]) == ("idle", "New")
 
 
+def test_what_comes_next_is_what_the_sentence_says(seeded, newest, store):
+    nearly = newest(comparison=comparison(moved_mm=0.43))
+    row = rows(seeded)["example"]
+    assert "accept its newest calibration" in row
+    assert button(row) == ("/scanners/example#newest", "Review")
+    store.calibrations.activate(nearly, "by hand")
+    newest(verdict="fail", reasons=["the residual is too large", "h_S is not resolved"])
+    row = rows(seeded)["example"]
+    assert "The residual is too large. h_S is not resolved." in row
+    assert button(row) == ("/calibrate?scanner=example", "Calibrate")
+
+
 def test_failed_is_neither_new_nor_never_calibrated(seeded, store, worker, scanned):
     scanned()
     spare = rows(seeded)["example-spare"]
@@ -170,11 +182,12 @@ def test_movement_is_a_bar_to_its_tolerance(seeded, checked, moved_mm, tone, sha
     assert button(row) == ("/calibrate?scanner=example", "Calibrate")
 
 
-def test_movement_that_a_newer_calibration_took_up_colours_its_bar_alone(seeded, store, newest):
-    store.calibrations.activate(newest(comparison=comparison(moved_mm=0.43)), "by hand")
+@pytest.mark.parametrize("moved_mm", [0.43, 1.4])
+def test_movement_that_a_newer_calibration_took_up_has_no_colour(seeded, store, newest, moved_mm):
+    store.calibrations.activate(newest(comparison=comparison(within=moved_mm < 0.5, moved_mm=moved_mm)), "by hand")
     row = rows(seeded)["example"]
     assert word(row) == ("good", "Fine")
-    assert '<div class="moved watch">' in row
+    assert '<div class="moved idle">' in row
     assert "moved before it was calibrated" in row
 
 
