@@ -62,7 +62,8 @@ class ScannerCondition:
     """What the pages show of one scanner.
 
     `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
-    the newest drift check that succeeded or failed.
+    the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
+    `active`.
     """
 
     scanner: StoredScanner
@@ -70,6 +71,7 @@ class ScannerCondition:
     active: CalibrationSucceeded | None
     failure: Failure | None
     drift: Drift | None
+    seen: Drift | None
     scanned: bool
     calibrating: bool
 
@@ -80,15 +82,23 @@ class ScannerCondition:
 
     @property
     def drifted(self) -> DriftResult | None:
-        """The newest drift check, if it is later than the newest calibration and the active one is out of tolerance."""
-        check = self._check_of_active()
+        """The newest check that saw, if it is later than the newest calibration and the active one is out of tolerance."""
+        check = self._since_newest(self.seen)
         return check.result if check is not None and check.result and check.result.within_tolerance is False else None
+
+    @property
+    def unseen(self) -> Drift | None:
+        """The newest drift check, if it failed or could not tell: what an earlier one saw holds still."""
+        check = self._since_newest(self.drift)
+        if check is None or check.calibration_id != self.scanner.active_calibration_id:
+            return None
+        return None if check.result is not None and check.result.within_tolerance is not None else check
 
     @property
     def moved(self) -> Moved | None:
         """What is known last of how far it has moved; None: nothing has looked."""
-        check = self._check_of_active()
-        if check is not None and check.result is not None and check.result.within_tolerance is not None:
+        check = self._since_newest(self.seen)
+        if check is not None and check.result is not None:
             result = check.result
             within = result.within_tolerance is True
             return Moved(result.ray_change_mm, result.tolerance_mm, within, check.created_at, since_active=True)
@@ -157,12 +167,11 @@ class ScannerCondition:
             return comparison.reason
         return f"A log shows: {self.drifted.reason}." if self.drifted else ""
 
-    def _check_of_active(self) -> Drift | None:
-        """The newest drift check, if it compares with the active calibration and the newest one is no later."""
-        check = self.drift
-        if check is None or check.calibration_id != self.scanner.active_calibration_id:
+    def _since_newest(self, check: Drift | None) -> Drift | None:
+        """A drift check, if the newest calibration is no later."""
+        if check is None or (self.newest is not None and check.created_at < self.newest.created_at):
             return None
-        return check if self.newest is None or check.created_at >= self.newest.created_at else None
+        return check
 
 
 def _sentences(reasons: Iterable[str]) -> str:
@@ -188,7 +197,8 @@ def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCond
     overviews = list(overviews)
     ids = {one for each in overviews for one in (each.ended_id, each.succeeded_id, each.scanner.active_calibration_id)}
     calibrations = store.calibrations.several([one for one in ids if one is not None])
-    checks = store.drifts.several([each.drift_id for each in overviews if each.drift_id is not None])
+    check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
+    checks = store.drifts.several([one for one in check_ids if one is not None])
 
     def succeeded(identifier: str | None) -> CalibrationSucceeded | None:
         calibration = None if identifier is None else calibrations.get(identifier)
@@ -202,6 +212,7 @@ def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCond
             active=succeeded(of.scanner.active_calibration_id),
             failure=last.failure if isinstance(last, CalibrationUnfinished) else None,
             drift=None if of.drift_id is None else checks.get(of.drift_id),
+            seen=None if of.seen_id is None else checks.get(of.seen_id),
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
         )

@@ -12,7 +12,7 @@ _TEXTS = {
     "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
     "ray_error_upper_95_millimeters": "What that stays below in 95 of 100 cases.",
     "ray_error_tolerance_millimeters": "What upper_95 may be.",
-    "movement_millimeters": "RMS ray change against the active calibration, by the newest drift check or calibration.",
+    "movement_millimeters": "RMS ray change against the active calibration, by the newest drift check that saw, or calibration.",
     "movement_tolerance_millimeters": "What the ray change may be.",
     "in_tolerance": "0: the page shows the scanner red; without a calibration there is none.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
@@ -42,7 +42,7 @@ def scanner_measures(conditions: Sequence[ScannerCondition], now: datetime) -> I
 
 
 def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
-    scanner, newest, check = condition.scanner, condition.newest, condition.drift
+    scanner, newest = condition.scanner, condition.newest
     yield "ray_error_tolerance_millimeters", None, scanner.tolerances.predicted_ray_error_mm
     yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
     failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
@@ -54,10 +54,10 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
         yield from _ray_errors("newest", newest)
         if newest.comparison is not None:
             yield "movement_millimeters", "calibration", newest.comparison.ray_change_mm
-    if check is not None:
-        yield "drift_check_age_seconds", None, _age_s(check.created_at, now)
-        if check.result is not None:
-            yield "movement_millimeters", "drift", check.result.ray_change_mm
+    if condition.drift is not None:
+        yield "drift_check_age_seconds", None, _age_s(condition.drift.created_at, now)
+    if condition.seen is not None and condition.seen.result is not None:
+        yield "movement_millimeters", "drift", condition.seen.result.ray_change_mm
 
 
 def _ray_errors(which: str, calibration: CalibrationSucceeded | None) -> Iterator[Value]:

@@ -4,6 +4,7 @@ import pytest
 from sqlalchemy import event
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.scanners import ScannerSpec
@@ -191,7 +192,35 @@ def test_movement_that_a_newer_calibration_took_up_has_no_colour(seeded, store, 
     assert "moved before it was calibrated" in row
 
 
-def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, checked):
+@pytest.mark.parametrize("fails", [True, False])
+def test_what_a_check_saw_holds_until_another_one_sees(seeded, store, worker, checked, fails):
+    checked(ray_change_mm=0.62, within_tolerance=False, reason="the COR moved")
+    store.drifts.accept(DriftAsk(scan_id="example"))
+    if fails:
+        store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="no-log", detail="no log in the scan"))
+    else:
+        worker.finish_drift(within_tolerance=None, reason="too round")
+    row = rows(seeded)["example"]
+    assert word(row) == ("bad", "Out of tolerance")
+    assert "<strong>0.62" in row
+    words, why = ("failed.", "no log in the scan") if fails else ("could not tell whether it has moved.", "too round")
+    assert re.search(rf"A drift check <time [^>]*>[^<]*</time> {words}", row)
+    assert f'<span lang="en">{why}</span>' in seeded.get("/scanners/example").text
+    checked()
+    assert word(rows(seeded)["example"]) == ("good", "Fine")
+    assert "A drift check" not in rows(seeded)["example"]
+
+
+def test_a_check_of_another_calibration_takes_nothing_back(seeded, newest, store, worker, checked):
+    store.calibrations.activate(newest(), "by hand")
+    checked(ray_change_mm=0.62, within_tolerance=False, reason="the COR moved")
+    store.drifts.accept(DriftAsk(scan_id="example", calibration_id="example"))
+    worker.finish_drift()
+    assert word(rows(seeded)["example"]) == ("bad", "Out of tolerance")
+
+
+def test_a_log_that_could_not_be_seen_says_nothing_of_movement(seeded, newest, store, checked):
+    store.calibrations.activate(newest(), "by hand")
     checked(within_tolerance=None, reason="too round")
     row = rows(seeded)["example"]
     assert word(row) == ("good", "Fine")

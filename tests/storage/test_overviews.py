@@ -15,15 +15,18 @@ def test_each_scanner_has_what_is_newest_of_it(store, scanner, ready_scan, finis
     ask = CalibrationAsk(scan_id=ready_scan.id, phantom_id="l-shape", activate=True)
     store.calibrations.accept(ask, identifier="first")
     finish(store)
-    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    saw = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
     finish(store)
+    drift = store.drifts.accept(DriftAsk(scan_id=ready_scan.id))
+    store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="no-log", detail="none"))
     store.calibrations.accept(ask, identifier="second")
     store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="none"))
     store.calibrations.accept(ask, identifier="third")
 
     new, seen = sorted(store.overviews.read(), key=lambda each: each.scanner.name == scanner.name)
-    assert (seen.ended_id, seen.succeeded_id, seen.drift_id) == ("second", "first", drift.id)
+    assert (seen.ended_id, seen.succeeded_id) == ("second", "first")
+    assert (seen.drift_id, seen.seen_id) == (drift.id, saw.id)
     assert (seen.scan_id, seen.calibrating, seen.scanner.active_calibration_id) == (ready_scan.id, True, "first")
-    assert new == (store.scanners.get(other.id), None, None, None, None, False)
+    assert new == (store.scanners.get(other.id), None, None, None, None, None, False)
     assert store.overviews.read(scanner_id=other.id) == [new]
     assert store.calibrations.several(["first", "nothing"]) == {"first": store.calibrations.get("first")}

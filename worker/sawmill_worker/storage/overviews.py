@@ -17,14 +17,16 @@ class Overview(NamedTuple):
     """Ids of what is newest of one scanner; None: there is none.
 
     `ended_id` is the newest calibration that succeeded or failed, `succeeded_id` the newest that succeeded, `drift_id`
-    the newest drift check that succeeded or failed. `scan_id` is the newest scan. `calibrating` tells that the newest
-    calibration has not ended.
+    the newest drift check that succeeded or failed, `seen_id` the newest that could tell whether the scanner has moved
+    since the active calibration. `scan_id` is the newest scan. `calibrating` tells that the newest calibration has not
+    ended.
     """
 
     scanner: StoredScanner
     ended_id: str | None
     succeeded_id: str | None
     drift_id: str | None
+    seen_id: str | None
     scan_id: str | None
     calibrating: bool
 
@@ -39,10 +41,11 @@ class Overviews:
         """Of the newest scanners, or of one alone."""
         statement = select(
             ScannerRow,
-            _of_scanner(select(ActivationRow.calibration_id), ActivationRow, ActivationRow.number).label("active_id"),
+            _active_calibration().label("active_id"),
             _newest(CalibrationRow, *_WITH_A_FATE).label("ended_id"),
             _newest(CalibrationRow, JobState.SUCCEEDED).label("succeeded_id"),
             _newest(DriftRow, *_WITH_A_FATE).label("drift_id"),
+            _newest_that_saw().label("seen_id"),
             _of_scanner(select(ScanRow.id), ScanRow, ScanRow.created_at).label("scan_id"),
             _state_of_newest_calibration().label("state"),
         )
@@ -51,6 +54,17 @@ class Overviews:
             newest_first = newest_first.where(ScannerRow.id == scanner_id)
         with self._database.read() as session:
             return [_read(*row) for row in session.execute(newest_first)]
+
+
+def _active_calibration() -> ScalarSelect[Any]:
+    return _of_scanner(select(ActivationRow.calibration_id), ActivationRow, ActivationRow.number)
+
+
+def _newest_that_saw() -> ScalarSelect[Any]:
+    """A check that failed, that was too uncertain or that compared with another calibration is passed over."""
+    of_active = select(DriftRow.id).where(DriftRow.calibration_id == _active_calibration())
+    saw = of_active.where(DriftRow.result["within_tolerance"].as_boolean().is_not(None))
+    return _of_scanner(saw, DriftRow, DriftRow.created_at)
 
 
 def _newest(table: type[CalibrationRow | DriftRow], *states: JobState) -> ScalarSelect[Any]:
@@ -76,6 +90,7 @@ def _read(
     ended_id: str | None,
     succeeded_id: str | None,
     drift_id: str | None,
+    seen_id: str | None,
     scan_id: str | None,
     state: JobState | None,
 ) -> Overview:
@@ -83,4 +98,4 @@ def _read(
         {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
     )
     calibrating = state is not None and not state.ended
-    return Overview(scanner, ended_id, succeeded_id, drift_id, scan_id, calibrating)
+    return Overview(scanner, ended_id, succeeded_id, drift_id, seen_id, scan_id, calibrating)
