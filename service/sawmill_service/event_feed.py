@@ -7,11 +7,14 @@ from collections.abc import Sequence
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_worker.contracts.events import Event
+from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.event_reader import EventReader
 from sawmill_worker.storage.events import Events
 
 _KEPT = 2000  # of the newest; whoever is further behind reads the table itself
 _BATCH = 500
+# A look that takes longer, or a failed one, is an outage for every stream until one succeeds.
+_PATIENCE_S = 3.0
 # Nobody has followed for so long: starting anew is cheaper than reading on.
 _FORGOTTEN_S = 60.0
 
@@ -33,7 +36,8 @@ class EventFeed:
         self._recent: deque[Event] = deque(maxlen=_KEPT)
         self._complete_from = 0  # what is kept begins behind this number
         self._looked_at_s = float("-inf")
-        self._looking = False
+        self._looking_since_s: float | None = None
+        self._away = False
 
     async def start(self, after: int | None) -> int:
         """From which number on a new stream follows.
@@ -60,9 +64,11 @@ class EventFeed:
         Raises
         ------
         StorageUnavailable
-            The database does not answer.
+            The database does not answer, or has not done so since somebody else's look failed or began to hang.
         """
         await self._look()
+        if self._away or self._hangs():
+            raise StorageUnavailable("the database does not answer")
         if self._reader is None:  # somebody else's first look has not ended
             return number, ()
         if number >= self._complete_from:
@@ -78,18 +84,24 @@ class EventFeed:
     async def _look(self) -> None:
         """Read on, unless somebody does or has just done so."""
         since_s = time.monotonic() - self._looked_at_s
-        if self._looking or since_s < self._poll_s:
+        if self._looking_since_s is not None or since_s < self._poll_s:
             return
-        self._looking = True
+        self._looking_since_s = time.monotonic()
         try:
             if self._reader is None or since_s > _FORGOTTEN_S:
                 self._reader = await run_in_threadpool(self._events.reader)
                 self._recent.clear()
                 self._complete_from = self._reader.number
             self._keep(await run_in_threadpool(self._reader.read))
-            self._looked_at_s = time.monotonic()
+            self._looked_at_s, self._away = time.monotonic(), False
+        except StorageUnavailable:
+            self._away = True
+            raise
         finally:
-            self._looking = False
+            self._looking_since_s = None
+
+    def _hangs(self) -> bool:
+        return self._looking_since_s is not None and time.monotonic() - self._looking_since_s > _PATIENCE_S
 
     def _keep(self, events: Sequence[Event]) -> None:
         for event in events:

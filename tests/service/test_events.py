@@ -128,6 +128,44 @@ def test_silence_is_broken_and_an_outage_is_outlived(store, follow, monkeypatch)
     assert names.index("comment") < len(names) - 1 - names[::-1].index("alive")
 
 
+@pytest.mark.parametrize("patience_s", [0.0, 60.0], ids=["hangs", "has-failed"])
+def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypatch, patience_s):
+    monkeypatch.setattr(event_feed, "_PATIENCE_S", patience_s)
+    feed = event_feed.EventFeed(store.events, 0.0)
+    goes_on, slow, read = threading.Event(), threading.Event(), EventReader.read
+
+    def away(_: EventReader) -> list:
+        slow.set()
+        goes_on.wait(30.0)
+        raise StorageUnavailable("the database does not answer: away")
+
+    async def after() -> str:
+        try:
+            await feed.after(0)
+        except StorageUnavailable:
+            return "away"
+        return "alive"
+
+    async def story() -> list[str]:
+        heard = [await after()]
+        monkeypatch.setattr(EventReader, "read", away)
+        if patience_s:  # one look has failed; the next one has only begun
+            goes_on.set()
+            heard.append(await after())
+            goes_on.clear()
+            slow.clear()
+        looking = asyncio.create_task(after())
+        await asyncio.to_thread(slow.wait, 30.0)
+        heard.append(await after())
+        goes_on.set()
+        heard.append(await looking)
+        monkeypatch.setattr(EventReader, "read", read)
+        return [*heard, await after()]
+
+    first, *outage, last = asyncio.run(story())
+    assert (first, set(outage), last) == ("alive", {"away"}, "alive")
+
+
 @pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
 def test_a_stream_ends_with_its_key(seeded, store, follow, monkeypatch):
     monkeypatch.setattr(route, "_ACCESS_S", 0.02)
