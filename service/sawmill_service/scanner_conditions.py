@@ -82,7 +82,7 @@ class ScannerCondition:
 
     @property
     def drifted(self) -> DriftResult | None:
-        """The newest check that saw, if it is later than the newest calibration and the active one is out of tolerance."""
+        """What the newest check saw, if it is later than the newest calibration and out of tolerance."""
         check = self._since_newest(self.seen)
         return check.result if check is not None and check.result and check.result.within_tolerance is False else None
 

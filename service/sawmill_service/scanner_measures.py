@@ -12,7 +12,7 @@ _TEXTS = {
     "ray_error_millimeters": "Predicted RMS ray error of the active and of the newest calibration.",
     "ray_error_upper_95_millimeters": "What that stays below in 95 of 100 cases.",
     "ray_error_tolerance_millimeters": "What upper_95 may be.",
-    "movement_millimeters": "RMS ray change against the active calibration, by the newest drift check that saw, or calibration.",
+    "movement_millimeters": "RMS ray change against the active calibration, by the newest that could tell.",
     "movement_tolerance_millimeters": "What the ray change may be.",
     "in_tolerance": "0: the page shows the scanner red; without a calibration there is none.",
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
