@@ -65,3 +65,10 @@ def test_a_calibration_without_an_answer_has_no_report(seeded, report):
     assert answer.status_code == 409
     assert answer.json()["detail"] == f"calibration '{waiting}' is queued and has no report"
     assert report("nothing").status_code == 404
+
+
+def test_the_report_stays_when_the_scan_is_deleted(report, store):
+    store.scans.delete("example")
+    answer = report()
+    assert answer.status_code == 200
+    assert "Scan example " in words(answer.text)

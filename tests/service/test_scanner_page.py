@@ -11,7 +11,7 @@ from sawmill_service.pages.drift_chart import MOST_MARKS, drift_chart, span_of, 
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
-from sawmill_worker.storage.tables import MeasurementRow
+from sawmill_worker.storage.tables import MeasurementRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 SETTINGS = {
@@ -207,3 +207,17 @@ def test_finnish_decimals_are_read(seeded, store):
         "/scanners/new", data={**SETTINGS, "source_to_cor_mm": "859,46"}, headers={"Accept-Language": "fi"}
     )
     assert store.scanners.get(made.headers["location"].rsplit("/", 1)[1]).constants.source_to_cor_mm == 859.46
+
+
+def test_a_schedule_s_outcome_leads_to_a_report_only_where_there_is_one(seeded, store):
+    running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    with store._database.write() as session:
+        for minute, calibration_id in enumerate(("example", running)):
+            due_at = NOW.replace(minute=minute)
+            session.add(
+                ScheduleRunRow(schedule_id="example", due_at=due_at, outcome="queued", calibration_id=calibration_id)
+            )
+    page = seeded.get("/scanners/example").text
+    schedules = page[page.index('id="schedules"') : page.index('id="settings"')]
+    assert f'href="/calibrate?calibration={running}"' in schedules
+    assert 'href="/calibrations/example/report"' in schedules

@@ -6,6 +6,7 @@ from datetime import timedelta
 
 import pytest
 
+from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec
@@ -236,3 +237,10 @@ def test_a_log_that_failed_or_was_cancelled_says_what_to_do(seeded, store):
     assert 'href="/scans/example#reconstruct"' in answer.text
     assert seeded.get("/logs/nobody", headers=HTML).status_code == 404
     assert seeded.get("/logs/example?beside=nobody", headers=HTML).status_code == 404
+
+
+def test_a_calibration_without_an_answer_leads_to_how_far_it_is(seeded, store):
+    running = store.calibrations.accept(CalibrationAsk(scan_id="example")).id
+    page = seeded.get("/scans/example").text
+    assert f'href="/calibrate?calibration={running}"' in page
+    assert 'href="/calibrations/example/report"' in page

@@ -39,7 +39,7 @@ def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
     from sawmill_worker.pictures.report_page import About
 
-    scanner, scan = store.scanners.get(calibration.scanner_id), store.scans.get(calibration.scan_id)
+    scanner = store.scanners.get(calibration.scanner_id)
     activations = store.scanners.history(scanner.id)
     activation = next((each for each in activations if each.calibration_id == calibration.id), None)
     return About(
@@ -47,8 +47,8 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         made_at=calibration.created_at.astimezone(),
         scanner_name=scanner.name,
         scanner_id=scanner.id,
-        scan_name=scan.name,
-        scan_id=scan.id,
+        scan_name=_scan_name(store, calibration.scan_id),
+        scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         tolerances=scanner.tolerances,
         asked_by=_asked_by(store, calibration),
@@ -56,6 +56,14 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         activated="" if activation is None else _in_use(activation.activated_at, activation.reason),
         back=f"/scanners/{scanner.id}",
     )
+
+
+def _scan_name(store: Store, scan_id: str) -> str | None:
+    """None: it was deleted since."""
+    try:
+        return store.scans.get(scan_id).name
+    except NotFound:
+        return None
 
 
 def _in_use(activated_at: str, reason: str) -> str:

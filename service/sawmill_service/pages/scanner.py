@@ -19,6 +19,7 @@ from sawmill_service.scanner_conditions import condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.scanners import StoredScanner
+from sawmill_worker.contracts.schedules import Schedule, ScheduleRun
 from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
@@ -140,7 +141,10 @@ def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:
     return None if newest is None else shown_log(store, newest.id)
 
 
-def _schedules(store: Store, scanner_id: str) -> list[tuple[object, object]]:
-    """Each with its newest outcomes."""
+def _schedules(store: Store, scanner_id: str) -> list[tuple[Schedule, list[ScheduleRun], set[str]]]:
+    """Each with its newest outcomes, and the ids of their calibrations that succeeded."""
     items = store.schedules.page(scanner_id=scanner_id, limit=SHOWN_SCHEDULES).items
-    return [(each, store.schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]
+    with_runs = [(each, store.schedules.runs(each.id, limit=SHOWN_RUNS)) for each in items]
+    ids = {run.calibration_id for _, runs in with_runs for run in runs if run.calibration_id is not None}
+    succeeded = {each.id for each in store.calibrations.several(ids).values() if each.state == "succeeded"}
+    return [(each, runs, succeeded) for each, runs in with_runs]
