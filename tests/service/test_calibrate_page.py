@@ -9,6 +9,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.storage.jobs import Retries
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
@@ -128,6 +129,40 @@ def test_a_wrong_answer_is_asked_again_with_the_others_kept(seeded, store, inspe
     assert 'value="0:30"' in page.text
     assert 'role="alert"' in page.text
     assert (len(store.scans.page().items), woken) == (before, [])
+
+
+def test_a_phantom_that_was_refused_leaves_no_scan_behind(seeded, store, inspect):
+    picture = store.files.receive([b"no picture"], max_bytes=100)
+    phantom = store.phantoms.accept_picture(PhantomPicture(name="blurred", width_mm=400.0), picture)
+    failed(store, "picture", "nothing bright is in it")
+    before = store.scans.page().items
+    page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspect(), "phantom_id": phantom.id})
+    assert page.status_code == 422
+    assert "was refused and cannot be used" in shown(page)
+    assert store.scans.page().items == before
+
+
+@pytest.mark.parametrize("path", ["/calibrate", "/calibrate/dataset"])
+def test_answers_about_a_file_that_has_no_result_show_how_far_it_is(seeded, store, path):
+    received = store.files.receive([b"a scan"], max_bytes=100)
+    inspection = store.inspections.accept_file(InspectionOptions(), received, name="a.npz")
+    answers = {"inspection_id": inspection.id}
+    assert f'data-jobs="{inspection.job_id}"' in seeded.post(path, data=answers).text
+    failed(store, "unreadable", "its end is missing")
+    assert "its end is missing" in shown(seeded.post(path, data=answers))
+
+
+def test_an_angle_for_each_of_many_views_is_taken(seeded, store, inspect):
+    angles = ",".join(f"{0.25 * view:.4f}" for view in range(1440))
+    answer = seeded.post("/calibrate", data={**ANSWERS, "angles_deg": angles, "inspection_id": inspect()})
+    calibration = store.calibrations.get(answer.headers["Location"].partition("calibration=")[2])
+    assert store.scans.get(calibration.scan_id).angles_deg == angles
+
+
+def test_a_form_that_is_too_large_is_refused_as_such(seeded):
+    answer = seeded.post("/scanners/example/settings", data={"name": "x" * 9000})
+    assert (answer.status_code, answer.json()["code"]) == (413, "body-too-large")
+    assert answer.json()["detail"] == "the body may have at most 8192 bytes"
 
 
 def test_a_file_that_is_no_scan_has_its_sentence(seeded, inspect):

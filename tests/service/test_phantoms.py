@@ -142,3 +142,11 @@ def test_a_phantom_measured_anew_is_another_one_that_follows_it(client):
     assert client.get("/v1/phantoms/l-shape").json()["drawing"]["measurements"] == []
     refused = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length | {"measured_mm": 20}]})
     assert (refused.status_code, refused.json()["code"]) == (422, "measurement-of-another-phantom")
+
+
+def test_a_drawing_cannot_say_that_it_follows_another(client):
+    drawing = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+    refused = client.post("/v1/phantoms", json=drawing | {"follows": "l-shape"})
+    assert refused.status_code == 422
+    assert "body.follows must be left out, not 'l-shape'" in refused.json()["detail"]
+    assert client.post("/v1/phantoms", json=drawing | {"follows": None}).status_code == 201

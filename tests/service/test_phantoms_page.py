@@ -66,6 +66,17 @@ def test_a_phantom_measured_anew_takes_the_place_of_the_old_one_in_the_list(clie
     assert f'href="/phantoms/{before}"' in client.get(f"/phantoms/{newer}").text
 
 
+def test_a_built_in_phantom_stays_offered_beside_one_that_was_measured(seeded):
+    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
+    newer = seeded.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]}).json()["id"]
+    listed, asked = seeded.get("/phantoms").text, seeded.get("/calibrate?scan=example").text
+    for phantom_id in ("l-shape", newer):
+        assert f'href="/phantoms/{phantom_id}"' in listed
+        assert f'name="phantom_id" value="{phantom_id}"' in asked
+    # Both have the same name.
+    assert asked.count('<span class="soft">built in</span>') == 2
+
+
 def test_a_preview_draws_what_it_can_and_names_the_shape_that_is_wrong(client):
     bow = {"kind": "polygon", "vertices_mm": [[-50, -50], [50, 50], [50, -60], [-50, 50]]}
     shown = client.post("/phantoms/preview", json={"shapes": [SQUARE, bow, {"kind": "disc", "center_mm": [0, None]}]})

@@ -92,9 +92,12 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
         return _start_of_scan(page, store, wake, form)
     where = Where(form.get("scanner_id"), form.get("inspection_id"))
     inspection = store.inspections.get(where.inspection or "")
+    if inspection.result is None:
+        return _of_inspection(page, store, where, inspection)
     given = {name: value for name, value in form.items() if name in _Answers.model_fields and value.strip()}
     try:
         answers = _Answers.model_validate(given | {"name": inspection.options.name})
+        store.phantoms.usable(answers.phantom_id)
         calibration = _started(store, wake, ScanSpec(**answers.model_dump(exclude_unset=True)), inspection.id)
     except ValidationError as error:
         return _asked_again(page, store, where, inspection, form, _sentence(page, error))
@@ -121,6 +124,8 @@ def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm)
     """Inspect the file again, with one of its arrays."""
     where = Where(form.get("scanner_id"), form.get("inspection_id"))
     earlier = store.inspections.get(where.inspection or "")
+    if earlier.result is None:
+        return _of_inspection(page, store, where, earlier)
     try:
         options = InspectionOptions(dataset=form.get("dataset") or None)
         received = store.inspections.received_again(earlier.id)

@@ -101,9 +101,9 @@ def _proposed(store: Store, questions: Questions) -> dict[str, str]:
 
 def usable_phantoms(store: Store) -> list[StoredPhantom]:
     """Those that can be used and that no newer measurement has replaced."""
-    followed = store.phantoms.followers()
+    replaced = store.phantoms.replaced()
     listed = store.phantoms.page(limit=OFFERED).items
-    return [each for each in listed if each.state is PhantomState.READY and each.id not in followed]
+    return [each for each in listed if each.state is PhantomState.READY and each.id not in replaced]
 
 
 def _arrays(result: InspectionResult) -> list[FilePart]:

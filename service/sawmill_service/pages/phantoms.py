@@ -74,12 +74,12 @@ class Preview(Contract):
 @router.get(PHANTOMS)
 def phantoms(page: ThePage, store: TheStore, paging: Annotated[Paging, Query()]) -> HTMLResponse:
     """Every phantom that no newer measurement has replaced, the newest first."""
-    listed, followed, today = (
+    listed, replaced, today = (
         store.phantoms.page(after=paging.after, limit=LISTED),
-        store.phantoms.followers(),
+        store.phantoms.replaced(),
         _today(),
     )
-    rows = [_listed(each, page, today) for each in listed.items if each.id not in followed]
+    rows = [_listed(each, page, today) for each in listed.items if each.id not in replaced]
     return page.answer("phantoms.html", rows=rows, following=listed.next)
 
 

@@ -156,6 +156,13 @@ class MeasurementsAsk(Given):
 class PhantomAsk(PhantomDrawing, Given):
     """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
 
+    @field_validator("follows")
+    @classmethod
+    def _are_new(cls, follows: str | None) -> None:
+        if follows is not None:
+            msg = f"must be left out, not {follows!r}: POST /v1/phantoms/{follows}/measurements measures a phantom anew"
+            raise ValueError(msg)
+
     @field_validator("shapes")
     @classmethod
     def _are_a_body(cls, shapes: list[DrawnShape]) -> list[DrawnShape]:

@@ -23,6 +23,7 @@ from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore, Received
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
+from sawmill_worker.storage.references import check_usable
 from sawmill_worker.storage.tables import PhantomRow, ScanRow
 from sawmill_worker.storage.uploading import kept_upload
 from sawmill_worker.storage.uses import kept_by
@@ -93,6 +94,14 @@ class Phantoms:
         with self._database.read() as session:
             return {row.follows: row.id for row in session.execute(followed)}
 
+    def replaced(self) -> set[str]:
+        """The ids of phantoms whose place one measured anew has taken; never a built-in one."""
+        # Other sawmills', and this one's other boards, are made like it.
+        built_in = select(PhantomRow.id).where(PhantomRow.built_in)
+        with self._database.read() as session:
+            stay = set(session.scalars(built_in))
+        return self.followers().keys() - stay
+
     def accept_picture(
         self,
         picture: PhantomPicture,
@@ -139,6 +148,19 @@ class Phantoms:
         """One phantom, or `NotFound`."""
         with self._database.read() as session:
             return _read(found(session, PhantomRow, "phantom", phantom_id))
+
+    def usable(self, phantom_id: str) -> StoredPhantom:
+        """One that a calibration may use.
+
+        Raises
+        ------
+        NotFound, Conflict
+            There is no such phantom, or its picture was refused.
+        """
+        with self._database.read() as session:
+            row = found(session, PhantomRow, "phantom", phantom_id)
+            check_usable(row)
+            return _read(row)
 
     def picture(self, phantom_id: str) -> PhantomPicture:
         """What its uploader gave with the picture, for the job that traces it.

@@ -57,11 +57,16 @@ def _scanner(session: Session, known: Json) -> None:
 def _phantom(session: Session, known: Json) -> str | None:
     phantom_id = known["phantom_id"] or _phantom_of_scan(session, known["scan_id"])
     phantom = found(session, PhantomRow, "phantom", phantom_id, lock=True)
-    if phantom.state is PhantomState.REFUSED:
-        msg = f"phantom {phantom_id!r} was refused and cannot be used: {phantom.reason}"
-        raise Conflict("phantom-refused", msg)
+    check_usable(phantom)
     known["phantom_id"] = phantom_id
     return phantom.job_id if phantom.state is PhantomState.TRACING else None
+
+
+def check_usable(phantom: PhantomRow) -> None:
+    """Raise `Conflict` for a phantom whose picture was refused."""
+    if phantom.state is PhantomState.REFUSED:
+        msg = f"phantom {phantom.id!r} was refused and cannot be used: {phantom.reason}"
+        raise Conflict("phantom-refused", msg)
 
 
 def _phantom_of_scan(session: Session, scan_id: str) -> str:

@@ -144,6 +144,17 @@ function cancelByButton(button) {
   });
 }
 
+// Sending it twice would start two searches. A page that is gone back to is the same one: its button works again.
+function sendOnce(form) {
+  const button = form.querySelector("button.primary");
+  form.addEventListener("submit", () => {
+    button.disabled = true;
+  });
+  window.addEventListener("pageshow", () => {
+    button.disabled = false;
+  });
+}
+
 const fileStep = document.querySelector("#file-step");
 const followed = document.querySelector("#follow");
 if (fileStep) {
@@ -153,3 +164,4 @@ if (followed) {
   follow(followed);
 }
 document.querySelectorAll("[data-cancel]").forEach(cancelByButton);
+document.querySelectorAll("form[action^='/calibrate']").forEach(sendOnce);
