@@ -82,12 +82,22 @@ def test_an_hdf5_file_with_the_answer_alone_is_as_good_as_json(run, answer, tmp_
         ({"phantom_image_method": np.array(b"magic")}, "'magic' is not a valid ReconstructionMethod"),
         ({"phantom_image": np.full((16, 16), np.nan)}, "not finite"),
         ({"residual": np.ones(5)}, "cannot be drawn"),
+        ({"phantom_image_method": np.array(1.0)}, "phantom_image_method must be a name, not float64 of shape ()"),
+        ({"phantom_field_mm": np.ones(7)}, "phantom_field_mm must be one number, not float64 of shape (7,)"),
     ],
 )
 def test_damaged_arrays_are_refused_in_one_sentence(run, hdf5, tmp_path, changes, reason):
     done = run("report", hdf5(**changes), "-o", tmp_path / "report.html", code=1)
     assert reason in " ".join(done.stderr.split())
     assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize("time", ["9999-12-31T23:59:59-14:00", "0001-01-01T00:00:00+14:00"])
+def test_a_time_beyond_the_calendar_is_refused_in_one_sentence(run, answer, tmp_path, time):
+    path = tmp_path / "RESULT.json"
+    path.write_text(json.dumps(CalibrationFile.of(answer).model_dump(mode="json") | {"created_at": time}))
+    done = run("report", path, "-o", tmp_path / "report.html", code=1)
+    assert f"RESULT.json was made at {time}, which" in " ".join(done.stderr.split())
 
 
 def test_what_is_no_calibration_is_refused(run, tmp_path):

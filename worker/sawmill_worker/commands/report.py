@@ -1,5 +1,6 @@
 """`sawmill report`: a calibration's file to a page that prints."""
 
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,26 @@ def write_report(path: Path, output: Path) -> bool:
     Raises
     ------
     JobFailure
-        The file holds no calibration, or its arrays are damaged or do not agree.
+        The file holds no calibration, its arrays are damaged or do not agree, or its time is beyond the calendar.
     """
     record = read_calibration_record(path)
     about = About(
         calibration_id=_text(record.header, "id"),
-        made_at=None if record.made_at is None else record.made_at.astimezone(),
+        made_at=None if record.made_at is None else _local(path, record.made_at),
         scanner_id=_text(record.header, "scanner_id"),
         scan_id=_text(record.header, "scan_id"),
         origin=path.name,
     )
     output.write_text(_drawn(path, record.result, about, record.arrays), encoding="utf-8")
     return record.arrays is not None
+
+
+def _local(path: Path, time: datetime) -> datetime:
+    try:
+        return time.astimezone()
+    except (OverflowError, ValueError) as error:
+        detail = f"{path.name} was made at {time.isoformat()}, which in UTC is not within the years 1 to 9999"
+        raise refused("calibration", detail) from error
 
 
 def _drawn(path: Path, result: CalibrationResult, about: About, arrays: CalibrationArrays | None) -> str:

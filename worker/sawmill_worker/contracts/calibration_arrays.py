@@ -78,12 +78,18 @@ class CalibrationArrays:
 
     @classmethod
     def of(cls, arrays: Mapping[str, NDArray[Any]]) -> Self:
-        """From the arrays of result.h5 by name; a number is an array of no dimensions."""
+        """From the arrays of result.h5 by name; a number is an array of no dimensions.
+
+        Raises
+        ------
+        ValueError
+            A number is none, or a name is not known.
+        """
         log = None
         if "log_after" in arrays:
             log = LogImages(
-                row=int(arrays["log_row"]),
-                field_mm=float(arrays["log_field_mm"]),
+                row=int(_number(arrays, "log_row")),
+                field_mm=_number(arrays, "log_field_mm"),
                 after=arrays["log_after"],
                 before=arrays.get("log_before"),
                 before_with=log_before_with(arrays),
@@ -94,7 +100,7 @@ class CalibrationArrays:
             residual=arrays["residual"],
             angles_rad=arrays["angles_rad"],
             phantom_image=arrays["phantom_image"],
-            phantom_field_mm=float(arrays["phantom_field_mm"]),
+            phantom_field_mm=_number(arrays, "phantom_field_mm"),
             phantom_outlines_mm=arrays["phantom_outlines_mm"],
             search_history=arrays["search_history"],
             phantom_image_method=_method(arrays),
@@ -102,13 +108,31 @@ class CalibrationArrays:
         )
 
 
+def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
+    values = arrays[name]
+    if values.shape != () or values.dtype.kind not in "iuf" or not np.isfinite(values):
+        raise ValueError(
+            f"{name} must be one number, not {values.dtype} of shape {values.shape} ({values.ravel()[:3]})"
+        )
+    return float(values)
+
+
+def _name(arrays: Mapping[str, NDArray[Any]], name: str) -> str | None:
+    value = arrays.get(name)
+    if value is None:
+        return None
+    if value.shape != () or value.dtype.kind != "S":
+        raise ValueError(f"{name} must be a name, not {value.dtype} of shape {value.shape}")
+    return str(value.item().decode("ascii"))
+
+
 def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
     """By its name; an earlier version had FBP alone."""
-    name = arrays.get("phantom_image_method")
-    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
+    name = _name(arrays, "phantom_image_method")
+    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name)
 
 
 def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
     """The geometry of `log_before` in result.h5, by its name; an earlier version had the active calibration's alone."""
-    name = arrays.get("log_before_with")
-    return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))
+    name = _name(arrays, "log_before_with")
+    return LogBefore.ACTIVE if name is None else LogBefore(name)
