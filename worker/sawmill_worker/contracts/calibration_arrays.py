@@ -117,22 +117,13 @@ def _number(arrays: Mapping[str, NDArray[Any]], name: str) -> float:
     return float(values)
 
 
-def _name(arrays: Mapping[str, NDArray[Any]], name: str) -> str | None:
-    value = arrays.get(name)
-    if value is None:
-        return None
-    if value.shape != () or value.dtype.kind != "S":
-        raise ValueError(f"{name} must be a name, not {value.dtype} of shape {value.shape}")
-    return str(value.item().decode("ascii"))
-
-
 def _method(arrays: Mapping[str, NDArray[Any]]) -> ReconstructionMethod:
     """By its name; an earlier version had FBP alone."""
-    name = _name(arrays, "phantom_image_method")
-    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name)
+    name = arrays.get("phantom_image_method")
+    return ReconstructionMethod.FBP if name is None else ReconstructionMethod(name.item().decode("ascii"))
 
 
 def log_before_with(arrays: Mapping[str, NDArray[Any]]) -> LogBefore:
     """The geometry of `log_before` in result.h5, by its name; an earlier version had the active calibration's alone."""
-    name = _name(arrays, "log_before_with")
-    return LogBefore.ACTIVE if name is None else LogBefore(name)
+    name = arrays.get("log_before_with")
+    return LogBefore.ACTIVE if name is None else LogBefore(name.item().decode("ascii"))

@@ -96,7 +96,7 @@ class Phantoms:
 
     def replaced(self) -> set[str]:
         """The ids of phantoms whose place one measured anew has taken; never a built-in one."""
-        # Other sawmills', and this one's other boards, are made like it.
+        # A mill may have several bodies of that drawing, of which one was measured.
         built_in = select(PhantomRow.id).where(PhantomRow.built_in)
         with self._database.read() as session:
             stay = set(session.scalars(built_in))
