@@ -133,6 +133,16 @@ def test_a_polygon_that_is_closed_by_its_first_corner_is_the_same_polygon(client
     assert (created.status_code, created.json()["drawing"]["shapes"][0]["vertices_mm"]) == (201, corners)
 
 
+def test_a_measurement_of_a_day_to_come_is_refused(client):
+    length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05, "measured_on": "2999-12-25"}
+    corners = [[-100, -50], [100, -50], [100, 50], [-100, 50]]
+    drawing = {"name": "board", "shapes": [{"kind": "polygon", "vertices_mm": corners}], "measurements": [length]}
+    for path, body in (("/l-shape/measurements", {"measurements": [length]}), ("", drawing)):
+        refused = client.post(f"/v1/phantoms{path}", json=body)
+        assert refused.status_code == 422
+        assert "measured_on 2999-12-25 of x is still to come" in refused.json()["detail"]
+
+
 def test_a_phantom_measured_anew_is_another_one_that_follows_it(client):
     length = {"what": "x", "measured_mm": 199.9, "standard_uncertainty_mm": 0.05}
     made = client.post("/v1/phantoms/l-shape/measurements", json={"measurements": [length]})

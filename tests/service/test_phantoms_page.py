@@ -22,10 +22,10 @@ def disc(store, *measurements: SizeMeasurement) -> str:
     return store.phantoms.create(drawing).id
 
 
-def measured(days_ago: int, expires_in_days: int | None) -> SizeMeasurement:
+def measured(days_ago: int, expires_in_days: int | None, axis: str = "x") -> SizeMeasurement:
     today = date.today()  # noqa: DTZ011 - as people count days
     return SizeMeasurement(
-        what="x",
+        what=axis,
         measured_mm=100.0,
         standard_uncertainty_mm=0.1,
         instrument="caliper 12",
@@ -41,11 +41,12 @@ def measured(days_ago: int, expires_in_days: int | None) -> SizeMeasurement:
         (measured(425, -1), "Measure again", "Measured 14 months ago by caliper 12: measure it again."),
         (measured(60, 20), "Measure soon", "Measured 2 months ago by caliper 12. Measure it again by"),
         (measured(0, 200), "Measured", "Measured today by caliper 12, good until"),
+        (measured(-1, 200), "Measured", "Measured on "),
         (measured(3, None), "Measured", "Measured 3 days ago by caliper 12, with no day on which to repeat it."),
     ],
 )
 def test_the_list_says_how_well_each_size_is_known(client, store, measurement, word, sentence):
-    disc(store, *([measurement] if measurement else []))
+    disc(store, *([measurement, measurement.model_copy(update={"what": "y"})] if measurement else []))
     page = client.get("/phantoms")
     text = text_of(page.text)
     first = text[text.index("&lt;round&gt;") :]
@@ -53,6 +54,12 @@ def test_the_list_says_how_well_each_size_is_known(client, store, measurement, w
     assert sentence in first
     assert text.count("built in") == 2
     assert "As published" in text
+
+
+def test_a_side_that_was_not_measured_is_said_to_be_as_drawn(client, store):
+    shown = text_of(client.get(f"/phantoms/{disc(store, measured(0, 200, 'y'))}").text)
+    assert "Measured along y only" in shown
+    assert "Measured today by caliper 12, along y only: along x it is as it was drawn. Measure that side too." in shown
 
 
 def test_a_phantom_measured_anew_takes_the_place_of_the_old_one_in_the_list(client, store):

@@ -10,6 +10,7 @@ from sqlalchemy import insert
 from sawmill_service.pages.drift_chart import MOST_MARKS, drift_chart, span_of, thinned
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
 from sawmill_worker.storage.tables import MeasurementRow, ScheduleRunRow
 
@@ -77,6 +78,24 @@ def test_the_page_shows_how_the_scanner_stands_and_what_was_measured(seeded):
     assert "not known" in rows[0]
     assert "0.010" in rows[1]
     assert seeded.get("/scanners/nobody").status_code == 404
+
+
+def test_the_drawing_is_that_of_the_active_calibration_when_the_settings_change(seeded):
+    assert "The settings were changed since" not in seeded.get("/scanners/example").text
+    seeded.post("/scanners/example/settings", data={**SETTINGS, "source_to_cor_mm": "700"})
+    page = seeded.get("/scanners/example").text
+    drawn = re.search(r'<svg class="scanner".*?</svg>', page, re.DOTALL)[0]
+    assert "859\N{NO-BREAK SPACE}mm" in drawn
+    assert "700" not in drawn
+    assert "the active calibration was made with 859.460\N{NO-BREAK SPACE}mm from source to turning axis" in page
+
+
+def test_whoever_may_only_look_is_not_sent_to_calibrate(seeded, store):
+    link = "/calibrate?scanner=example"
+    assert link in seeded.get("/scanners/example").text
+    key = store.keys.create(KeyAsk(name="visitor", scope=Scope.READ))
+    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+    assert link not in seeded.get("/scanners/example").text
 
 
 def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):

@@ -186,10 +186,10 @@ def test_a_log_s_page_says_how_it_was_made(seeded):
     # Without a script: the middle slice.
     assert '<img class="picture" src="/v1/reconstructions/example/slices/1.png"' in answer.text
     # Others of the same scan can be looked at beside it.
-    assert '<option value="example-sparse">' in answer.text
+    assert '<option value="example-sparse" data-moment=' in answer.text
     both = seeded.get("/logs/example?beside=example-sparse")
     assert both.text.count("data-volume=") == 2
-    assert '<option value="example-sparse" selected>' in both.text
+    assert '<option value="example-sparse" selected data-moment=' in both.text
 
 
 def test_a_log_s_page_has_what_the_method_reports(seeded, store):

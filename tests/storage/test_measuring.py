@@ -4,7 +4,7 @@ import pytest
 
 from sawmill_worker.contracts.phantoms import MeasurementsAsk, PhantomDrawing, PhantomPicture, SizeMeasurement
 from sawmill_worker.storage.errors import Conflict, Invalid
-from sawmill_worker.vocabulary import Disc, Polygon
+from sawmill_worker.vocabulary import STANDARD_SIZE_TOLERANCE, Disc, Polygon
 
 BOARD = Polygon(((-100.0, -150.0), (100.0, -150.0), (100.0, 150.0), (-100.0, 150.0)))
 HOLE = Disc((-50.0, 0.0), 20.0, -1.0)
@@ -12,6 +12,10 @@ HOLE = Disc((-50.0, 0.0), 20.0, -1.0)
 
 def length(what: str, measured_mm: float, **others: object) -> SizeMeasurement:
     return SizeMeasurement(what=what, measured_mm=measured_mm, standard_uncertainty_mm=0.1, **others)
+
+
+def rms(first: float, second: float) -> float:
+    return ((first**2 + second**2) / 2) ** 0.5
 
 
 @pytest.fixture
@@ -39,8 +43,25 @@ def test_a_length_replaces_the_earlier_one_of_its_name_and_the_size_tolerance_fo
     assert [(each.what, each.measured_mm) for each in again.drawing.measurements] == [("diagonal", 360.0), ("x", 199.5)]
     assert first.drawing.extent_mm == (200.0, 300.0)
     assert again.drawing.extent_mm == pytest.approx((199.5, 300.0))
-    # The RMS of 0.1 / 360 and 0.1 / 199.5.
-    assert again.drawing.size_tolerance == pytest.approx(((0.1 / 360) ** 2 / 2 + (0.1 / 199.5) ** 2 / 2) ** 0.5)
+    # The RMS over both sides: y is as it was drawn, and the drawing states no tolerance of its own.
+    assert again.drawing.size_tolerance == pytest.approx(rms(STANDARD_SIZE_TOLERANCE, 0.1 / 199.5))
+    both = store.phantoms.measure(again.id, MeasurementsAsk(measurements=[length("y", 300.0)]))
+    assert both.drawing.size_tolerance == pytest.approx(
+        (((0.1 / 360) ** 2 + (0.1 / 199.5) ** 2 + (0.1 / 300) ** 2) / 3) ** 0.5
+    )
+
+
+def test_a_side_that_was_not_measured_keeps_the_tolerance_that_its_drawing_states(store):
+    first = store.phantoms.create(PhantomDrawing(name="board", shapes=[BOARD], size_tolerance=0.004))
+    for measured_mm in (199.0, 199.5, 200.0):
+        first = store.phantoms.measure(first.id, MeasurementsAsk(measurements=[length("x", measured_mm)]))
+        assert first.drawing.size_tolerance == pytest.approx(rms(0.004, 0.1 / measured_mm))
+
+
+def test_the_true_axis_alone_is_enough(store):
+    board = store.phantoms.create(PhantomDrawing(name="board", shapes=[BOARD], true_axis="x"))
+    newer = store.phantoms.measure(board.id, MeasurementsAsk(measurements=[length("x", 200.0)]))
+    assert newer.drawing.size_tolerance == pytest.approx(0.1 / 200)
 
 
 def test_a_length_that_is_another_phantom_s_is_refused(store, board):

@@ -40,6 +40,8 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     when = _last_measured(measured, page, today)
     if any(each.expired(today) for each in measured):
         return SizeKnown("watch", _("Measure again"), _("%(when)s: measure it again.") % {"when": when})
+    if phantom.drawing is not None and (left := phantom.drawing.axis_as_drawn) is not None:
+        return _along_one_axis(when, left, page)
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
     formats = formats_of(page)
     if ends is not None and ends - today <= SOON:
@@ -49,6 +51,13 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
         sentence = _("%(when)s, good until %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("good", _("Measured"), sentence)
     return SizeKnown("good", _("Measured"), _("%(when)s, with no day on which to repeat it.") % {"when": when})
+
+
+def _along_one_axis(when: str, left: str, page: PageFrame) -> SizeKnown:
+    _ = page.text.gettext
+    axes = {"axis": "x" if left == "y" else "y", "other": left}
+    sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
+    return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
 
 
 def formats_of(page: PageFrame) -> Formats:
@@ -69,8 +78,10 @@ def _last_measured(measured: list[SizeMeasurement], page: PageFrame, today: date
     last = max(measured, key=lambda each: each.measured_on or date.min)
     if last.measured_on is None:
         when = _("Measured, it is not known when")
-    elif last.measured_on >= today:
+    elif last.measured_on == today:
         when = _("Measured today")
+    elif last.measured_on > today:
+        when = _("Measured on %(day)s") % {"day": formats_of(page).day(last.measured_on.isoformat())}
     else:
         ago = format_timedelta(
             last.measured_on - today, granularity="day", threshold=_TWO, add_direction=True, locale=page.language

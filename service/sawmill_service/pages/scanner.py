@@ -1,5 +1,6 @@
 """/scanners/{scanner_id}: how a scanner stands and has moved, its newest calibration, history, schedules, settings."""
 
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from sawmill_service.pages.schedule_form import DAYS, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun
 from sawmill_worker.storage.errors import NotFound
@@ -130,11 +132,21 @@ def _answer(
         plain=plain,
         day_choices=DAYS,
         schedule_form=schedule or ScheduleForm(),
-        drawing=scanner_drawing(known.constants, active.theta if active else None, radius_mm),
+        drawing=scanner_drawing(
+            active.scanner if active else known.constants, active.theta if active else None, radius_mm
+        ),
+        made_with=_made_with(active, known.constants),
         settings=form or _forms(page).of(known),
         fields=FIELDS,
         editing=form is not None,
     )
+
+
+def _made_with(active: CalibrationSucceeded | None, now: ScannerConstants) -> ScannerConstants | None:
+    """The constants of the active calibration, where others are set since; the distance of rows is no part of theta."""
+    if active is None or replace(active.scanner, row_pitch_mm=now.row_pitch_mm) == now:
+        return None
+    return active.scanner
 
 
 def _log(store: Store, newest: CalibrationSucceeded | None) -> ShownLog | None:

@@ -32,7 +32,7 @@ def look(page: Page, name: str) -> None:
     assert overflowing(page) == []
 
 
-def test_a_phantom_is_drawn_measured_and_another_one_traced(site, worker):
+def test_a_phantom_is_drawn_measured_and_another_one_traced(site, store, worker):
     page = site.open("/phantoms/new", viewport=TABLET)
     page.get_by_label("Name").first.fill("our board")
     corner = page.get_by_label("Corner 1, x in mm")
@@ -44,7 +44,12 @@ def test_a_phantom_is_drawn_measured_and_another_one_traced(site, worker):
     look(page, "new-phantom-800-wrong")
     page.get_by_label("Corner 0, y in mm").fill("-150")
     expect(fault).to_be_hidden()
-    corner.fill("120")
+    corner.fill("120,5 mm")
+    page.get_by_role("button", name="Save the phantom").click()
+    expect(page.locator("#refused")).to_contain_text("Write numbers like 12.5 or 12,5")
+    expect(corner).to_have_attribute("aria-invalid", "true")
+    corner.fill("120,5")
+    expect(page.locator("#refused")).to_be_hidden()
     page.get_by_role("button", name="Add a disc").click()
     page.locator(".shape").nth(1).get_by_label("It is").select_option("a hole")
     expect(page.locator("#preview .hole")).to_have_count(1)
@@ -58,11 +63,20 @@ def test_a_phantom_is_drawn_measured_and_another_one_traced(site, worker):
     page.get_by_label("Length along y").fill("20")
     page.get_by_role("button", name="Save the measurement").click()
     expect(page.get_by_role("alert")).to_contain_text("y was measured as 20 mm and is drawn 300 mm long")
-    page.get_by_label("Length along y").fill("299.4")
+    page.get_by_label("Length along y").fill("")
+    page.get_by_label("Length along y").press_sequentially("299,4")
+    page.get_by_label("How exact").fill("0,05 mm")
+    page.get_by_role("button", name="Save the measurement").click()
+    expect(page.get_by_role("alert")).to_contain_text("the marked fields cannot be read")
+    page.get_by_label("How exact").fill("")
+    page.get_by_label("How exact").press_sequentially("0,05")
     page.get_by_label("Instrument").fill("caliper 12")
     page.get_by_role("button", name="Save the measurement").click()
     expect(page.get_by_text("Measured today by caliper 12")).to_be_visible()
     assert page.url != drawn
+    drawing = store.phantoms.get(page.url.rsplit("/", 1)[1]).drawing
+    assert [(each.measured_mm, each.standard_uncertainty_mm) for each in drawing.measurements] == [(299.4, 0.05)]
+    assert drawing.extent_mm[0] == 220.5
     page.set_viewport_size(PHONE)
     look(page, "phantom-390")
 

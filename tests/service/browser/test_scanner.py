@@ -62,7 +62,7 @@ def test_a_calibration_is_compared_accepted_and_rolled_back(site, store, newer):
 
 
 def test_values_schedules_and_settings(site, store):
-    page = site.open(PAGE, viewport={"width": 800, "height": 900})
+    page = site.open(PAGE, viewport={"width": 800, "height": 900}, timezone_id="Asia/Tokyo")
     chart, readout = page.get_by_role("slider", name="Measurements"), page.locator("#readout")
     page.get_by_role("link", name="2 years").focus()
     page.keyboard.press("Tab")
@@ -77,7 +77,14 @@ def test_values_schedules_and_settings(site, store):
     page.get_by_text("Add a schedule").click()
     page.get_by_label("Days", exact=True).select_option("Every Monday")
     page.get_by_label("Time of day, UTC").fill("04:15")
-    expect(page.locator("#local-clock")).to_contain_text("where you are")
+    # Nine hours ahead.
+    expect(page.locator("#local-clock")).to_have_text("That is 13:15 where you are.")
+    page.get_by_label("Time of day, UTC").fill("23:30")
+    expect(page.locator("#local-clock")).to_have_text("That is 08:30 where you are, and Tuesday there.")
+    page.get_by_label("Days", exact=True).select_option("Monday to Friday")
+    expect(page.locator("#local-clock")).to_contain_text("and Tuesday \N{EN DASH} Saturday there.")
+    page.get_by_label("Days", exact=True).select_option("Every Monday")
+    page.get_by_label("Time of day, UTC").fill("04:15")
     page.get_by_role("button", name="Add this schedule").click()
     mine = page.locator(".entries li").filter(has_text="Every Monday at 04:15 UTC")
     expect(mine).to_be_visible()

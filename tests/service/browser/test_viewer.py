@@ -21,6 +21,7 @@ PIXELS = """() => {
   const {data, width, height} = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return {data: [...data], width, height};
 }"""
+LOCAL = """time => new Intl.DateTimeFormat("en-GB", {dateStyle: "medium", timeStyle: "short"}).format(new Date(time))"""
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 
 
@@ -125,7 +126,10 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
     assert (pixels(page) != before).any()
     page.get_by_role("button", name="Reset").click()
     expect(page.locator("#high")).to_have_value("4")
-    page.locator("#high").fill("2")
+    page.locator("#high").fill("0,05 mm")
+    expect(page.get_by_text("the darkest below the brightest")).to_be_visible()
+    page.locator("#high").fill("2,0")
+    expect(page.get_by_text("the darkest below the brightest")).to_be_hidden()
     page.get_by_label("Colours").first.select_option("viridis")
     expect(page.locator("#viewer")).to_have_attribute("data-colors", "viridis")
     page.wait_for_function("() => new Promise(requestAnimationFrame)")
@@ -148,8 +152,13 @@ def test_slices_are_looked_at_with_mouse_and_keys(site, logs):
 
 
 def test_two_logs_move_together_by_height(site, logs):
-    page = site.open("/logs/example?slice=10&low=0&high=4", viewport={"width": 800, "height": 1100})
+    # A clock that no server has.
+    here = {"viewport": {"width": 800, "height": 1100}, "timezone_id": "Pacific/Kiritimati"}
+    page = site.open("/logs/example?slice=10&low=0&high=4", **here)
     shows(page, 10)
+    other = page.locator(".beside option[data-moment]").first
+    local = page.evaluate(LOCAL, other.get_attribute("data-moment"))
+    expect(other).to_have_text(f"{other.get_attribute('data-before')} {local}")
     page.get_by_label("Look at another log beside it").select_option("example-sparse")
     page.wait_for_url("**beside=example-sparse**")
     shows(page, 10)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from datetime import date
+from datetime import UTC, date, datetime, timedelta
 from enum import StrEnum
 from typing import Annotated, Any, Self
 
@@ -75,6 +75,16 @@ def _measured_tolerance(known: dict[str, Any]) -> float:
     return math.hypot(*(each.relative_uncertainty for each in measured)) / math.sqrt(len(measured))
 
 
+def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement]:
+    """As they are given: none of a day to come. Tomorrow has begun in other time zones."""
+    last = datetime.now(UTC).date() + timedelta(days=1)
+    for each in measurements:
+        if each.measured_on is not None and each.measured_on > last:
+            msg = f"measured_on {each.measured_on} of {each.what} is still to come: give the day of the measurement"
+            raise ValueError(msg)
+    return measurements
+
+
 class PhantomDrawing(Contract):
     """A phantom by its drawing, the rotation centre at the origin."""
 
@@ -122,13 +132,41 @@ class PhantomDrawing(Contract):
         measured = {each.what: each for each in (*self.measurements, *new)}
         factors = [self._factor(axis, measured.get(axis)) for axis in ("x", "y")]
         shapes = [_stretched(shape, *factors) for shape in self.shapes] if stretched else self.shapes
-        return PhantomDrawing(
+        anew = PhantomDrawing(
             name=self.name,
             shapes=shapes,
             measurements=list(measured.values()),
             true_axis=self.true_axis,
             follows=phantom_id,
         )
+        if anew.axis_as_drawn is None:
+            return anew
+        tolerance = math.hypot(anew._measured_share(), self._drawn_tolerance()) / math.sqrt(2)
+        return anew.model_copy(update={"size_tolerance": tolerance})
+
+    @property
+    def axis_as_drawn(self) -> TrueAxis | None:
+        """The one of x and y that was not measured, where the other was and the size depends on both."""
+        axes: tuple[TrueAxis, TrueAxis] = ("x", "y")
+        measured = {each.what for each in self.measurements}
+        left = [axis for axis in axes if axis not in measured]
+        return left[0] if len(left) == 1 and self.true_axis in {None, left[0]} else None
+
+    def _measured_share(self) -> float:
+        """The relative uncertainty along the one axis that was measured."""
+        return next(each.relative_uncertainty for each in self.measurements if each.what in {"x", "y"})
+
+    def _drawn_tolerance(self) -> float:
+        """How well the size is known along an axis that was not measured; the standard where the drawing states none.
+
+        A phantom that was measured along one axis holds the RMS of both.
+        """
+        if self.size_tolerance == _measured_tolerance({"measurements": self.measurements}):
+            return STANDARD_SIZE_TOLERANCE
+        if self.follows is None or self.axis_as_drawn is None:
+            return self.size_tolerance
+        squared = 2.0 * self.size_tolerance**2 - self._measured_share() ** 2
+        return math.sqrt(max(squared, 0.0))
 
     def _factor(self, axis: str, measured: SizeMeasurement | None) -> float:
         """What was measured along an axis against what is drawn; 1 where nothing was."""
@@ -152,9 +190,13 @@ class MeasurementsAsk(Given):
         default=True, description="Stretch the shapes along x and y to what was measured there."
     )
 
+    _of_days_that_were = field_validator("measurements")(_until_tomorrow)
+
 
 class PhantomAsk(PhantomDrawing, Given):
     """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
+
+    _of_days_that_were = field_validator("measurements")(_until_tomorrow)
 
     @field_validator("follows")
     @classmethod

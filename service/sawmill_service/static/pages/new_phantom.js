@@ -1,5 +1,6 @@
 // Draws a phantom from rows of corners: the service draws the preview and says what is wrong.
 import { Problem, api, upload } from "./api.js";
+import { numberOf, unreadable } from "./numbers.js";
 
 const shapes = document.querySelector("#shapes");
 const words = document.querySelector("#labels")?.dataset;
@@ -49,7 +50,8 @@ function number() {
   });
 }
 
-const value = (element) => (element.value === "" ? null : Number(element.value));
+const unread = (within) => within.querySelector(".unread").innerHTML;
+const value = (element) => (element.value.trim() === "" ? null : numberOf(element.value));
 const point = (element) => [value(element.querySelector(".x")), value(element.querySelector(".y"))];
 
 function drawn(shape) {
@@ -66,6 +68,10 @@ const drawing = () => [...shapes.children].map(drawn);
 
 async function preview() {
   const mine = ++asked;
+  if (unreadable(shapes).length > 0) {
+    say(document.querySelector("#together"), unread(document));
+    return;
+  }
   const { svg, faults } = await api("POST", "/phantoms/preview", { shapes: drawing() });
   if (mine !== asked) {
     return;
@@ -78,14 +84,21 @@ async function preview() {
 
 function changed() {
   number();
+  say(document.querySelector("#refused"), null);
   clearTimeout(timer);
   timer = setTimeout(() => preview().catch((problem) => say(document.querySelector("#refused"), problem.message)), PAUSE_MS);
+}
+
+// A comma alone stands between two numbers, as in 100,200; beside a space, a tab or a semicolon it may be a decimal one.
+function cornerOf(line) {
+  const apart = line.trim().split(/[\s;]+,?[\s;]*|,[\s;]+/);
+  return (apart.length === 1 ? line.split(",") : apart).map(numberOf);
 }
 
 // Corners that were copied from a table: one line each, x and y.
 function paste(event) {
   const row = event.target.closest(".corners tbody tr");
-  const lines = event.clipboardData.getData("text").trim().split(/\r?\n/).map((line) => line.trim().split(/[\s;,]+/).map(Number));
+  const lines = event.clipboardData.getData("text").trim().split(/\r?\n/).map(cornerOf);
   if (!row || lines.length < 2 || lines.some((line) => line.length !== 2 || line.some(Number.isNaN))) {
     return;
   }
@@ -111,7 +124,12 @@ function pressed(event) {
 
 async function save(event) {
   event.preventDefault();
-  const form = event.target, refused = document.querySelector("#refused");
+  const form = event.target, refused = document.querySelector("#refused"), [wrong] = unreadable(form);
+  if (wrong) {
+    say(refused, unread(form));
+    wrong.focus();
+    return;
+  }
   try {
     const made = await api("POST", "/v1/phantoms", { name: form.elements.name.value, shapes: drawing() });
     location.assign(`/phantoms/${made.id}`);
@@ -126,12 +144,17 @@ async function save(event) {
 async function send(event) {
   event.preventDefault();
   const form = event.target, bar = form.querySelector("progress"), refused = form.querySelector(".problem");
-  const file = form.elements.file.files[0];
+  const file = form.elements.file.files[0], [wrong] = unreadable(form);
+  say(refused, wrong ? unread(form) : null);
+  if (wrong) {
+    wrong.focus();
+    return;
+  }
   if (file.size > Number(form.dataset.maxBytes)) {
     say(refused, form.querySelector(".too-large").innerHTML);
     return;
   }
-  const query = new URLSearchParams({ name: form.elements.name.value, width_mm: form.elements.width_mm.value });
+  const query = new URLSearchParams({ name: form.elements.name.value, width_mm: numberOf(form.elements.width_mm.value) });
   bar.hidden = false;
   try {
     const phantom = await upload(`/v1/phantoms/pictures?${query}`, file, (sent, total) => (bar.value = sent / total));

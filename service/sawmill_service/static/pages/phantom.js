@@ -1,5 +1,6 @@
 // A phantom's page: follows its tracing, takes measurements, asks for plans.
 import { Problem, api, followJob } from "./api.js";
+import { numberOf, unreadable } from "./numbers.js";
 
 function say(form, sentence) {
   const problem = form.querySelector(".problem");
@@ -12,7 +13,12 @@ function onSubmit(form, act) {
   form?.addEventListener("submit", async (event) => {
     event.preventDefault();
     const button = form.querySelector("button");
-    say(form, null);
+    const [wrong] = unreadable(form);
+    say(form, wrong ? form.querySelector(".unread").innerHTML : null);
+    if (wrong) {
+      wrong.focus();
+      return;
+    }
     button.disabled = true;
     try {
       await act(form);
@@ -28,7 +34,7 @@ function onSubmit(form, act) {
 }
 
 const text = (form, name) => form.elements[name].value.trim() || null;
-const figure = (form, name) => (text(form, name) === null ? null : Number(text(form, name)));
+const figure = (form, name) => (text(form, name) === null ? null : numberOf(text(form, name)));
 
 async function measure(form) {
   const shared = {

@@ -17,6 +17,10 @@ export function showTimes(root = document) {
     element.textContent = element.dataset.show === "age" ? age(time) : local;
     element.title = local;
   }
+  // An option of a list holds text alone.
+  for (const option of root.querySelectorAll("option[data-moment]")) {
+    option.textContent = `${option.dataset.before} ${moment.format(new Date(option.dataset.moment))}`;
+  }
 }
 
 showTimes();

@@ -1,5 +1,6 @@
 // The slice viewer: one slice of one or two logs, linked by height; its state stays in the address.
 import { navigator } from "./navigator.js";
+import { numberOf } from "./numbers.js";
 import { GREY, colorTables } from "./painting.js";
 import { Pane } from "./pane.js";
 
@@ -52,15 +53,24 @@ function repaint() {
 
 function look(window) {
   viewer.window = window;
-  [low.value, high.value] = [window.low, window.high].map((value) => Number(value.toPrecision(4)));
+  // A millionth at the least: smaller ones would be written with an exponent.
+  [low.value, high.value] = [window.low, window.high].map((value) => Number(Number(value.toPrecision(4)).toFixed(6)));
+  judge(true);
   repaint();
   changed();
 }
 
-function lookByFields() {
-  const window = { low: low.valueAsNumber, high: high.valueAsNumber };
-  const good = window.low < window.high;
+function judge(good) {
   [low, high].forEach((field) => field.setAttribute("aria-invalid", String(!good)));
+  const problem = find("#window-problem");
+  problem.textContent = good ? "" : find("#window-words").innerHTML;
+  problem.hidden = good;
+}
+
+function lookByFields() {
+  const window = { low: numberOf(low.value), high: numberOf(high.value) };
+  const good = window.low < window.high;
+  judge(good);
   if (good) {
     viewer.window = window;
     repaint();
@@ -69,7 +79,6 @@ function lookByFields() {
 }
 
 function usual() {
-  [low, high].forEach((field) => field.removeAttribute("aria-invalid"));
   look({ low: first.window[0], high: first.window[1] });
 }
 
