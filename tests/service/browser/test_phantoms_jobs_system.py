@@ -14,6 +14,8 @@ from sawmill_worker.vocabulary import Progress, Theta
 
 PICTURE = Path(sawmill_service.__file__).parent / "static/phantom.png"
 TABLET, PHONE = {"width": 800, "height": 1100}, {"width": 390, "height": 844}
+STREAMS = """window.streams = [];
+window.EventSource = class extends EventSource { constructor(url) { super(url); window.streams.push(this); } };"""
 NOMINAL = Theta(
     initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
 )
@@ -24,6 +26,13 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("seeded")]
 def ask(store) -> str:
     """A plan's job."""
     return store.plans.accept(PlanAsk(scanner_id="example", theta=NOMINAL), given={"phantom_id": "l-shape"}).job_id
+
+
+def seen(page: Page, *, yes: bool) -> None:
+    """As when another tab comes before this one, or goes."""
+    hidden = "false" if yes else "true"
+    page.evaluate(f"Object.defineProperty(document, 'hidden', {{configurable: true, get: () => {hidden}}})")
+    page.evaluate("document.dispatchEvent(new Event('visibilitychange'))")
 
 
 def look(page: Page, name: str) -> None:
@@ -103,13 +112,19 @@ def test_a_plan_is_asked_for_and_answered_in_words(site, worker):
 
 
 def test_jobs_are_followed_and_cancelled_and_keys_end(site, store, worker):
-    page = site.open("/jobs", viewport=PHONE)
+    page = site.open("/login", viewport=PHONE)
+    page.add_init_script(STREAMS)
+    page.goto("/jobs")
     expect(page.get_by_text("0 jobs run, 0 wait.")).to_be_visible()
+    seen(page, yes=False)
+    assert page.evaluate("streams.map(each => each.readyState)") == [2], "closed: nobody looks"
     ask(store)
+    seen(page, yes=True)
     expect(page.get_by_text("0 jobs run, 1 waits.")).to_be_visible()
     claim = worker.claim()
     store.jobs.heartbeat(claim, Progress(fraction=0.42, stage="views"))
     expect(page.get_by_text("42 %")).to_be_visible()
+    assert page.evaluate("streams.filter(each => each.readyState < 2).length") == 1
     ask(store)
     expect(page.get_by_text("Next in line")).to_be_visible()
     look(page, "jobs-390")

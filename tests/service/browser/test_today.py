@@ -65,6 +65,28 @@ def test_a_scanner_goes_red_and_the_service_dies_and_comes_back(browser, serve, 
         page.context.close()
 
 
+def test_rows_that_do_not_come_leave_it_grey_and_older_ones_never_come_last(site, check):
+    page = site.open()
+    example = page.locator("#scanner-example")
+    page.route("**/today/rows", lambda route: route.fulfill(status=503), times=1)
+    check(**OUT)
+    expect(page.get_by_role("alert")).to_contain_text("The service does not answer")
+    expect(example).to_contain_text("Fine")
+    expect(page.get_by_role("alert")).to_be_hidden()
+    assert "Out of tolerance" in example.text_content()
+
+    held = []
+    page.route("**/today/rows", lambda route: held.append((route, route.fetch())), times=1)
+    check()
+    page.wait_for_timeout(800)
+    check(**OUT)
+    page.wait_for_timeout(800)  # the newer rows would be there by now
+    [(route, older)] = held
+    route.fulfill(response=older)
+    page.wait_for_timeout(800)
+    expect(example).to_contain_text("Out of tolerance")
+
+
 @pytest.mark.parametrize("settings", [ServiceSettings(token=TOKEN, event_poll_s=0.05)], ids=["with-a-token"])
 def test_a_display_follows_until_its_key_ends(site, store, check):
     key = store.keys.create(KeyAsk(name="display", scope=Scope.READ, display=True))

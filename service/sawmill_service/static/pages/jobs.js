@@ -5,6 +5,7 @@ import { showTimes } from "./time.js";
 const SOON_MS = 200, PROGRESS_MS = 2000, IDLE_MS = 10_000;
 const HAPPENS = ["queued", "started", "succeeded", "failed", "cancelled", "lost", "put-off", "given-back"];
 let timer;
+let stream;
 const now = document.querySelector("#now");
 const silent = document.querySelector("#silent");
 
@@ -37,6 +38,7 @@ function replace(fresh) {
 
 async function refresh() {
   clearTimeout(timer);
+  listen();
   // Whoever is about to cancel a job must not lose the button under the finger.
   if (!document.hidden && !now.querySelector(".ask[open]")) {
     try {
@@ -52,6 +54,16 @@ async function refresh() {
 function soon() {
   clearTimeout(timer);
   timer = setTimeout(refresh, SOON_MS);
+}
+
+// A page that nobody sees holds no connection: browsers allow a few only. One that was refused is tried again.
+function listen() {
+  if (document.hidden) {
+    stream?.close();
+  } else if (stream === undefined || stream.readyState === EventSource.CLOSED) {
+    stream = new EventSource("/v1/events");
+    HAPPENS.forEach((what) => stream.addEventListener(what, soon));
+  }
 }
 
 function answered(yes) {
@@ -74,8 +86,10 @@ async function laidOpen(event) {
 
 now.addEventListener("toggle", laidOpen, true);
 if (now.dataset.source) {
-  const stream = new EventSource("/v1/events");
-  HAPPENS.forEach((what) => stream.addEventListener(what, soon));
-  document.addEventListener("visibilitychange", soon);
+  listen();
+  document.addEventListener("visibilitychange", () => {
+    listen();
+    soon();
+  });
   timer = setTimeout(refresh, PROGRESS_MS);
 }

@@ -15,6 +15,9 @@ let stream;
 let heard = Date.now(); // when the service last spoke
 let lost; // since when the connection is gone
 let waiting; // for more events, before the rows are fetched
+let fetching; // the rows: one request at a time, so that older ones never come after newer ones
+let wanted = false; // once more, for something happened since
+let stale = false; // until the rows have come again
 let reconnecting;
 const known = new Map([...page.querySelectorAll(".scanner")].map((row) => [row.id, row.outerHTML]));
 
@@ -26,12 +29,13 @@ function hear(event) {
 }
 
 function follow() {
+  stream?.close();
   stream = new EventSource(`/v1/events?after=${number}`);
   stream.addEventListener("alive", hear);
   for (const kind of page.dataset.kinds.split(" ")) {
     stream.addEventListener(kind, (event) => {
       hear(event);
-      waiting ??= setTimeout(refresh, TOGETHER_MS);
+      waiting ??= setTimeout(update, TOGETHER_MS);
     });
   }
   stream.addEventListener("error", () => {
@@ -44,16 +48,43 @@ function follow() {
 
 // A browser gives up a stream that is refused, as while the service starts, or when the key has ended.
 function reconnect() {
+  stream?.close();
   reconnecting ??= setTimeout(() => {
     reconnecting = undefined;
-    refresh().then(follow, reconnect);
+    refresh().then(look, failed).then(showSilence);
   }, AGAIN_MS);
 }
 
-async function refresh() {
+function update() {
+  refresh().then(showSilence, failed);
+}
+
+function failed() {
+  stale = true;
+  reconnect();
+  showSilence();
+}
+
+function refresh() {
   clearTimeout(waiting);
   waiting = undefined;
-  const answer = await fetch("/today/rows", { headers: { Accept: "text/html" } });
+  wanted = true;
+  fetching ??= fetchWanted().finally(() => {
+    fetching = undefined;
+  });
+  return fetching;
+}
+
+async function fetchWanted() {
+  while (wanted) {
+    wanted = false;
+    await fetchRows();
+  }
+  stale = isSilent();
+}
+
+async function fetchRows() {
+  const answer = await fetch("/today/rows", { headers: { Accept: "text/html" }, signal: AbortSignal.timeout(SILENT_MS) });
   if (answer.redirected) {
     location.reload(); // to the login: the key has ended
     return;
@@ -105,18 +136,24 @@ function where(element) {
   return row && { row: row.id, part: element.closest(".act") ? ".act a" : "h2 a" };
 }
 
-function showSilence() {
+function isSilent() {
   const now = Date.now();
-  const silent = now - heard > SILENT_MS || (lost !== undefined && now - lost > LOST_MS) || !navigator.onLine;
-  if (silent === page.classList.contains("silent")) {
+  return now - heard > SILENT_MS || (lost !== undefined && now - lost > LOST_MS) || !navigator.onLine;
+}
+
+// What was silent stays grey until it has new rows.
+function showSilence() {
+  const silent = isSilent();
+  stale ||= silent;
+  if (stale && !silent && !fetching && !reconnecting) {
+    update();
+  }
+  if (stale === page.classList.contains("silent")) {
     return;
   }
   warning.querySelector("time").textContent = heardAt.format(heard);
-  warning.hidden = !silent;
-  page.classList.toggle("silent", silent);
-  if (!silent) {
-    refresh().catch(reconnect);
-  }
+  warning.hidden = !stale;
+  page.classList.toggle("silent", stale);
 }
 
 // A page that nobody sees follows nothing: browsers allow a few connections only.
