@@ -8,10 +8,10 @@ from typing import Annotated
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
-from pydantic import AwareDatetime, Field
+from pydantic import Field
 
 from sawmill_service.problems import Refused
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import GivenTime, Queried
 from sawmill_worker.contracts.jobs import Priority
 
 # No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
@@ -55,10 +55,10 @@ class Paging(Queried):
 class Dated(Paging):
     """Which page of a list, and of which span of time."""
 
-    created_from: AwareDatetime | None = Field(
+    created_from: GivenTime | None = Field(
         None, description="The oldest moment, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
     )
-    created_before: AwareDatetime | None = Field(None, description="Only what is older than this moment.")
+    created_before: GivenTime | None = Field(None, description="Only what is older than this moment.")
 
 
 def accept(response: Response, location: str, retry_after_s: int) -> None:

@@ -56,3 +56,25 @@ def test_a_reconstruction_that_an_earlier_version_accepted_is_listed(seeded, sto
     assert "alpha must be from 1e-09 to 1e+09, not 1e-300" in answer.json()["detail"]
     kept = store.asked(RECONSTRUCTION).accept(ReconstructionAsked(**asked))
     assert seeded.get(f"/v1/reconstructions/{kept.id}").json()["options"]["alpha"] == 1e-300
+
+
+@pytest.mark.parametrize("moment", ["0001-01-01T00:00:00%2B14:00", "9999-12-31T23:59:59-14:00"])
+@pytest.mark.parametrize(
+    "path",
+    ["/v1/scans?created_from=", "/v1/reconstructions?created_before=", "/v1/scanners/example/measurements?since="],
+)
+def test_a_moment_that_no_calendar_holds_in_utc_is_refused(seeded, path, moment):
+    answer = seeded.get(path + moment)
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request")
+    assert "beyond what calendars hold" in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("after", ["9999999999", "999999999999999999"])
+def test_a_number_beyond_any_row_s_is_no_cursor(seeded, after):
+    for path in ("/v1/scanners/example/measurements", "/v1/audit"):
+        assert seeded.get(f"{path}?after={after}").json()["code"] == "invalid-cursor"
+
+
+@pytest.mark.parametrize("path", ["/scans?scanner_id=%00", "/logs?scanner_id=%00", "/scans?after=1.%00"])
+def test_pages_refuse_what_no_id_holds(seeded, path):
+    assert seeded.get(path).status_code == 422

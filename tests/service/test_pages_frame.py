@@ -112,3 +112,9 @@ def test_a_verdict_shows_both_questions_with_their_limits_as_the_language_writes
     assert "2,4 mm" in finnish
     unknown = verdict("en", predicted_ray_error_mm=None, rays_verdict="watch", limits=None)
     assert "Are the rays right? Not known" in unknown
+
+
+@pytest.mark.parametrize("accepted", ["EN-US", "FI", "Fi-fi;q=0.9"])
+def test_a_language_is_known_however_it_is_written(client, accepted):
+    assert preferred_language("", accepted) in {"en", "fi"}
+    assert client.get("/login", headers={"Accept-Language": accepted}).status_code == 200

@@ -66,4 +66,4 @@ def _weighed(part: str) -> tuple[float, str]:
         weight = float(parameter.strip().removeprefix("q=") or 1.0)
     except ValueError:  # no weight of the standard's: as good as none
         weight = 0.0
-    return weight, name.strip()
+    return weight, name.strip().lower()

@@ -56,13 +56,14 @@ class ListFilter:
 
 
 _ONE_DAY = timedelta(days=1)
+_SHOWN = "^[!-~]*$"  # of an id, or of a cursor
 
 
 def _list_filter(
-    scanner_id: Annotated[str, Query(max_length=64)] = "",
+    scanner_id: Annotated[str, Query(max_length=64, pattern=_SHOWN)] = "",
     day: Annotated[str, Query(max_length=20)] = "",
     zone: Annotated[str, Query(max_length=64)] = "",
-    after: Annotated[str, Query(max_length=200)] = "",
+    after: Annotated[str, Query(max_length=200, pattern=_SHOWN)] = "",
 ) -> ListFilter:
     """As a form sends it: a field that is left empty is an empty text."""
     return ListFilter(scanner_id, _parse_day(day) if day else None, _check_zone(zone), after or None)

@@ -79,10 +79,7 @@ class _Rewriter:
         self._body = b""
 
     async def __call__(self, message: Message) -> None:
-        if (
-            message["type"] == "http.response.start"
-            and Headers(raw=message["headers"]).get("content-type") == MEDIA_TYPE
-        ):
+        if _is_problem(message):
             self._start = message
         elif self._start is None:
             await self._send(message)

@@ -3,12 +3,13 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
-from pydantic import AwareDatetime, Field
+from pydantic import Field
 
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.given import GivenTime
 from sawmill_worker.contracts.measurements import Measurement
 from sawmill_worker.contracts.scanners import Activation, ScannerAsk, StoredScanner
 
@@ -18,7 +19,7 @@ router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 class Since(Paging):
     """Which measurements, and which page of them."""
 
-    since: AwareDatetime | None = Field(None, description="Leave out those before; RFC 3339.")
+    since: GivenTime | None = Field(None, description="Leave out those before; RFC 3339.")
 
 
 EXAMPLE = {

@@ -2,10 +2,18 @@
 
 import re
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from functools import partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    GetCoreSchemaHandler,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError
 
 from sawmill_worker.contracts.base import Contract
@@ -41,6 +49,17 @@ def _hidden(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
         # Braces in a template would be read.
         kind = PydanticCustomError("value_error", "{message}", {"message": message})
         yield InitErrorDetails(type=kind, loc=place, input=given)
+
+
+def _in_utc(moment: datetime) -> datetime:
+    try:
+        return moment.astimezone(UTC)
+    except OverflowError:
+        msg = f"{moment} is beyond what calendars hold in UTC: give a time from the year 2 to the year 9998"
+        raise ValueError(msg) from None
+
+
+GivenTime = Annotated[AwareDatetime, AfterValidator(_in_utc)]
 
 
 class Given(Contract):

@@ -1,12 +1,11 @@
 """Keys: who may do what. A secret is shown once, when it is made; what is stored cannot be turned back into it."""
 
-from datetime import UTC, datetime
 from enum import StrEnum
 
-from pydantic import AwareDatetime, Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Name, Stamped, Time
-from sawmill_worker.contracts.given import Given
+from sawmill_worker.contracts.given import Given, GivenTime
 
 
 class Scope(StrEnum):
@@ -32,7 +31,7 @@ class KeyAsk(Given):
 
     name: Name = Field(description="Whose it is: a person or a program.", examples=["scanner software of line 2"])
     scope: Scope = Field(description="`read`, `submit`, `activate` or `admin`; each may do what those before it may.")
-    expires_at: AwareDatetime | None = Field(
+    expires_at: GivenTime | None = Field(
         None, description="From then on it opens nothing; null: never.", examples=["2030-01-01T00:00:00Z"]
     )
     display: bool = Field(
@@ -40,15 +39,6 @@ class KeyAsk(Given):
         description="For a display on the wall: a page that it has opened stays open as long as the key is good. "
         "Of scope `read` alone.",
     )
-
-    @field_validator("expires_at")
-    @classmethod
-    def _is_a_time(cls, moment: datetime | None) -> datetime | None:
-        try:
-            return None if moment is None else moment.astimezone(UTC)
-        except OverflowError:
-            msg = f"{moment} is beyond what calendars hold in UTC: give a time before the year 9999, or null for never"
-            raise ValueError(msg) from None
 
     @model_validator(mode="after")
     def _displays_only_read(self) -> "KeyAsk":

@@ -18,6 +18,8 @@ Item = TypeVar("Item", bound=Contract)
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
+# PostgreSQL's integer.
+LARGEST_NUMBER = 2**31 - 1
 
 
 def new_id() -> str:
@@ -111,7 +113,7 @@ def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], 
     newest_first = statement.order_by(number.desc())
     if after is None:
         return newest_first
-    if re.fullmatch(r"[0-9]{1,18}", after) is None:
+    if re.fullmatch(r"[0-9]{1,18}", after) is None or int(after) > LARGEST_NUMBER:
         raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
     return newest_first.where(number < int(after))
 
