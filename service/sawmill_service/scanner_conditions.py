@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from sawmill_service.pages.languages import marked
-from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished
+from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished, Comparison
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
 from sawmill_worker.contracts.scanners import StoredScanner
@@ -102,13 +102,28 @@ class ScannerCondition:
             result = check.result
             within = result.within_tolerance is True
             return Moved(result.ray_change_mm, result.tolerance_mm, within, check.created_at, since_active=True)
-        newest = self.newest
-        if newest is None or newest.comparison is None:
+        newest, since_active = self.newest, self.compared
+        change = newest.comparison if newest is not None and self.newest_is_active else since_active
+        if newest is None or change is None:
             return None
-        change = newest.comparison
-        tolerance_mm = change.tolerance_mm or self.scanner.tolerances.ray_change_mm
-        since_active = not self.newest_is_active
-        return Moved(change.ray_change_mm, tolerance_mm, change.within_tolerance, newest.created_at, since_active)
+        return Moved(
+            change.ray_change_mm,
+            change.tolerance_mm or self.scanner.tolerances.ray_change_mm,
+            change.within_tolerance,
+            newest.created_at,
+            since_active=since_active is not None,
+        )
+
+    @property
+    def compared(self) -> Comparison | None:
+        """What the newest calibration shows against the one in use; None too where it was held against another one."""
+        found = None if self.newest is None or self.newest_is_active else self.newest.comparison
+        return found if found is not None and found.calibration_id == self.scanner.active_calibration_id else None
+
+    @property
+    def is_compared(self) -> bool:
+        """Whether anything has looked how far the scanner has moved since the calibration in use."""
+        return self.compared is not None or self._since_newest(self.seen) is not None
 
     @property
     def standing(self) -> Standing:
@@ -116,8 +131,10 @@ class ScannerCondition:
         newest = self.newest
         if newest is None:
             return self._without_calibration()
-        fine = Standing(marked("Fine"), "good", marked("It stands where its calibration says."))
-        return self._out_of_tolerance(newest) or self._to_be_watched(newest) or fine
+        right = marked("It stands where its calibration says.")
+        if not self.is_compared:
+            right = marked("It was right when it was calibrated.")
+        return self._out_of_tolerance(newest) or self._to_be_watched(newest) or Standing(marked("Fine"), "good", right)
 
     @property
     def needs_somebody(self) -> bool:
@@ -127,9 +144,9 @@ class ScannerCondition:
     @property
     def wants_review(self) -> bool:
         """Whether the next step is to look at the newest calibration, and not to make another."""
-        if self.newest is None or self.failure is not None or self.drifted is not None:
+        if self.newest is None or self.failure is not None or self.drifted is not None or self.newest.verdict == "fail":
             return False
-        return not self.newest_is_active and self.newest.verdict != "fail"
+        return self.active is None or self.compared is not None
 
     def _out_of_tolerance(self, newest: CalibrationSucceeded) -> Standing | None:
         if newest.verdict == "fail":
@@ -146,6 +163,9 @@ class ScannerCondition:
         if self.scanner.active_calibration_id is None:
             passed = marked("The newest calibration passed: accept it to use it.")
             return Standing(marked("Not accepted"), "watch", passed)
+        if not self.newest_is_active and not self.is_compared:
+            unknown = marked("Nothing has compared it with the calibration in use: calibrate it.")
+            return Standing(marked("Watch"), "watch", unknown)
         if self.moved is not None and self.moved.since_active and self.moved.share >= NEARLY:
             little_left = marked("It has moved nearly as far as is allowed: calibrate it today.")
             if not self.newest_is_active:
@@ -162,9 +182,8 @@ class ScannerCondition:
 
     def _moved_out_of_tolerance(self) -> str:
         """What moved since the active calibration, by the newest one or a later log; empty where nothing did."""
-        comparison = self.newest.comparison if self.newest else None
-        if comparison is not None and not comparison.within_tolerance and not self.newest_is_active:
-            return comparison.reason
+        if self.compared is not None and not self.compared.within_tolerance:
+            return self.compared.reason
         return f"A log shows: {self.drifted.reason}." if self.drifted else ""
 
     def _since_newest(self, check: Drift | None) -> Drift | None:
