@@ -122,7 +122,10 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
 @pytest.mark.usefixtures("seeded")
 def test_the_search_is_followed_live_and_cancelled(site, store):
     asked = store.calibrations.accept(CalibrationAsk(scan_id="example"))
-    page = site.open(f"/calibrate?calibration={asked.id}", viewport={"width": 800, "height": 700})
+    page = site.open("/login", viewport={"width": 800, "height": 700})
+    # As a proxy answers while the service starts: a browser does not ask again by itself.
+    page.route(f"**/v1/jobs/{asked.job_id}/events", lambda route: route.fulfill(status=503), times=1)
+    page.goto(f"/calibrate?calibration={asked.id}")
     stage = page.locator("#follow-stage")
     expect(stage).to_have_text("Waiting for its turn")
     claim = store.jobs.claim("test")

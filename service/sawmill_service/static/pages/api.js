@@ -3,7 +3,7 @@ const token = document.querySelector('meta[name="csrf-token"]')?.content;
 
 export class Problem extends Error {
   constructor(problem, status) {
-    super(problem?.detail ?? `status ${status}`);
+    super(problem?.detail ?? (status ? `status ${status}` : document.body.dataset.unreachable));
     this.code = problem?.code ?? "unreachable";
     this.status = status;
     this.errors = problem?.errors ?? [];
@@ -18,7 +18,10 @@ function headers(more = {}) {
 export async function api(method, path, body) {
   const sent = body === undefined ? {} : { body: JSON.stringify(body) };
   const type = body === undefined ? {} : { "Content-Type": "application/json" };
-  const answer = await fetch(path, { method, headers: headers({ Accept: "application/json", ...type }), ...sent });
+  const all = headers({ Accept: "application/json", ...type });
+  const answer = await fetch(path, { method, headers: all, ...sent }).catch(() => {
+    throw new Problem(null, 0);
+  });
   const text = await answer.text();
   const content = text ? JSON.parse(text) : null;
   if (!answer.ok) {
@@ -47,18 +50,47 @@ export function upload(path, file, onProgress, signal) {
   });
 }
 
-// Calls onJob with the job at each change, until it has ended; answers with the ended job.
+const AGAIN_MS = 2000;
+
+// Calls onJob with the job at each change, until it has ended; answers with the ended job. A browser gives up a stream
+// that is refused, as behind a proxy while the service starts: it is opened again once the job can be asked for.
 export function followJob(id, onJob) {
-  return new Promise((resolve) => {
-    const stream = new EventSource(`/v1/jobs/${encodeURIComponent(id)}/events`);
-    let last;
-    stream.addEventListener("job", (event) => {
-      last = JSON.parse(event.data);
-      onJob(last);
-    });
-    stream.addEventListener("end", () => {
-      stream.close();
-      resolve(last);
-    });
+  const path = `/v1/jobs/${encodeURIComponent(id)}`;
+  return new Promise((resolve, reject) => {
+    function follow() {
+      const stream = new EventSource(`${path}/events`);
+      let last;
+      stream.addEventListener("job", (event) => {
+        last = JSON.parse(event.data);
+        onJob(last);
+      });
+      stream.addEventListener("end", () => {
+        stream.close();
+        resolve(last);
+      });
+      stream.addEventListener("error", () => {
+        if (stream.readyState === EventSource.CLOSED) {
+          setTimeout(lookAgain, AGAIN_MS);
+        }
+      });
+    }
+
+    async function lookAgain() {
+      try {
+        await api("GET", path);
+      } catch (problem) {
+        if (problem.status === 401) {
+          location.reload(); // to the login: the session has ended
+        } else if ([403, 404].includes(problem.status)) {
+          reject(problem);
+        } else {
+          setTimeout(lookAgain, AGAIN_MS);
+        }
+        return;
+      }
+      follow();
+    }
+
+    follow();
   });
 }
