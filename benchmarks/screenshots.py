@@ -198,7 +198,7 @@ def drawn_side_by_side(images: Sequence[NDArray[np.float32]], captions: tuple[st
 
 
 def save(
-    picture: Image.Image, name: str, colours: int = 96, method: Image.Quantize = Image.Quantize.MAXCOVERAGE
+    picture: Image.Image, name: str, colours: int = 240, method: Image.Quantize = Image.Quantize.MAXCOVERAGE
 ) -> None:
     """As a PNG with a palette, which must be small."""
     path = PICTURES / f"{name}.png"
