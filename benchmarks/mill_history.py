@@ -22,7 +22,6 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.handing_over import given_to
-from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.jobs.running import Attempt, run
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
@@ -30,6 +29,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 from sawmill_worker.vocabulary import DataKind
 from sawmill_worker.vocabulary.physics import DetectorEffects, Physics
 
@@ -121,14 +121,8 @@ class _Scans:
         )
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "scan.h5"
-            write_raw_scan(
-                path,
-                counts=stack.counts,
-                flats=stack.flats,
-                darks=stack.darks,
-                angles_rad=angles,
-                detector_pitch_mm=SCANNER.detector_pitch_mm,
-                row_pitch_mm=ROW_PITCH_MM,
+            write_simulated_scan(
+                path, stack, angles, detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=ROW_PITCH_MM
             )
             return path.read_bytes()
 

@@ -31,7 +31,16 @@ CHALLENGES = ('Basic realm="sawmill-calibration", charset="UTF-8"', 'Bearer real
 # Monitoring needs no key: these report the service's state alone.
 OPEN_PATHS = frozenset({"/health/live", "/health/ready"})
 # Nor does a login, with what its page loads.
-LOGIN_PATHS = frozenset({LOGIN, "/look", "/static/pages/base.css", "/static/pages/time.js", "/static/mark.svg"})
+LOGIN_PATHS = frozenset(
+    {
+        LOGIN,
+        "/look",
+        "/static/mark.svg",
+        "/static/pages/base.css",
+        "/static/pages/dark.css",
+        "/static/pages/time.js",
+    }
+)
 # What proxies add to the requests that they pass on.
 FORWARDED = (
     "forwarded",

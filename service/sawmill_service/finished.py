@@ -3,6 +3,7 @@
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.reconstructions import ReconstructionResult
 from sawmill_worker.contracts.scans import Scan, ScanShape
+from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
 
 
@@ -19,6 +20,27 @@ def result_of(store: Store, reconstruction_id: str) -> ReconstructionResult:
         detail = f"reconstruction {reconstruction_id!r} is {reconstruction.state} and has no volume"
         raise Refused(409, "reconstruction-without-result", detail)
     return reconstruction.result
+
+
+def check_slice(result: ReconstructionResult, index: int) -> None:
+    """Refuse a slice that a volume has not.
+
+    Raises
+    ------
+    Refused
+        404 `slice-not-found`.
+    """
+    slices = result.shape[0]
+    if index >= slices:
+        raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
+
+
+def scan_if_kept(store: Store, scan_id: str) -> Scan | None:
+    """A scan that something was made from, which outlives it; None: it was deleted since."""
+    try:
+        return store.scans.get(scan_id)
+    except NotFound:
+        return None
 
 
 def ready_scan(store: Store, scan_id: str) -> tuple[Scan, ScanShape]:

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from live_service import JOB_S, SCANNER, Offline, Service, process, serving
 
-from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.simulate import simulate_stack
+from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 
 THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
 VIEWS, PHANTOM_ROWS, LOG_ROWS, ROW_PITCH_MM = 180, 2, 2, 3.0
@@ -86,15 +86,7 @@ def write_phantom_scan() -> Callable[..., None]:
 def write_stack(path: Path, slices: list[Any], theta: Theta, *, views: int, seed: int) -> None:
     angles = (np.arange(views) + 0.5) * 2 * np.pi / views
     stack = simulate_stack(slices, FanBeamGeometry(SCANNER, theta, angles), seed=seed)
-    write_raw_scan(
-        path,
-        counts=stack.counts,
-        flats=stack.flats,
-        darks=stack.darks,
-        angles_rad=angles,
-        detector_pitch_mm=SCANNER.detector_pitch_mm,
-        row_pitch_mm=ROW_PITCH_MM,
-    )
+    write_simulated_scan(path, stack, angles, detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=ROW_PITCH_MM)
 
 
 @pytest.fixture(scope="session")

@@ -72,6 +72,14 @@ def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
 
 
 @pytest.fixture
+def clocked_store(settings: StorageSettings, clock: TestClock) -> Iterator[Store]:
+    """A store whose clock the test moves."""
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
 def store(settings: StorageSettings, empty_data: Path) -> Iterator[Store]:
     if settings.database_url is None:
         shutil.copytree(empty_data, settings.data_folder)

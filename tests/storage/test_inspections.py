@@ -6,17 +6,14 @@ from sawmill_worker.contracts.inspections import FILE_KEPT, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.leftovers import Leftovers
-from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind
 
 GRACE_S = 3600.0
 
 
 @pytest.fixture
-def store(settings, clock):
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture

@@ -12,17 +12,13 @@ from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
 from sawmill_worker.storage.keys import PREFIX, USE_STEP, hash_of
-from sawmill_worker.storage.store import Store
 
 ASK = KeyAsk(name="scanner software", scope=Scope.SUBMIT)
 
 
 @pytest.fixture
-def store(settings, clock):
-    """A store whose clock the test moves."""
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 def opens(store, key):

@@ -16,10 +16,8 @@ START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
 
 
 @pytest.fixture
-def store(settings, clock):
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture

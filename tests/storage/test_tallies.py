@@ -5,7 +5,6 @@ import pytest
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_worker.storage.jobs import Pulse
-from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tallies import SETTLED, Amount, Fate, Tallies
 
 REFUSED = Failure(kind=FailureKind.INPUT, code="broken-file", detail="it is damaged")
@@ -13,10 +12,8 @@ SUCCEEDED, FAILED, LOST = EventKind.SUCCEEDED, EventKind.FAILED, EventKind.LOST
 
 
 @pytest.fixture
-def store(settings, clock):
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture

@@ -11,7 +11,6 @@ from sawmill_calibration.input_errors import InputError, input_errors, options_o
 from sawmill_calibration.phantoms import drawing_of
 from sawmill_calibration.scans import Scan, read_scan
 from sawmill_worker.contracts.simulating import SimulationOptions
-from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, log_slices
@@ -19,6 +18,7 @@ from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
+from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Scanner, Theta
 from sawmill_worker.vocabulary.physics import Physics
 
@@ -148,13 +148,7 @@ def _counted(
     with input_errors(), TemporaryDirectory(prefix="sawmill-") as folder:
         stack = simulate_stack(wood, geometry, physics, photons=photons, seed=seed)
         path = Path(folder) / "scan.h5"
-        write_raw_scan(
-            path,
-            counts=stack.counts,
-            flats=stack.flats,
-            darks=stack.darks,
-            angles_rad=angles_rad,
-            detector_pitch_mm=geometry.scanner.detector_pitch_mm,
-            row_pitch_mm=None,
+        write_simulated_scan(
+            path, stack, angles_rad, detector_pitch_mm=geometry.scanner.detector_pitch_mm, row_pitch_mm=None
         )
         return read_scan(path, data=DataKind.COUNTS, source_to_cor_mm=geometry.scanner.source_to_cor_mm)

@@ -29,7 +29,6 @@ from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
-from sawmill_worker.files.scan_writer import write_raw_scan
 from sawmill_worker.seeding import examples_made
 from sawmill_worker.storage.asked import NOTHING, Asked
 from sawmill_worker.storage.settings import StorageSettings
@@ -39,6 +38,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scan
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import SimulatedStack, simulate_stack
+from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 from sawmill_worker.vocabulary import DataKind, Polygon, ReconstructionMethod
 from sawmill_worker.vocabulary.physics import BeamEffects, DetectorEffects, MotionEffects, Physics, WoodEffects
 
@@ -99,14 +99,8 @@ def write_bad_day(path: Path, views: int) -> None:
 
 
 def _write_stack(path: Path, views: int, stack: SimulatedStack) -> None:
-    write_raw_scan(
-        path,
-        counts=stack.counts,
-        flats=stack.flats,
-        darks=stack.darks,
-        angles_rad=full_turn(views),
-        detector_pitch_mm=SCANNER.detector_pitch_mm,
-        row_pitch_mm=ROW_PITCH_MM,
+    write_simulated_scan(
+        path, stack, full_turn(views), detector_pitch_mm=SCANNER.detector_pitch_mm, row_pitch_mm=ROW_PITCH_MM
     )
 
 

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import shown_log
+from sawmill_service.finished import scan_if_kept
 from sawmill_service.forms import TheForm
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
@@ -191,7 +192,7 @@ def _of_scan(page: PageFrame, store: Store, where: Where, scan_id: str, problem:
 def _of_calibration(
     page: PageFrame, store: Store, where: Where, calibration: CalibrationSucceeded | CalibrationUnfinished
 ) -> HTMLResponse:
-    scanner, scan = store.scanners.get(calibration.scanner_id), _scan(store, calibration.scan_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
     if isinstance(calibration, CalibrationSucceeded):
         return page.answer(
             "calibrate_result.html",
@@ -228,17 +229,9 @@ def _of_calibration(
     )
 
 
-def _scan(store: Store, scan_id: str) -> Scan | None:
-    """None: it was deleted since."""
-    try:
-        return store.scans.get(scan_id)
-    except NotFound:
-        return None
-
-
 def _earlier(store: Store, scan_id: str | None) -> dict[str, str]:
     """The answers that made a scan of the same file; none where it was deleted since."""
-    scan = None if scan_id is None else _scan(store, scan_id)
+    scan = None if scan_id is None else scan_if_kept(store, scan_id)
     given = {} if scan is None else {name: getattr(scan, name) for name in ASKED}
     return {name: str(value) for name, value in given.items() if value is not None}
 

@@ -4,9 +4,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import locale_of, marked
+from sawmill_service.pages.languages import marked
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.failure_codes import DEFECTS, LIMITS, LOSSES, OUTAGES
 from sawmill_worker.contracts.jobs import Failure
@@ -95,7 +94,7 @@ def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
     compared = calibration.comparison
     if compared is None:
         return []
-    _, formats = page.text.gettext, _formats(page)
+    _, formats = page.text.gettext, page.formats
     scale = compared.scale_change_percent
     return [
         Row(_("Rays"), formats.mm(compared.ray_change_mm)),
@@ -109,7 +108,7 @@ def changes_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
 
 def parameters_of(page: PageFrame, calibration: CalibrationSucceeded) -> list[Row]:
     """The geometry that was found, each number with its standard deviation."""
-    _, formats, frame = page.text.gettext, _formats(page), calibration.source_frame
+    _, formats, frame = page.text.gettext, page.formats, calibration.source_frame
     deviation = calibration.standard_deviation
     known = None if deviation is None else deviation.source_frame
 
@@ -132,7 +131,3 @@ _PARAMETERS = {
     "cor_column_mm": marked("Centre of rotation on the detector (u_c)"),
     "tilt_rad": marked("Tilt of the detector (tau)"),
 }
-
-
-def _formats(page: PageFrame) -> Formats:
-    return Formats(locale_of(page.language), page.text)

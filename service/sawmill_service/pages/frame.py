@@ -1,6 +1,5 @@
 """What every page shares: its language, who looks at it, and the templates with both."""
 
-import gettext
 from functools import cache
 from typing import Annotated
 
@@ -32,6 +31,8 @@ class PageFrame:
         A key of `languages.LANGUAGES`.
     text : gettext.NullTranslations
         Its catalogue.
+    formats : Formats
+        How it writes numbers and times.
     """
 
     def __init__(self, request: Request) -> None:
@@ -41,6 +42,7 @@ class PageFrame:
             request.cookies.get(LANGUAGE_COOKIE, ""), request.headers.get("accept-language", "")
         )
         self.text = texts(self.language)
+        self.formats = formats_of(self.language)
 
     def answer(
         self, template: str, *, status: int = 200, headers: dict[str, str] | None = None, **values: object
@@ -100,12 +102,17 @@ ThePage = Annotated[PageFrame, Depends()]
 
 
 @cache
+def formats_of(language: str) -> Formats:
+    """How a language writes numbers and times."""
+    return Formats(locale_of(language), texts(language))
+
+
+@cache
 def templates(language: str = ENGLISH) -> Environment:
     """The templates in a language."""
     environment = templates_of("sawmill_service", ["jinja2.ext.i18n"])
-    text: gettext.NullTranslations = texts(language)
+    text, formats = texts(language), formats_of(language)
     environment.install_gettext_translations(text, newstyle=True)  # type: ignore[attr-defined]
-    formats = Formats(locale_of(language), text)
     environment.filters |= formats.filters()
     environment.globals["two_questions"] = shown_questions(text, formats)
     return environment

@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.phantom_words import formats_of
 from sawmill_service.pages.verdicts import ShownQuestion, shown_pair
 from sawmill_worker.contracts.plans import Plan
 from sawmill_worker.contracts.scanners import StoredScanner
@@ -39,7 +38,7 @@ def plan_views(store: Store, phantom_id: str, page: PageFrame) -> Iterator[PlanV
         questions: list[ShownQuestion] = []
         if plan.result is not None and scanner is not None:
             promised = TwoQuestions.of_plan(plan.result, scanner.tolerances)
-            questions = shown_pair(promised, page.text, formats_of(page))
+            questions = shown_pair(promised, page.text, page.formats)
         yield PlanView(plan, scanner, questions)
 
 

@@ -7,7 +7,6 @@ from babel.dates import format_timedelta
 
 from sawmill_service.pages.formats import Formats
 from sawmill_service.pages.frame import PageFrame
-from sawmill_service.pages.languages import locale_of
 from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement, StoredPhantom
 
 # Of an expiry that comes: time enough to find the caliper.
@@ -43,7 +42,7 @@ def size_known(phantom: StoredPhantom, page: PageFrame, today: date) -> SizeKnow
     if phantom.drawing is not None and (left := phantom.drawing.axis_as_drawn) is not None:
         return _along_one_axis(when, left, page)
     ends = min((each.expires_on for each in measured if each.expires_on is not None), default=None)
-    formats = formats_of(page)
+    formats = page.formats
     if ends is not None and ends - today <= SOON:
         sentence = _("%(when)s. Measure it again by %(day)s.") % {"when": when, "day": formats.day(ends.isoformat())}
         return SizeKnown("watch", _("Measure soon"), sentence)
@@ -58,11 +57,6 @@ def _along_one_axis(when: str, left: str, page: PageFrame) -> SizeKnown:
     axes = {"axis": "x" if left == "y" else "y", "other": left}
     sentence = _("%(when)s, along %(axis)s only: along %(other)s it is as it was drawn. Measure that side too.")
     return SizeKnown("watch", _("Measured along %(axis)s only") % axes, sentence % {"when": when, **axes})
-
-
-def formats_of(page: PageFrame) -> Formats:
-    """How the page's language writes numbers and days."""
-    return Formats(locale_of(page.language), page.text)
 
 
 def _unmeasured(phantom: StoredPhantom, page: PageFrame) -> SizeKnown:
@@ -81,7 +75,7 @@ def _last_measured(measured: list[SizeMeasurement], page: PageFrame, today: date
     elif last.measured_on == today:
         when = _("Measured today")
     elif last.measured_on > today:
-        when = _("Measured on %(day)s") % {"day": formats_of(page).day(last.measured_on.isoformat())}
+        when = _("Measured on %(day)s") % {"day": page.formats.day(last.measured_on.isoformat())}
     else:
         ago = format_timedelta(
             last.measured_on - today, granularity="day", threshold=_TWO, add_direction=True, locale=page.language

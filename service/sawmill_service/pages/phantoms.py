@@ -13,7 +13,7 @@ from sawmill_service.answers import Paging, Svg, etag, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views
-from sawmill_service.pages.phantom_words import SizeKnown, formats_of, size_known, size_text
+from sawmill_service.pages.phantom_words import SizeKnown, size_known, size_text
 from sawmill_service.problems import field_problem
 from sawmill_worker.contracts.base import Contract, Identifier
 from sawmill_worker.contracts.given import Given
@@ -154,7 +154,7 @@ def _phantom_page(
         "phantom.html",
         status=status,
         phantom=stored,
-        size=size_text(drawing, formats_of(page)) if drawing else None,
+        size=size_text(drawing, page.formats) if drawing else None,
         known=size_known(stored, page, today),
         svg=Markup(shown_svg(drawing.name, dict(enumerate(drawing.shapes)))) if drawing else None,  # noqa: S704 - ours
         shown=_picture_of(stored, store),
@@ -172,7 +172,7 @@ def _scanners(store: Store) -> list[StoredScanner]:
 
 
 def _listed(phantom: StoredPhantom, page: PageFrame, today: date) -> ListedPhantom:
-    size = size_text(phantom.drawing, formats_of(page)) if phantom.drawing else ""
+    size = size_text(phantom.drawing, page.formats) if phantom.drawing else ""
     return ListedPhantom(phantom, size, size_known(phantom, page, today))
 
 

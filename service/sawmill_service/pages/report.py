@@ -12,6 +12,7 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from sawmill_service.dependencies import TheStore
+from sawmill_service.finished import scan_if_kept
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
@@ -39,7 +40,7 @@ def report(calibration_id: Identifier, store: TheStore) -> HTMLResponse:
 def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
     from sawmill_worker.pictures.report_page import About
 
-    scanner = store.scanners.get(calibration.scanner_id)
+    scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
     activations = store.scanners.history(scanner.id)
     activation = next((each for each in activations if each.calibration_id == calibration.id), None)
     return About(
@@ -47,7 +48,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         made_at=calibration.created_at.astimezone(),
         scanner_name=scanner.name,
         scanner_id=scanner.id,
-        scan_name=_scan_name(store, calibration.scan_id),
+        scan_name=None if scan is None else scan.name,
         scan_id=calibration.scan_id,
         phantom=store.phantoms.get(calibration.phantom_id).drawing,
         tolerances=scanner.tolerances,
@@ -56,14 +57,6 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         activated="" if activation is None else _in_use(activation.activated_at, activation.reason),
         back=f"/scanners/{scanner.id}",
     )
-
-
-def _scan_name(store: Store, scan_id: str) -> str | None:
-    """None: it was deleted since."""
-    try:
-        return store.scans.get(scan_id).name
-    except NotFound:
-        return None
 
 
 def _in_use(activated_at: str, reason: str) -> str:

@@ -14,7 +14,7 @@ from pydantic import AfterValidator, Field, model_validator
 from sawmill_service.answers import Hdf5, Png, etag, file, picture
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
-from sawmill_service.finished import result_of
+from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier, parse_span
@@ -119,8 +119,7 @@ def get_slice(
 ) -> Response:
     """A row of the picture is +x, a column +y."""
     result = result_of(store, reconstruction_id)
-    if index >= result.shape[0]:
-        raise Refused(404, "slice-not-found", f"index must be below {result.shape[0]}, the slices, not {index}")
+    check_slice(result, index)
     path = store.files.volume(reconstruction_id)
 
     def draw() -> bytes:

@@ -14,9 +14,8 @@ from sawmill_service.answers import Png, etag, file
 from sawmill_service.arrays import Npy, array
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import volume_thumbnail
-from sawmill_service.finished import result_of
+from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
-from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.vocabulary import ColorMap
@@ -77,9 +76,9 @@ def get_slice_array(
     store: TheStore,
 ) -> Response:
     """float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures."""
-    slices, *size = result_of(store, reconstruction_id).shape
-    if index >= slices:
-        raise Refused(404, "slice-not-found", f"index must be below {slices}, the slices, not {index}")
+    result = result_of(store, reconstruction_id)
+    check_slice(result, index)
+    size = result.shape[1:]
     factor = -(-max(size) // (query.max_size or max(size)))
 
     def read() -> tuple[bytes, Mapping[str, str]]:

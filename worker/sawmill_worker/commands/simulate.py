@@ -8,7 +8,7 @@ import numpy as np
 from sawmill_worker.commands.options import PhantomSource, Position
 from sawmill_worker.commands.phantoms import drawing_of
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.files.scan_writer import write_raw_scan, write_scan
+from sawmill_worker.files.scan_writer import write_scan
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM
@@ -16,6 +16,7 @@ from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.simulate import UNEQUAL_CELLS, simulate_rows, simulate_stack
 from sawmill_worker.use_cases.conversion import to_phantom
 from sawmill_worker.use_cases.physics_file import read_physics
+from sawmill_worker.use_cases.simulated_scan import write_simulated_scan
 from sawmill_worker.vocabulary import DataKind, Handedness, Rotation, Theta
 
 
@@ -42,14 +43,8 @@ def simulate_scan(
     if data is DataKind.COUNTS:
         effects = UNEQUAL_CELLS if physics is None else read_physics(physics)
         stack = simulate_stack(slices, fan, effects, photons=photons, seed=seed)
-        write_raw_scan(
-            output,
-            counts=stack.counts,
-            flats=stack.flats,
-            darks=stack.darks,
-            angles_rad=angles_rad,
-            detector_pitch_mm=scanner.detector_pitch_mm,
-            row_pitch_mm=scanner.row_pitch_mm,
+        write_simulated_scan(
+            output, stack, angles_rad, detector_pitch_mm=scanner.detector_pitch_mm, row_pitch_mm=scanner.row_pitch_mm
         )
     else:
         write_scan(

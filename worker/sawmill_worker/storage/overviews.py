@@ -8,6 +8,7 @@ from sqlalchemy.orm import aliased
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.scanners import scanner_with
 from sawmill_worker.storage.tables import ActivationRow, CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
 
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
@@ -94,8 +95,5 @@ def _read(
     scan_id: str | None,
     state: JobState | None,
 ) -> Overview:
-    scanner = StoredScanner.model_validate(
-        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
-    )
     calibrating = state is not None and not state.ended
-    return Overview(scanner, ended_id, succeeded_id, drift_id, seen_id, scan_id, calibrating)
+    return Overview(scanner_with(row, active_id), ended_id, succeeded_id, drift_id, seen_id, scan_id, calibrating)

@@ -153,7 +153,11 @@ def activate(session: Session, scanner_id: str, calibration_id: str, reason: str
 
 def read_scanner(session: Session, row: ScannerRow) -> StoredScanner:
     """The scanner as it stands, its active calibration included."""
-    active = active_calibration_id(session, row.id)
+    return scanner_with(row, active_calibration_id(session, row.id))
+
+
+def scanner_with(row: ScannerRow, active_id: str | None) -> StoredScanner:
+    """The scanner of a row whose active calibration is known."""
     return StoredScanner.model_validate(
-        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active}
+        {**row.spec, "id": row.id, "created_at": row.created_at, "active_calibration_id": active_id}
     )

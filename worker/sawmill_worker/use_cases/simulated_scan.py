@@ -1,0 +1,38 @@
+"""A simulated stack as the file that a scanner would write."""
+
+from pathlib import Path
+
+from sawmill_worker.files.scan_writer import write_raw_scan
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.simulate import SimulatedStack
+
+
+def write_simulated_scan(
+    path: Path,
+    stack: SimulatedStack,
+    angles_rad: FloatArray,
+    *,
+    detector_pitch_mm: float,
+    row_pitch_mm: float | None,
+) -> None:
+    """Write counts, flat and dark fields as an NXtomo file.
+
+    Parameters
+    ----------
+    angles_rad : (views,)
+        As the scanner counts them.
+
+    Raises
+    ------
+    OSError
+        The file cannot be written.
+    """
+    write_raw_scan(
+        path,
+        counts=stack.counts,
+        flats=stack.flats,
+        darks=stack.darks,
+        angles_rad=angles_rad,
+        detector_pitch_mm=detector_pitch_mm,
+        row_pitch_mm=row_pitch_mm,
+    )
