@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 from reaching import endings
 
 from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.contracts.jobs import FailureKind, Job
+from sawmill_worker.contracts.jobs import FailureKind, Job, JobKind
 from sawmill_worker.storage.files import checkpoints_of
 from sawmill_worker.vocabulary import Progress
 
@@ -288,7 +288,7 @@ def needs_of(_: Attempt) -> Needs:
 
 def run(attempt: Attempt) -> dict[str, Any]:
     given = attempt.given
-    if given.asked_json is None:
+    if attempt.job.kind in {JobKind.INGEST, JobKind.INSPECT, JobKind.TRACE_PHANTOM}:
         return BEHAVIOURS[given.file.read_text()](attempt)
     named = (each.name for each in (given.phantom, given.scanner) if each is not None and each.name in BEHAVIOURS)
     return BEHAVIOURS[next(named, "refuse")](attempt)

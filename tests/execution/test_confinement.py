@@ -10,6 +10,7 @@ from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.contracts.plans import PlanAsk
@@ -59,6 +60,7 @@ def one_of_each(store, finish):
     store.reconstructions.accept(ReconstructionAsk(scan_id=scan, calibration_id=calibration))
     store.plans.accept(PlanAsk(scanner_id=scanner, theta=GivenTheta(**THETA)), given={"phantom_id": "l-shape"})
     store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
+    store.inspections.accept_file(InspectionOptions(), upload(), name="tell-all")
 
 
 @pytest.fixture

@@ -30,7 +30,7 @@ SCANNER = ScannerSpec(
 def test_no_crash_is_tried_again(number):
     for kind in JobKind:
         failure = died(-number, kind)
-        if kind in {JobKind.INGEST, JobKind.TRACE_PHANTOM}:
+        if kind in {JobKind.INGEST, JobKind.INSPECT, JobKind.TRACE_PHANTOM}:
             assert (failure.kind, failure.code) == (FailureKind.INPUT, "broken-file")
         else:
             assert (failure.kind, failure.code) == (FailureKind.INTERNAL, "attempt-crashed")
