@@ -108,6 +108,7 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
     problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
     schemas.update(problem.pop("$defs"))
     schemas["Problem"] = problem
+    _name_by_title(document, schemas)
     components["responses"] = {
         "Problem": {
             "description": "What went wrong, as a problem of RFC 9457.",
@@ -122,6 +123,27 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         _describe_streams(operation)
         _give_examples(operation, operation.pop(TRY, {}))
     return document
+
+
+def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
+    """Each schema under its title: pydantic calls a page of scans `Page_Scan_`, and gives a named literal no title."""
+    names = {name: schema.setdefault("title", name) for name, schema in schemas.items()}
+    if len(set(names.values())) < len(names):
+        msg = f"two schemas have one title: {sorted(names.items(), key=lambda pair: pair[1])}"
+        raise ValueError(msg)
+    for name, title in names.items():
+        schemas[title] = schemas.pop(name)
+    refer = {f"#/components/schemas/{name}": f"#/components/schemas/{title}" for name, title in names.items()}
+    _replace_references(document, refer)
+
+
+def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN401 - any JSON value
+    """In place, wherever one stands."""
+    for key, value in part.items() if isinstance(part, dict) else enumerate(part):
+        if isinstance(value, dict | list):
+            _replace_references(value, refer)
+        elif isinstance(value, str) and value in refer:
+            part[key] = refer[value]
 
 
 def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:

@@ -5,11 +5,11 @@ from fastapi import APIRouter, Response
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Contract, Identifier, Name
-from sawmill_worker.contracts.keys import Key, KeyAsk, Keys, NewKey, Rotation, Scope
+from sawmill_worker.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 
 router = APIRouter(prefix="/v1/keys", tags=["keys"])
 
-AT_ONCE = Rotation()
+AT_ONCE = KeyRotation()
 
 
 class OwnKey(Contract):
@@ -45,7 +45,7 @@ def list_keys(store: TheStore) -> Keys:
 
 
 @router.post("/{key_id}/rotate", summary="Replace a key's secret", openapi_extra=trying(body={"grace_s": 3600}))
-def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: Rotation = AT_ONCE) -> NewKey:
+def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: KeyRotation = AT_ONCE) -> NewKey:
     """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)

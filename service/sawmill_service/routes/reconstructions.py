@@ -6,7 +6,7 @@ What draws is imported by the first picture: a service that draws none does not 
 
 from collections.abc import Sequence
 from enum import IntEnum, StrEnum
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
@@ -18,6 +18,7 @@ from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier, parse_span
+from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.vocabulary import ColorMap
 
@@ -101,7 +102,7 @@ class MosaicQuery(WindowQuery):
 class SideQuery(WindowQuery):
     """From where to look at the log."""
 
-    along: Literal["x", "y"] = Field("x", description="The axis to look along; the other one runs down the picture.")
+    along: Axis = Field("x", description="The axis to look along; the other one runs down the picture.")
 
 
 @router.get(

@@ -5,7 +5,7 @@ What reads and draws is imported by the first request: as in `routes/reconstruct
 # ruff: noqa: PLC0415 - for that reason
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
@@ -17,6 +17,7 @@ from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.vocabulary import ColorMap
 
@@ -58,7 +59,7 @@ class SideArrayQuery(Queried):
         description="Most values along each axis: of a longer one, the largest of 2, 3 and so on together, the fewest "
         "with which it fits. Null: one for each slice and pixel.",
     )
-    along: Literal["x", "y"] = Field("x", description="The axis to look along; the other one is the array's second.")
+    along: Axis = Field("x", description="The axis to look along; the other one is the array's second.")
 
 
 @router.get(

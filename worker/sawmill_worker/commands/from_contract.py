@@ -14,6 +14,7 @@ from pydantic.dataclasses import is_pydantic_dataclass
 from pydantic_core import ErrorDetails
 from rich.markup import escape
 from typer.models import OptionInfo
+from typing_extensions import TypeAliasType
 
 from sawmill_worker.contracts.base import complaint
 
@@ -148,7 +149,9 @@ def _is_contract(kind: object) -> bool:
 
 
 def _typed_as(annotation: object) -> object:
-    """The type that Typer reads: without None and without bounds; several numbers are one text."""
+    """The type that Typer reads: without None, name and bounds; several numbers are one text."""
+    if isinstance(annotation, TypeAliasType):
+        return _typed_as(annotation.__value__)
     if get_origin(annotation) is Annotated:
         return _typed_as(get_args(annotation)[0])
     if get_origin(annotation) in {Union, types.UnionType}:

@@ -7,15 +7,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sawmill_worker.contracts.inspections import FilePart, InspectedReading, InspectionResult, Verdict
+from sawmill_worker.contracts.inspections import FilePart, FileVerdict, InspectedReading, InspectionResult
 from sawmill_worker.readers.parts import PartKind
 
 # Parts, and other files, that are shown: about a page. `--json` has all of them.
 MOST_ROWS, MOST_FILES = 60, 3
 WORDS = {
-    Verdict.READY: ("can be read", "green"),
-    Verdict.INCOMPLETE: ("more must be given", "yellow"),
-    Verdict.REFUSED: ("refused", "red"),
+    FileVerdict.READY: ("can be read", "green"),
+    FileVerdict.INCOMPLETE: ("more must be given", "yellow"),
+    FileVerdict.REFUSED: ("refused", "red"),
 }
 
 

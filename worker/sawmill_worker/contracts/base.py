@@ -2,7 +2,7 @@
 
 import re
 from datetime import datetime
-from typing import Annotated, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -123,6 +123,11 @@ Item = TypeVar("Item")
 
 class Page(Contract, Generic[Item]):
     """One page of a list, newest first; `next` is the cursor of the following page."""
+
+    @classmethod
+    def model_parametrized_name(cls, params: tuple[Any, ...]) -> str:
+        """As pydantic asks for it: `ScanPage` for pages of `Scan`."""
+        return f"{params[0].__name__}Page"
 
     items: list[Item]
     next: str | None = Field(None, description="Pass as `after` to get the following page; null on the last.")

@@ -6,8 +6,19 @@ from typing import Annotated, Any, Literal, Self
 from uuid import uuid4
 
 from pydantic import Field
+from typing_extensions import TypeAliasType
 
 from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Rows, Stamped
+from sawmill_worker.contracts.choices import (
+    Axis,
+    PaperCorrelation,
+    PaperObjective,
+    PaperStop,
+    UnfinishedState,
+    Verdict,
+    Weighting,
+    WitnessTaken,
+)
 from sawmill_worker.contracts.geometry import (
     ReportedSourceFrame,
     ScannerConstants,
@@ -28,15 +39,8 @@ from sawmill_worker.vocabulary import (
     CalibrationStatus,
     Handedness,
     MovedBody,
-    PaperCorrelation,
-    PaperObjective,
-    PaperStop,
     Rotation,
     Theta,
-    TrueAxis,
-    Verdict,
-    Weighting,
-    WitnessTaken,
 )
 
 
@@ -94,7 +98,7 @@ class CalibrationOptions(Contract):
         description="Relative standard uncertainty of the phantom's size, in per cent. By default that of its drawing, "
         f"{100 * STANDARD_SIZE_TOLERANCE:g} where nobody stated one.",
     )
-    true_axis: TrueAxis | None = Field(
+    true_axis: Axis | None = Field(
         None,
         description="Axis of the drawing along which the phantom's size is right. By default the drawing's, else "
         "neither: half the difference between the two is then added to the scale's uncertainty.",
@@ -377,7 +381,7 @@ class CalibrationHeader(Stamped):
 class CalibrationUnfinished(CalibrationHeader):
     """Waiting, running, or ended without an answer."""
 
-    state: Literal["queued", "running", "failed", "cancelled"]
+    state: UnfinishedState
     failure: Failure | None = None
     links: CalibrationLinks | None = None
 
@@ -389,7 +393,13 @@ class CalibrationSucceeded(CalibrationHeader, CalibrationResult):
     links: CalibrationLinks | None = None
 
 
-Calibration = Annotated[CalibrationUnfinished | CalibrationSucceeded, Field(discriminator="state")]
+Calibration = TypeAliasType(
+    "Calibration",
+    Annotated[
+        CalibrationUnfinished | CalibrationSucceeded,
+        Field(discriminator="state", description="A calibration as it stands: with its answer once it has succeeded."),
+    ],
+)
 
 
 def calibration_from(record: Mapping[str, Any]) -> CalibrationUnfinished | CalibrationSucceeded:

@@ -1,13 +1,12 @@
 """Drift: what an ordinary log scan says of a calibration, without a phantom."""
 
-from typing import Literal
-
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
+from sawmill_worker.contracts.choices import DisturbedPart
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
 
@@ -48,7 +47,7 @@ class DetectorDeviation(Contract):
 class TurnDisturbance(Contract):
     """A harmonic of the turn itself, fitted with the geometry: it is neither drift nor part of the change."""
 
-    part: Literal["encoder", "bearing"] = Field(
+    part: DisturbedPart = Field(
         description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam."
     )
     times_a_turn: int
@@ -116,7 +115,7 @@ class DriftLinks(Contract):
 class Drift(Stamped):
     """A drift check as it stands."""
 
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: JobState
     scanner_id: Identifier
     scan_id: Identifier
     calibration_id: Identifier

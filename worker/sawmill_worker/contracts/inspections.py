@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from datetime import timedelta
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, Time
-from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation
 from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
 from sawmill_worker.vocabulary import DataKind
@@ -17,7 +17,7 @@ from sawmill_worker.vocabulary import DataKind
 FILE_KEPT = timedelta(days=1)
 
 
-class Verdict(StrEnum):
+class FileVerdict(StrEnum):
     """Whether a file can be read as a scan."""
 
     READY = "ready"
@@ -86,7 +86,7 @@ class InspectionResult(Contract):
     size_bytes: int = Field(description="Of the file; of a folder, of all files in it.")
     format: str | None = Field(None, description="What the file turned out to be; null: nothing that can be read.")
     own_kind: str | None = Field(None, description="scan, volume or calibration, where this product wrote the file.")
-    verdict: Verdict
+    verdict: FileVerdict
     parts: list[FilePart]
     parts_left_out: int = Field(0, description="Parts beyond the most that are listed.")
     listing_ended: str | None = Field(None, description="Why the list of parts is not complete, where it is not.")
@@ -121,7 +121,7 @@ class InspectionLinks(Contract):
 class Inspection(Stamped):
     """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
 
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: JobState
     job_id: Identifier
     options: InspectedFile
     file_kept_until: Time = Field(description="Until then scans can be made of its file.")

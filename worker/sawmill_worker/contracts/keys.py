@@ -67,7 +67,7 @@ class NewKey(Key):
     secret: str = Field(repr=False, description="To be sent as `Authorization: Bearer SECRET`.")
 
 
-class Rotation(Given):
+class KeyRotation(Given):
     """How a key's secret is replaced."""
 
     grace_s: int = Field(

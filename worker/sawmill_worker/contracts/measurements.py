@@ -7,7 +7,7 @@ from typing import NamedTuple
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Time
-from sawmill_worker.vocabulary import Verdict
+from sawmill_worker.contracts.choices import Verdict
 
 
 class MeasurementKind(StrEnum):

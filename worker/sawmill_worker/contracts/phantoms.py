@@ -10,6 +10,7 @@ from typing import Annotated, Any, Self
 from pydantic import Field, field_validator, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
+from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
@@ -98,7 +99,7 @@ class PhantomDrawing(Contract):
         description="Relative standard uncertainty of the stated size; the scanner's scale inherits it. By default the "
         f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
     )
-    true_axis: TrueAxis | None = Field(
+    true_axis: Axis | None = Field(
         None, description="Axis along which the size is right, where the phantom may differ along the other."
     )
     follows: Identifier | None = Field(

@@ -1,6 +1,6 @@
 """Plans: how well a phantom will calibrate a scanner, before it is made."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
@@ -8,7 +8,7 @@ from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import PredictedRayError, StandardDeviation
 from sawmill_worker.contracts.geometry import GivenTheta, ReportedSourceFrame, ScannerConstants
 from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.contracts.phantoms import SizeTolerancePercent
 from sawmill_worker.vocabulary import Theta
@@ -78,7 +78,7 @@ class PlanLinks(Contract):
 class Plan(Stamped):
     """A plan as it stands."""
 
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: JobState
     phantom_id: Identifier
     scanner_id: Identifier
     job_id: Identifier

@@ -7,9 +7,10 @@ from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
+from sawmill_worker.contracts.choices import MetalTreatment, Weighting
 from sawmill_worker.contracts.geometry import GivenTheta
 from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Failure, JobKind
+from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import (
     LARGEST_MM,
@@ -22,7 +23,6 @@ from sawmill_worker.vocabulary import (
     ReconstructionMethod,
     Rotation,
     Theta,
-    Weighting,
 )
 
 
@@ -211,7 +211,7 @@ class MetalReport(Contract):
     slices: int = Field(description="Slices that show metal.")
     samples: int = Field(description="Line integrals of these slices whose rays cross metal or pass beside it.")
     share_of_samples: float = Field(description="Of all line integrals of these slices.")
-    treatment: Literal["interpolated", "left-out"]
+    treatment: MetalTreatment
     source: str = Field(description="The name of the method that deals with them, and where it was published.")
 
 
@@ -286,7 +286,7 @@ class ReconstructionLinks(Contract):
 class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
-    state: Literal["queued", "running", "succeeded", "failed", "cancelled"]
+    state: JobState
     scanner_id: Identifier
     scan_id: Identifier
     calibration_id: Identifier | None

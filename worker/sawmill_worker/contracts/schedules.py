@@ -1,12 +1,12 @@
 """Scheduled recalibration."""
 
 from datetime import datetime
-from typing import Literal
 
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
+from sawmill_worker.contracts.choices import OnPass, ScheduleOutcome
 from sawmill_worker.contracts.given import Given
 
 
@@ -16,7 +16,7 @@ class ScheduleSpec(Contract):
     scanner_id: Identifier = Field(examples=["example"])
     cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
     enabled: bool = True
-    on_pass: Literal["report", "activate"] = Field(
+    on_pass: OnPass = Field(
         "report", description="What to do with a calibration whose rays_verdict is pass and which has not moved."
     )
     options: CalibrationOptions = CalibrationOptions()
@@ -32,7 +32,7 @@ class ScheduleRun(Contract):
     """The outcome of one due time."""
 
     due_at: datetime
-    outcome: Literal["queued", "no-new-phantom-scan"]
+    outcome: ScheduleOutcome
     calibration_id: Identifier | None = None
 
 

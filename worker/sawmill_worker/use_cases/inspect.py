@@ -9,10 +9,10 @@ import numpy as np
 
 from sawmill_worker.contracts.inspections import (
     FilePart,
+    FileVerdict,
     InspectedReading,
     InspectionResult,
     MissingPart,
-    Verdict,
     ViewAngles,
 )
 from sawmill_worker.contracts.jobs import Failure, FailureKind
@@ -70,10 +70,10 @@ class _Found:
     refusal: Failure | None = None
 
     @property
-    def verdict(self) -> Verdict:
+    def verdict(self) -> FileVerdict:
         if self.refusal is not None:
-            return Verdict.REFUSED
-        return Verdict.INCOMPLETE if any(part.needed for part in self.missing) else Verdict.READY
+            return FileVerdict.REFUSED
+        return FileVerdict.INCOMPLETE if any(part.needed for part in self.missing) else FileVerdict.READY
 
 
 def inspect_file(given: GivenBeside) -> InspectionResult:
@@ -92,7 +92,9 @@ def inspect_file(given: GivenBeside) -> InspectionResult:
         known = None if given.path.is_file() and is_picture(given.path) else recognise(given.path)
     except UnreadableScan as error:
         refusal = _failure(error.code, str(error))
-        return InspectionResult(file=file, size_bytes=size_bytes, verdict=Verdict.REFUSED, parts=[], refusal=refusal)
+        return InspectionResult(
+            file=file, size_bytes=size_bytes, verdict=FileVerdict.REFUSED, parts=[], refusal=refusal
+        )
     kind = own_kind(given.path)
     parts, ended = _listed(given.path, known, follow_links=given.follow_links)
     found = _read(given, kind) if known else _no_scan(given, PICTURE, PICTURE_GIVEN)

@@ -1,0 +1,70 @@
+"""Literals under names of their own: a client that is generated from the contract has one type for each of them."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+from typing_extensions import TypeAliasType
+
+from sawmill_worker import vocabulary
+
+Axis = TypeAliasType("Axis", Annotated[vocabulary.TrueAxis, Field(description="An axis of the image.")])
+Verdict = TypeAliasType(
+    "Verdict",
+    Annotated[
+        vocabulary.Verdict,
+        Field(description="pass: within tolerance, nothing speaks against it. watch: look at it. fail: do not use it."),
+    ],
+)
+Weighting = TypeAliasType(
+    "Weighting",
+    Annotated[
+        vocabulary.Weighting, Field(description="exact: cosine and distance weights. none: neither, as published.")
+    ],
+)
+PaperObjective = TypeAliasType(
+    "PaperObjective", Annotated[vocabulary.PaperObjective, Field(description="What the published search compares.")]
+)
+PaperCorrelation = TypeAliasType(
+    "PaperCorrelation",
+    Annotated[vocabulary.PaperCorrelation, Field(description="Whether the published search's correlation is normed.")],
+)
+PaperStop = TypeAliasType(
+    "PaperStop", Annotated[vocabulary.PaperStop, Field(description="When the published search ends.")]
+)
+WitnessTaken = TypeAliasType(
+    "WitnessTaken", Annotated[vocabulary.WitnessTaken, Field(description="Whose u_c and tilt are reported.")]
+)
+MetalTreatment = TypeAliasType(
+    "MetalTreatment",
+    Annotated[
+        Literal["interpolated", "left-out"],
+        Field(description="Rays through metal were interpolated along the detector, or left out of the fit."),
+    ],
+)
+DisturbedPart = TypeAliasType(
+    "DisturbedPart",
+    Annotated[
+        Literal["encoder", "bearing"],
+        Field(description="encoder: the angles run ahead and behind. bearing: the log swings across the beam."),
+    ],
+)
+OnPass = TypeAliasType(
+    "OnPass",
+    Annotated[
+        Literal["report", "activate"], Field(description="report: nothing more is done. activate: it becomes active.")
+    ],
+)
+ScheduleOutcome = TypeAliasType(
+    "ScheduleOutcome",
+    Annotated[
+        Literal["queued", "no-new-phantom-scan"],
+        Field(description="A calibration was queued, or there was no phantom scan that none had used."),
+    ],
+)
+UnfinishedState = TypeAliasType(
+    "UnfinishedState",
+    Annotated[
+        Literal["queued", "running", "failed", "cancelled"],
+        Field(description="A job's states but `succeeded`: those in which there is no answer."),
+    ],
+)
