@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -58,6 +58,10 @@ study-wheel: install-dev
 
 openapi: install
 	@$(BIN)/sawmill openapi
+
+# openapi/clients/python from the contract as it is committed.
+clients: install-dev
+	@$(BIN)/python openapi/clients/generate.py
 
 # New texts of the pages into the catalogues, where a person translates them.
 texts: install-dev
