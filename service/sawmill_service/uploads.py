@@ -8,8 +8,9 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_service.problems import Refused
+from sawmill_service.sent_content import SentContent
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.files import Received
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.store import Store
 
 InspectionId = Annotated[
@@ -24,12 +25,12 @@ async def received_file(request: Request, store: Store, inspection_id: str | Non
     Raises
     ------
     Refused
-        The body is empty and no inspection is named, or both are given.
+        The body is empty and no inspection is named, or both are given; or as `received_body`.
     NotFound, Conflict
         There is no such inspection, or its file has been removed.
     """
     if inspection_id is None:
-        return await store.files.receive_stream(chunks(request), max_bytes=max_bytes)
+        return await received_body(request, store, max_bytes=max_bytes)
     async for chunk in request.stream():
         if chunk:
             raise Refused(
@@ -38,18 +39,45 @@ async def received_file(request: Request, store: Store, inspection_id: str | Non
     return await run_in_threadpool(store.inspections.received_again, inspection_id)
 
 
+async def received_body(request: Request, store: Store, *, max_bytes: int) -> Received:
+    """The file in the body; what can be refused by its head alone is, before a byte is read.
+
+    Raises
+    ------
+    Refused
+        Its media type, encoding or digest is refused, it is empty, or has another length than declared.
+    UploadTooLarge, StorageFull
+        It has more bytes than allowed, or there is no room for it.
+    """
+    content = SentContent(request.headers)
+    await run_in_threadpool(store.check_room_for, declared_bytes(request))
+    return await store.files.receive_stream(
+        chunks(request), max_bytes=max_bytes, reserve_bytes=store.settings.disk_reserve_bytes, content=content
+    )
+
+
+def declared_bytes(request: Request) -> int:
+    """The length that the head declares; 0: none."""
+    return int(request.headers.get("content-length", "0"))  # digits: the gate has looked
+
+
 async def chunks(request: Request) -> AsyncIterator[bytes]:
     """The body's bytes as they come, refusing an empty body and one that has another length than declared.
 
     The gate bounds the total; a client that goes away raises `ClientDisconnect`.
     """
+    if request.headers.get("content-length") == "0":
+        raise _empty()
     received = 0
     async for chunk in request.stream():
         received += len(chunk)
         if chunk:
             yield chunk
-    declared = request.headers.get("content-length")
     if received == 0:
-        raise Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")
-    if declared is not None and int(declared) != received:
-        raise Refused(400, "bad-length", f"Content-Length says {declared} bytes, but {received} came")
+        raise _empty()
+    if declared_bytes(request) not in {0, received}:
+        raise Refused(400, "bad-length", f"Content-Length says {declared_bytes(request)} bytes, but {received} came")
+
+
+def _empty() -> Refused:
+    return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")

@@ -13,7 +13,7 @@ from results import CONSTANTS, RESULTS
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_worker.contracts.scans import Scan, ScanSpec
-from sawmill_worker.storage.files import Received
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store

@@ -9,7 +9,7 @@ from sawmill_service.answers import AskedPriority, Paging, Svg, accept, etag, pi
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
-from sawmill_service.uploads import chunks
+from sawmill_service.uploads import received_body
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
@@ -81,7 +81,7 @@ async def upload_phantom_picture(
     Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
-    received = await store.files.receive_stream(chunks(request), max_bytes=settings.max_picture_bytes)
+    received = await received_body(request, store, max_bytes=settings.max_picture_bytes)
     phantom = await run_in_threadpool(store.phantoms.accept_picture, upload.picture, received, priority=upload.priority)
     if phantom.job_id is not None:
         await run_in_threadpool(wake, phantom.job_id)

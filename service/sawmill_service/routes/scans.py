@@ -75,6 +75,7 @@ async def upload_scan(
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
+    await run_in_threadpool(store.scans.check, upload.spec)
     received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
     scan = await run_in_threadpool(store.scans.accept, upload.spec, received, priority=upload.priority)
     await run_in_threadpool(wake, scan.job_id)

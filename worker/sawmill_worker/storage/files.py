@@ -17,24 +17,22 @@ removed/                        what is being deleted
 What is in none of the rows goes with time (`leftovers`).
 """
 
-import hashlib
+import asyncio
 import os
 import re
 import shutil
 import threading
-from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import AsyncIterable, Callable, Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import NamedTuple
 from uuid import uuid4
 
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.arriving import Arriving, AsSent, Content, Received, check_free, receive_in_threads
 from sawmill_worker.storage.errors import (
     NotFound,
-    StorageFull,
     StorageUnavailable,
-    UploadTooLarge,
     disk_full_reported,
     means_disk_full,
 )
@@ -44,15 +42,6 @@ _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
-
-
-@dataclass(frozen=True)
-class Received:
-    """An upload that is complete and durable, but belongs to nobody yet."""
-
-    path: Path
-    size_bytes: int
-    sha256: str
 
 
 class Room(NamedTuple):
@@ -256,22 +245,38 @@ class FileStore:
         UploadTooLarge, StorageFull
             Nothing is left behind; nor is it when the iterable raises.
         """
-        with self._incoming(max_bytes) as upload:
-            for chunk in chunks:
-                upload.write(chunk)
-            return upload.finish()
+        upload = self._arriving(max_bytes)
+        try:
+            with disk_full_reported("the upload"):
+                for chunk in chunks:
+                    upload.write(chunk)
+            return upload.finish(AsSent())
+        except BaseException:
+            upload.abandon()
+            raise
 
-    async def receive_stream(self, chunks: AsyncIterable[bytes], *, max_bytes: int) -> Received:
-        """As `receive`, for a request's body; a client that goes away leaves nothing behind."""
-        with self._incoming(max_bytes) as upload:
-            async for chunk in chunks:
-                upload.write(chunk)
-            return upload.finish()
+    async def receive_stream(
+        self,
+        chunks: AsyncIterable[bytes],
+        *,
+        max_bytes: int,
+        reserve_bytes: int = 0,
+        content: Content | None = None,
+    ) -> Received:
+        """As `receive`, for a request's body; a client that goes away leaves nothing behind.
+
+        Parameters
+        ----------
+        reserve_bytes
+            What must stay free on the disk.
+        content
+            What the chunks stand for; null: the file's bytes are sent as they are.
+        """
+        arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
+        return await receive_in_threads(arriving, chunks, content or AsSent())
 
     def _keep(self, content: bytes, path: Path) -> None:
-        with self._incoming(len(content)) as file:
-            file.write(content)
-            made = file.finish()
+        made = self.receive([content], max_bytes=len(content))
         try:
             made.path.rename(path)
         except FileNotFoundError:
@@ -279,38 +284,9 @@ class FileStore:
             raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
         _flush(path.parent)
 
-    @contextmanager
-    def _incoming(self, max_bytes: int) -> Iterator["_Upload"]:
+    def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
         path = self.folder / "incoming" / uuid4().hex
-        try:
-            with disk_full_reported("the upload"), path.open("xb") as file:
-                yield _Upload(path, file, max_bytes)
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
-
-
-class _Upload:
-    """A file that is arriving: bounded, counted and hashed."""
-
-    def __init__(self, path: Path, file: BinaryIO, max_bytes: int) -> None:
-        self._path = path
-        self._file = file
-        self._max_bytes = max_bytes
-        self._size = 0
-        self._hash = hashlib.sha256()
-
-    def write(self, chunk: bytes) -> None:
-        self._size += len(chunk)
-        if self._size > self._max_bytes:
-            raise UploadTooLarge(self._max_bytes)
-        self._file.write(chunk)
-        self._hash.update(chunk)
-
-    def finish(self) -> Received:
-        self._file.flush()
-        os.fsync(self._file.fileno())
-        return Received(self._path, self._size, self._hash.hexdigest())
+        return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
 
 
 def checkpoints_of(output: Path) -> Path:
@@ -336,13 +312,7 @@ def check_room(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
     StorageFull
         Less than `reserve_bytes` is free, or no room for a small file.
     """
-    free = shutil.disk_usage(folder).free
-    if free < reserve_bytes:
-        msg = (
-            f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
-            "free some space"
-        )
-        raise StorageFull(msg)
+    check_free(folder, reserve_bytes, needed_by=needed_by)
     trial = folder / uuid4().hex
     try:
         with disk_full_reported("a trial"):

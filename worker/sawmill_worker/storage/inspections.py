@@ -3,11 +3,12 @@
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.inspections import DECLARATION, InspectedFile, Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, Priority
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.asked import Asked, found_asked, queue_asked
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
-from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import new_id
 from sawmill_worker.storage.uploading import kept_upload
 

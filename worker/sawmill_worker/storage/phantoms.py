@@ -16,11 +16,12 @@ from sawmill_worker.contracts.phantoms import (
     PhantomState,
     StoredPhantom,
 )
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict, Invalid
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import check_usable

@@ -11,11 +11,12 @@ from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.tables import PhantomRow, ScannerRow, ScanRow
@@ -86,6 +87,19 @@ class Scans:
             session.flush()
             keep(session)
         return _read(row)
+
+    def check(self, spec: ScanSpec) -> None:
+        """Refuse before a file is sent what `accept` would refuse after it.
+
+        Raises
+        ------
+        NotFound
+            There is no such scanner or phantom.
+        """
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", spec.scanner_id)
+            if spec.phantom_id is not None:
+                found(session, PhantomRow, "phantom", spec.phantom_id)
 
     def get(self, scan_id: str) -> Scan:
         """One scan, or `NotFound`."""

@@ -143,6 +143,11 @@ class Store:
         else:
             self.files.check_room(reserve_bytes, needed_by="writing a result")
 
+    def check_room_for(self, size_bytes: int) -> None:
+        """Check that an upload of this size leaves the disk its reserve, or `StorageFull`."""
+        needed_by = f"an upload of {size_bytes} bytes beside SAWMILL_DISK_RESERVE_BYTES"
+        self.files.check_room(self.settings.disk_reserve_bytes + size_bytes, needed_by=needed_by)
+
     def close(self) -> None:
         """Let go of the database's connections."""
         self._database.engine.dispose()

@@ -6,9 +6,10 @@ from contextlib import contextmanager
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.database import lock_files_of
 from sawmill_worker.storage.errors import StorageFull
-from sawmill_worker.storage.files import FileStore, Received
+from sawmill_worker.storage.files import FileStore
 
 
 @contextmanager

@@ -1,0 +1,106 @@
+"""What is refused before a byte of a body is read, and what a body may be."""
+
+import gzip
+import hashlib
+from base64 import b64encode
+
+import numpy as np
+import pytest
+
+from sawmill_service.app import create_app
+from sawmill_worker.storage.store import Store
+
+SCANS = "/v1/scans?scanner_id=example&data=counts"
+PICTURES = "/v1/phantoms/pictures?name=ell&width_mm=400"
+
+
+def digest(content: bytes, name: str = "sha256") -> str:
+    return f"sha-{name[3:]}=:{b64encode(hashlib.new(name, content).digest()).decode()}:"
+
+
+def incoming(store: Store) -> list[str]:
+    return [path.name for path in (store.files.folder / "incoming").iterdir()]
+
+
+async def untouchable():
+    raise AssertionError("a byte of the body was asked for")
+    yield b""
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status", "code"),
+    [
+        (SCANS.replace("example", "nowhere"), {}, 404, "scanner-not-found"),
+        (SCANS + "&phantom_id=nothing", {}, 404, "phantom-not-found"),
+        (SCANS + "&data=guess", {}, 422, "invalid-request"),
+        (SCANS, {"Content-Type": "text/html; charset=utf-8"}, 415, "unsupported-media-type"),
+        (SCANS, {"Content-Type": "multipart/form-data; boundary=x"}, 415, "unsupported-media-type"),
+        (SCANS, {"Content-Type": "application/json"}, 415, "unsupported-media-type"),
+        (SCANS, {"Content-Encoding": "br"}, 415, "unsupported-encoding"),
+        (SCANS, {"Content-Digest": "sha-256=:bm90IHNvIGxvbmc=:"}, 400, "bad-digest"),
+        (SCANS, {"Content-Digest": "what?"}, 400, "bad-digest"),
+        ("/v1/inspections", {"Content-Type": "text/html"}, 415, "unsupported-media-type"),
+        (PICTURES, {"Content-Type": "text/html"}, 415, "unsupported-media-type"),
+    ],
+)
+def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store, path, headers, status, code):
+    answer = seeded.post(path, content=untouchable(), headers=headers)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert incoming(store) == []
+
+
+@pytest.mark.parametrize("path", [SCANS, "/v1/inspections", PICTURES])
+def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store, path):
+    full = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
+    seeded.app = create_app(settings, full, print)
+    answer = seeded.post(path, content=untouchable())
+    assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
+    full.close()
+
+
+@pytest.mark.parametrize(
+    "page", [b"\n <!DOCTYPE html><p>", b"<HTML>", b"--x1\r\nContent-Disposition: form-data; name=file\r\n\r\n"]
+)
+def test_a_page_or_a_form_is_not_stored_whatever_it_is_called(seeded, store, page):
+    for content, headers in ((page, {}), (gzip.compress(page), {"Content-Encoding": "gzip"})):
+        answer = seeded.post(SCANS, content=content, headers=headers)
+        assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+    assert incoming(store) == []
+
+
+@pytest.mark.parametrize("name", ["sha256", "sha512"])
+def test_a_digest_is_checked(seeded, store, name):
+    good = seeded.post(SCANS, content=b"scan", headers={"Content-Digest": f"unixsum=:AA==:, {digest(b'scan', name)}"})
+    assert good.status_code == 202
+    bad = seeded.post(SCANS, content=b"scab", headers={"Content-Digest": digest(b"scan", name)})
+    assert (bad.status_code, bad.json()["code"]) == (400, "digest-mismatch")
+    assert incoming(store) == []
+
+
+def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
+    content = np.random.default_rng(2).bytes(40_000)
+    packed = gzip.compress(content[:30_000]) + gzip.compress(content[30_000:])
+    headers = {"Content-Encoding": "gzip", "Content-Digest": digest(packed)}
+    scan = seeded.post(SCANS, content=packed, headers=headers).json()
+    assert (scan["size_bytes"], scan["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+
+
+@pytest.mark.parametrize(
+    ("packed", "status", "code"),
+    [
+        (gzip.compress(bytes(100_001)), 413, "upload-too-large"),
+        (gzip.compress(b"scan")[:-1], 400, "bad-encoding"),
+        (b"no gzip", 400, "bad-encoding"),
+    ],
+)
+def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, packed, status, code):
+    answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert incoming(store) == []
+
+
+def test_a_bomb_is_refused_by_its_ratio(seeded, settings, store):
+    seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 2**30}), store, print)
+    answer = seeded.post(SCANS, content=gzip.compress(bytes(2**26)), headers={"Content-Encoding": "gzip"})
+    assert (answer.status_code, answer.json()["code"]) == (413, "packed-too-well")
+    assert incoming(store) == []

@@ -1,0 +1,152 @@
+"""A file that is being written as it arrives: bounded, counted, hashed, and never into the disk's reserve."""
+
+import asyncio
+import hashlib
+import os
+import shutil
+from collections.abc import AsyncIterable, AsyncIterator, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, Protocol
+
+from sawmill_worker.storage.errors import StorageFull, UploadTooLarge, disk_full_reported
+
+# What goes to a thread at once: as much for each upload is in memory twice at most.
+PART_BYTES = 256 * 2**10
+# Between two looks at the disk. What lies there then is flushed, so that no other write waits long for that.
+STEP_BYTES = 16 * 2**20
+
+
+@dataclass(frozen=True)
+class Received:
+    """An upload that is complete and durable, but belongs to nobody yet."""
+
+    path: Path
+    size_bytes: int
+    sha256: str
+
+
+class Content(Protocol):
+    """What the bytes that were sent stand for; its methods are called in a thread."""
+
+    def take(self, part: bytes) -> Iterable[bytes]:
+        """The file's bytes in a part of what was sent."""
+
+    def end(self) -> None:
+        """Refuse what did not come whole."""
+
+
+class AsSent:
+    """The file's bytes themselves."""
+
+    def take(self, part: bytes) -> Iterable[bytes]:
+        """That part."""
+        return (part,)
+
+    def end(self) -> None:
+        """Nothing can be missing."""
+
+
+class Arriving:
+    """A new file.
+
+    Parameters
+    ----------
+    path
+        Of no file yet.
+    max_bytes
+        The largest upload allowed.
+    reserve_bytes
+        What must stay free on the disk.
+    """
+
+    def __init__(self, path: Path, *, max_bytes: int, reserve_bytes: int = 0) -> None:
+        self._path = path
+        self._max_bytes, self._reserve_bytes = max_bytes, reserve_bytes
+        self._size, self._next_step = 0, STEP_BYTES
+        self._hash = hashlib.sha256()
+        with disk_full_reported("the upload"):
+            self._file: BinaryIO = path.open("xb")
+
+    def write(self, chunk: bytes) -> None:
+        """Write on.
+
+        Raises
+        ------
+        UploadTooLarge, StorageFull
+            It may not, or cannot, become so long.
+        """
+        self._size += len(chunk)
+        if self._size > self._max_bytes:
+            raise UploadTooLarge(self._max_bytes)
+        with disk_full_reported("the upload"):
+            self._file.write(chunk)
+            if self._size >= self._next_step:
+                self._next_step = self._size + STEP_BYTES
+                self._file.flush()
+                os.fdatasync(self._file.fileno())
+                check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+        self._hash.update(chunk)
+
+    def take(self, content: Content, part: bytes) -> None:
+        """Write what a part stands for."""
+        for chunk in content.take(part):
+            self.write(chunk)
+
+    def finish(self, content: Content) -> Received:
+        """Make it durable, if it came whole."""
+        content.end()
+        with disk_full_reported("the upload"):
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+        return Received(self._path, self._size, self._hash.hexdigest())
+
+    def abandon(self) -> None:
+        """Leave nothing behind."""
+        with disk_full_reported("the upload"):
+            self._path.unlink(missing_ok=True)
+            self._file.close()
+
+
+async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], content: Content) -> Received:
+    """Write what comes, in threads: neither the disk nor the sums keep other requests waiting."""
+    try:
+        async for part in in_parts(chunks):
+            await asyncio.to_thread(arriving.take, content, part)
+        return await asyncio.to_thread(arriving.finish, content)
+    except Exception:
+        await asyncio.to_thread(arriving.abandon)
+        raise
+    except BaseException:  # cancelled: it may not wait for a thread
+        arriving.abandon()
+        raise
+
+
+async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
+    """The same bytes in parts of about `PART_BYTES`, the last one as it is."""
+    part = bytearray()
+    async for chunk in chunks:
+        part += chunk
+        if len(part) >= PART_BYTES:
+            yield bytes(part)
+            part.clear()
+    if part:
+        yield bytes(part)
+
+
+def check_free(folder: Path, reserve_bytes: int, *, needed_by: str) -> None:
+    """Check that so much is free where a folder is.
+
+    Raises
+    ------
+    StorageFull
+        Less is.
+    """
+    free = shutil.disk_usage(folder).free
+    if free < reserve_bytes:
+        msg = (
+            f"the disk is full: {free} bytes are free in the data folder, and {needed_by} needs {reserve_bytes}; "
+            "free some space"
+        )
+        raise StorageFull(msg)
