@@ -1,12 +1,14 @@
 """Puts the service together. Nothing happens at import."""
 
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
 import fastapi_offline
-from fastapi import Depends
+from fastapi import APIRouter, Depends
 from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
+from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sawmill_service.access import Access, check_scope
@@ -112,8 +114,6 @@ def create_app(
         redoc_url=None,
         # A redirect would name the address that the service sees, behind a proxy the wrong one.
         redirect_slashes=False,
-        generate_unique_id_function=lambda route: route.name,
-        dependencies=[Depends(check_scope), Depends(check_csrf)],
     )
     app.state.settings, app.state.store, app.state.wake = settings, store, wake
     app.state.broker_url = broker_url
@@ -130,8 +130,7 @@ def create_app(
     app.state.stopping = Stopping()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     install(app)
-    for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
-        app.include_router(router)
+    app.router.routes.extend(_all_routes())
     app.mount("/static", StaticFiles(directory=console.STATIC))
     app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     # The last one added is the outermost.
@@ -161,6 +160,18 @@ def create_app(
     app.add_middleware(ProtectiveHeaders)
     app.add_middleware(RequestIds)
     return app
+
+
+@cache
+def _all_routes() -> list[BaseRoute]:
+    """One for every application of this process: FastAPI spends half a second on making them."""
+    every = APIRouter(
+        generate_unique_id_function=lambda route: route.name,
+        dependencies=[Depends(check_scope), Depends(check_csrf)],
+    )
+    for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
+        every.include_router(router)
+    return every.routes
 
 
 def _metrics(store: Store) -> CollectorRegistry:
