@@ -17,6 +17,7 @@ from sawmill_service.dependencies import Wake
 from sawmill_service.event_feed import EventFeed
 from sawmill_service.forms import check_csrf
 from sawmill_service.gate import Gate, ProtectiveHeaders
+from sawmill_service.lingering import EarlyAnswers
 from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
 from sawmill_service.openapi_document import Application
@@ -159,6 +160,7 @@ def create_app(
     app.add_middleware(ProblemPages)
     app.add_middleware(ProtectiveHeaders)
     app.add_middleware(RequestIds)
+    app.add_middleware(EarlyAnswers)
     return app
 
 

@@ -3,23 +3,28 @@
 import asyncio
 import socket
 import struct
+import sys
 from collections import Counter
 from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
+from http import HTTPStatus
 from ipaddress import ip_address, ip_network
 from typing import Any
 
 import h11
 import prometheus_client
+import structlog
 from prometheus_client import CollectorRegistry
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from sawmill_service.callers import network_of
+from sawmill_service.lingering import LingeringTransport
 from sawmill_service.listening import is_loopback
-from sawmill_service.problems import problem_response
+from sawmill_service.problems import COME_BACK, Refused, problem_response
 from sawmill_service.request_ids import HEADER, named_request
 from sawmill_service.settings import ServiceSettings
+from sawmill_service.unreadable import refusal_of
 
 # h11 bounds a head of which a part has come, but not one that comes whole: it is given parts of this many bytes.
 _HEAD_PART_BYTES = 4096
@@ -27,6 +32,11 @@ _HEAD_PART_BYTES = 4096
 _STUCK_S = 5.0
 # Where Linux has the number of acknowledged bytes in its `struct tcp_info` (since 4.2).
 _BYTES_ACKED_AT = 120
+# The same again may be let in.
+_PASSING = frozenset({408, 503})
+_TOO_MANY = Refused(503, "too-many-connections", "too many connections are open: try again in a moment")
+
+log = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True)
@@ -174,17 +184,22 @@ class ClientConnection(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Take a connection, or answer that there are too many."""
         super().connection_made(transport)
+        self.transport = self._staged = LingeringTransport(transport, self.loop, self._more_may_come)
         if not self._connections.admit(self):
-            self._refuse(503, "too-many-connections", "too many connections are open: try again in a moment")
+            self._refuse(_TOO_MANY)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Make room for another."""
         self._connections.forget(self)
+        self._staged.forget()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Read on; a head in small parts, so that its length is bounded however it comes."""
         self._heard_at = self.loop.time()
+        if self._staged.lingers:
+            self._staged.throw_away(data)
+            return
         while data and self.conn.their_state is not h11.SEND_BODY and not self.transport.is_closing():
             super().data_received(data[:_HEAD_PART_BYTES])
             data = data[_HEAD_PART_BYTES:]
@@ -197,9 +212,18 @@ class ClientConnection(H11Protocol):
         self._connections.waits_again(self)
         super().on_response_complete()
 
-    def send_400_response(self, msg: str) -> None:
-        """Answer what is no HTTP, or has a head that is too large."""
-        self._refuse(400, "bad-request", msg)
+    def send_400_response(self, msg: str) -> None:  # noqa: ARG002 - uvicorn's, which is the same for all
+        """Answer what is no HTTP, or has a head that is too large, while h11's complaint about it is handled."""
+        if self.cycle is not None and self.cycle.response_started and self.conn.our_state is not h11.IDLE:
+            self.transport.close()  # the request has its answer, or a part of it
+        else:
+            self._connections.note("unreadable")
+            self._refuse(refusal_of(sys.exception()))
+
+    def shutdown(self) -> None:
+        """End in order, as uvicorn asks; what was closed already is cut off with the others."""
+        if not self.transport.is_closing():
+            super().shutdown()
 
     def look(self) -> None:
         """Close it if its client has kept the service waiting for too long."""
@@ -230,17 +254,29 @@ class ClientConnection(H11Protocol):
         begun = self.conn.trailing_data[0]
         if begun and self.conn.their_state is h11.IDLE:
             seconds = f"{self._patience.head_s:g} s"
-            self._refuse(408, "slow-head", f"the request's head has not come whole within {seconds}: send it at once")
+            detail = f"the request's head has not come whole within {seconds}: send it at once"
+            self._refuse(Refused(408, "slow-head", detail))
         else:
             self.transport.abort()
 
-    def _refuse(self, status: int, code: str, detail: str) -> None:
-        """Answer without the application, which knows of no request."""
+    def _more_may_come(self) -> bool:
+        """Whether the client is in the middle of a body, or has sent more than what was answered."""
+        state = self.conn.their_state
+        return state in {h11.SEND_BODY, h11.ERROR} or (state is not h11.IDLE and bool(self.conn.trailing_data[0]))
+
+    def _refuse(self, refused: Refused) -> None:
+        """Answer without the application, which knows of no request, or waits for a body in vain."""
+        status, code = refused.status_code, refused.code
         with named_request() as request_id:
-            headers = {"Connection": "close", "Retry-After": "5", HEADER: request_id}
-            answer = problem_response("", status, code, detail, headers=headers)
+            headers = {"Connection": "close", HEADER: request_id} | (COME_BACK if status in _PASSING else {})
+            answer = problem_response("", status, code, refused.detail, headers=headers)
+            log.info("request", method="other", route="unmatched", status=status, code=code, address=self.network)
         head = b"".join(b"%s: %s\r\n" % header for header in answer.raw_headers)
-        self.transport.write(b"HTTP/1.1 %d \r\n%s\r\n%s" % (status, head, answer.body))
+        reason = HTTPStatus(status).phrase.encode()
+        self.transport.write(b"HTTP/1.1 %d %s\r\n%s\r\n%s" % (status, reason, head, answer.body))
+        if self.cycle is not None:
+            self.cycle.disconnected = True
+            self.cycle.message_event.set()
         self.transport.close()
 
 

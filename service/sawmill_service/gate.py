@@ -21,6 +21,7 @@ from sawmill_service.access import (
     came_in_over_loopback,
     host_name,
 )
+from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import COME_BACK, Refused, is_navigation, problem_response
 from sawmill_service.session_cookie import NAME
 from sawmill_service.stopping import Stopping
@@ -122,10 +123,20 @@ class Gate:
             await self.app(scope, _bounded(receive, limit, self.stopping), send)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
+        _check_version(scope)
         self._check_origin(scope, headers)
-        caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self.access.caller(scope, headers)
+        caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self._known(scope, headers)
         _check_length(headers, limit)
         return caller
+
+    async def _known(self, scope: Scope, headers: Headers) -> Caller:
+        """Who sends a request; what a refusal means may be read by whoever was refused, and without a database."""
+        try:
+            return await self.access.caller(scope, headers)
+        except (Refused, StorageError):
+            if scope["path"].startswith(PROBLEMS) and scope["method"] in SAFE_METHODS:
+                return ANYBODY
+            raise
 
     def _check_origin(self, scope: Scope, headers: Headers) -> None:
         host = headers.get("host", "")
@@ -164,6 +175,13 @@ def _login_before(scope: Scope) -> str:
         return LOGIN
     query = scope["query_string"].decode("latin-1")
     return f"{LOGIN}?{urlencode({'next': scope['path'] + (f'?{query}' if query else '')})}"
+
+
+def _check_version(scope: Scope) -> None:
+    """HTTP/2 without a proxy begins with what reads as a request of HTTP/2.0."""
+    version = scope["http_version"]
+    if not version.startswith("1."):
+        raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
 
 
 def _check_length(headers: Headers, limit: int) -> None:

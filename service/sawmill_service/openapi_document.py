@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 
 from sawmill_service.access import OPEN_PATHS, needed_scope
+from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import MEDIA_TYPE, Problem
 
 TRY = "x-try"
@@ -148,7 +149,7 @@ def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN4
 
 def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
     """Which key it needs; a service that stands open on loopback needs none."""
-    needed = None if path in OPEN_PATHS else needed_scope(method, path)
+    needed = None if path in OPEN_PATHS or path.startswith(PROBLEMS) else needed_scope(method, path)
     operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
 
 

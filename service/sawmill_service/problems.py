@@ -2,19 +2,22 @@
 
 import reprlib
 from collections.abc import Mapping, Sequence
+from enum import StrEnum
 from http import HTTPStatus
 from typing import Any, cast
+from urllib.parse import quote
 
 from fastapi import FastAPI
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
+from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.routing import compile_path
 from structlog.contextvars import get_contextvars
 
+from sawmill_service.problem_types import CODE_PATTERN, describe_code, title_of, type_of
 from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
     Conflict,
@@ -44,22 +47,53 @@ FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
 COME_BACK = {"Retry-After": "5"}  # of every 503: seconds
 
 
+class Place(StrEnum):
+    """A part of a request."""
+
+    BODY = "body"
+    QUERY = "query"
+    PATH = "path"
+    HEADER = "header"
+    COOKIE = "cookie"
+
+
 class FieldProblem(BaseModel):
     """One value that was refused."""
 
-    location: str = Field(description="Where it stands, as in body.constants.source_to_cor_mm.")
-    message: str
+    model_config = ConfigDict(populate_by_name=True)
+
+    location: str = Field(
+        description="Where it stands, with the variants that were tried.",
+        examples=["body.constants.source_to_cor_mm"],
+    )
+    message: str = Field(
+        description="What is wrong with it, and the value.", examples=["should be greater than 0, not -3"]
+    )
+    in_: Place = Field(alias="in", description="In which part of the request.")
+    pointer: str | None = Field(
+        None,
+        json_schema_extra={"format": "json-pointer-uri-fragment"},
+        description="Of a value of the body: a JSON pointer to it (RFC 6901, section 6); `#` is the whole body.",
+        examples=["#/constants/source_to_cor_mm"],
+    )
+    parameter: str | None = Field(
+        None, description="Of a value of the query, the path or a header: its name.", examples=["limit"]
+    )
 
 
 class Problem(BaseModel):
     """What went wrong (RFC 9457)."""
 
-    type: str = Field(examples=["urn:sawmill-calibration:problem:not-found"])
-    title: str = Field(description="The status in words.")
+    type: str = Field(
+        description="The page of this kind of problem, relative to the address that was asked.",
+        json_schema_extra={"format": "uri-reference"},
+        examples=["/problems/scanner-not-found"],
+    )
+    title: str = Field(description="What this kind of problem means, in a few words.")
     status: int
     detail: str = Field(description="One sentence: the value, and what would be right.")
     instance: str = Field(description="The path that was asked for.")
-    code: str = Field(description="Stable, for programs.", examples=["not-found"])
+    code: str = Field(pattern=CODE_PATTERN, examples=["scanner-not-found"], json_schema_extra=describe_code)
     errors: list[FieldProblem] | None = Field(None, description="Each value that was refused.")
     request_id: str | None = Field(
         None, description="The answer's `X-Request-Id`, under which the service's log says more."
@@ -77,8 +111,8 @@ def problem_response(
 ) -> JSONResponse:
     """Shape one problem as a response."""
     problem = Problem(
-        type=f"urn:sawmill-calibration:problem:{code}",
-        title=HTTPStatus(status).phrase,
+        type=type_of(code),
+        title=title_of(code, status),
         status=status,
         detail=detail,
         instance=path,
@@ -86,7 +120,12 @@ def problem_response(
         errors=None if errors is None else list(errors),
         request_id=get_contextvars().get("request_id"),
     )
-    return JSONResponse(problem.model_dump(exclude_none=True), status, headers=headers, media_type=MEDIA_TYPE)
+    return JSONResponse(
+        problem.model_dump(mode="json", by_alias=True, exclude_none=True),
+        status,
+        headers=headers,
+        media_type=MEDIA_TYPE,
+    )
 
 
 def is_navigation(headers: Headers) -> bool:
@@ -102,13 +141,46 @@ class Refused(HTTPException):
         self.code = code
 
 
-def field_problem(error: Mapping[str, Any]) -> FieldProblem:
+def complaint(error: Mapping[str, Any]) -> tuple[str, str]:
     """Turn one of pydantic's errors into a place and a sentence that quotes the value."""
     if error["type"] == "json_invalid":
-        return FieldProblem(
-            location="body", message=f"is not JSON: {error['ctx']['error']} at character {error['loc'][1]}"
-        )
-    return FieldProblem(location=".".join(str(part) for part in error["loc"]), message=_message(error))
+        return "body", f"is not JSON: {error['ctx']['error']} at character {error['loc'][1]}"
+    return ".".join(str(part) for part in error["loc"]), _message(error)
+
+
+def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
+    """One of FastAPI's errors, whose place begins with a part of the request.
+
+    Parameters
+    ----------
+    body
+        As it came, by which the variants that were tried are known from the fields of the body.
+    """
+    location, message = complaint(error)
+    place, *names = error["loc"]
+    if place != Place.BODY:
+        return FieldProblem(location=location, message=message, in_=Place(place), parameter=str(names[0]))
+    unread = error["type"] == "json_invalid"
+    pointer = "#" if unread else _pointer(names, body, adds=error["type"] == "missing")
+    return FieldProblem(location=location, message=message, in_=Place.BODY, pointer=pointer)
+
+
+def _pointer(names: Sequence[int | str], body: object, *, adds: bool) -> str:
+    """A JSON pointer as the fragment of a URI; `adds`: the last name is of a field that is not there."""
+    found = []
+    for number, name in enumerate(names, start=1):
+        if _holds(body, name):
+            body = body[name]  # type: ignore[index]
+        elif not (adds and number == len(names)):
+            continue  # a variant of a union, or what pydantic names beside the fields
+        found.append(quote(str(name).replace("~", "~0").replace("/", "~1"), safe="~!$&'()*+,;=:@"))
+    return "".join(["#", *(f"/{name}" for name in found)])
+
+
+def _holds(value: object, name: int | str) -> bool:
+    if isinstance(value, list):
+        return isinstance(name, int) and name < len(value)
+    return isinstance(value, dict) and name in value
 
 
 def _message(error: Mapping[str, Any]) -> str:
@@ -127,8 +199,10 @@ def _message(error: Mapping[str, Any]) -> str:
 
 
 def _on_validation(request: Request, error: Exception) -> JSONResponse:
-    found = cast("RequestValidationError", error).errors()
-    problems = [field_problem(item) for item in found if item["type"] not in FOLLOWS_FROM_OTHERS]
+    refused = cast("RequestValidationError", error)
+    problems = [
+        _field_problem(item, refused.body) for item in refused.errors() if item["type"] not in FOLLOWS_FROM_OTHERS
+    ]
     first, others = problems[0], len(problems) - 1
     detail = f"{first.location} {first.message}" + (f" (and {others} more)" if others else "")
     return problem_response(request.url.path, 422, "invalid-request", detail, errors=problems)
@@ -146,7 +220,7 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
         code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
         return problem_response(path, status, code, detail, headers={"Allow": allowed})
     else:
-        code, detail = HTTPStatus(status).phrase.lower().replace(" ", "-"), refused.detail
+        code, detail = "bad-request", refused.detail  # as FastAPI raises it of a body that it cannot parse
     return problem_response(path, status, code, detail, headers=refused.headers)
 
 

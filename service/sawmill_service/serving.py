@@ -18,6 +18,7 @@ from sawmill_service.listening import ListenError, is_loopback, listen
 from sawmill_service.open_files import open_files_for
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
+from sawmill_service.unreadable import log_each_once
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
@@ -62,6 +63,7 @@ def serve_until_stopped(
         The address or the port cannot be used, or `max_connections` exceeds what the system allows.
     """
     configure_logs(execution.log_format)
+    log_each_once()
     for number in _SIGNALS:
         signal.signal(number, _end_start)
     open_files_for(settings.max_connections)

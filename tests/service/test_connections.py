@@ -35,6 +35,12 @@ class Transport(asyncio.Transport):
     def is_closing(self) -> bool:
         return self.closed
 
+    def write_eof(self) -> None:
+        self.closed = True
+
+    def resume_reading(self) -> None:
+        pass
+
     def close(self) -> None:
         self.closed = True
 
@@ -122,7 +128,7 @@ def test_a_head_that_is_too_large_is_refused_though_it_comes_at_once(doorway):
     head = b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 10_000 + b"\r\n"
     transport = doorway().open("192.0.2.2", head)
     assert transport.closed
-    assert transport.written.startswith(b"HTTP/1.1 400 ")
+    assert transport.written.startswith(b"HTTP/1.1 431 ")
     head, _, body = transport.written.partition(b"\r\n\r\n")
     assert f"x-request-id: {json.loads(body)['request_id']}".encode() in head
 

@@ -1,6 +1,18 @@
 """The routes of every page; each that has a place in the header also stands in `navigation`."""
 
-from sawmill_service.pages import calibrate, jobs, logs, look, phantoms, report, scanner, scans, system, today
+from sawmill_service.pages import (
+    calibrate,
+    jobs,
+    logs,
+    look,
+    phantoms,
+    problem_types,
+    report,
+    scanner,
+    scans,
+    system,
+    today,
+)
 
 PAGES = (
     calibrate.router,
@@ -8,6 +20,7 @@ PAGES = (
     logs.router,
     look.router,
     phantoms.router,
+    problem_types.router,
     report.router,
     scanner.router,
     scans.router,

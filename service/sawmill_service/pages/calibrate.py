@@ -20,7 +20,7 @@ from sawmill_service.forms import TheForm
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.problems import field_problem
+from sawmill_service.problems import complaint
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.given import Queried
@@ -149,10 +149,10 @@ def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) ->
 
 def _sentence(page: PageFrame, error: ValidationError) -> str:
     """The first complaint about an answer; what was not answered at all is asked for."""
-    first = field_problem(error.errors()[0])
-    if first.message == "is required":
-        return page.text.gettext("Answer every question: %(field)s is missing.") % {"field": first.location}
-    return f"{first.location} {first.message}"
+    field, message = complaint(error.errors()[0])
+    if message == "is required":
+        return page.text.gettext("Answer every question: %(field)s is missing.") % {"field": field}
+    return f"{field} {message}"
 
 
 def _asked_again(

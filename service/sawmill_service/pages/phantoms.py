@@ -14,7 +14,7 @@ from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views
 from sawmill_service.pages.phantom_words import SizeKnown, size_known, size_text
-from sawmill_service.problems import field_problem
+from sawmill_service.problems import complaint
 from sawmill_worker.contracts.base import Contract, Identifier
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import JobKind
@@ -192,9 +192,9 @@ def _picture_of(phantom: StoredPhantom, store: Store) -> PictureShown | None:
 
 def _complaint(error: ValidationError) -> str:
     """The first, with its place within the shape."""
-    found = field_problem(error.errors()[0])
-    place = ".".join(part for part in found.location.split(".") if part not in {"shape", "polygon", "disc"})
-    return f"{place} {found.message}".strip()
+    location, message = complaint(error.errors()[0])
+    place = ".".join(part for part in location.split(".") if part not in {"shape", "polygon", "disc"})
+    return f"{place} {message}".strip()
 
 
 def _today() -> date:

@@ -1,0 +1,46 @@
+"""Kinds of problems: their list and a page of each for people, JSON for programs; no database has a part in it."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Path, Request, Response
+
+from sawmill_service.pages.frame import ThePage
+from sawmill_service.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
+from sawmill_service.problems import Refused, is_navigation
+
+router = APIRouter(tags=["operation"])
+_VARY = {"Vary": "Accept, Cookie"}
+
+
+@router.get(PATH, summary="List the kinds of problems", response_model=ProblemTypes)
+def list_problem_types(request: Request, page: ThePage, response: Response) -> Response | ProblemTypes:
+    """By code: what each means, when it comes and what to do. A page for a browser, which needs no internet."""
+    if is_navigation(request.headers):
+        return page.answer("problem_types.html", headers=_VARY, kinds=problem_types().values())
+    response.headers.update(_VARY)
+    return ProblemTypes(items=list(problem_types().values()))
+
+
+@router.get(f"{PATH}{{code}}", summary="Get a kind of problem", response_model=ProblemType)
+def get_problem_type(
+    code: Annotated[
+        str,
+        Path(
+            description="A problem's or a failure's `code`.",
+            pattern=CODE_PATTERN,
+            max_length=64,
+            examples=["scanner-not-found"],
+        ),
+    ],
+    request: Request,
+    page: ThePage,
+    response: Response,
+) -> Response | ProblemType:
+    """What a `code` means, when it comes and what to do: the `type` of a problem leads here, and so do failed jobs."""
+    kind = problem_types().get(code)
+    if kind is None:
+        raise Refused(404, "unknown-path", f"there is no problem {code!r}; {PATH} lists all that this version knows")
+    if is_navigation(request.headers):
+        return page.answer("problem_type.html", headers=_VARY, kind=kind)
+    response.headers.update(_VARY)
+    return kind
