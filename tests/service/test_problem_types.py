@@ -5,13 +5,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pydantic import SecretStr
 
 from sawmill_service.access import LOGIN
 from sawmill_service.app import create_app
 from sawmill_service.problem_types import markdown_table, problem_types
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.failure_codes import CODES
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage import errors
 
@@ -130,24 +131,19 @@ def test_a_page_for_people_has_the_frame_of_their_language(client, language):
     assert all(f'href="{kind.type}"' in listed for kind in problem_types().values())
 
 
-def test_whoever_was_refused_can_read_why(settings, store):
-    from conftest import Client  # noqa: PLC0415
-
-    guarded = ServiceSettings(**{**settings.model_dump(exclude_unset=True), "token": "t" * 40})
-    stranger = Client(create_app(guarded, store, print))
-    refused = stranger.get("/v1/scanners")
+def test_whoever_was_refused_can_read_why(client, store):
+    client.app = create_app(ServiceSettings(token=SecretStr("t" * 40)), store, print)
+    refused = client.get("/v1/scanners")
     assert refused.status_code == 401
-    assert stranger.get(refused.json()["type"]).json()["status"] == 401
-    assert LOGIN in stranger.get(refused.json()["type"], headers={"Accept": "text/html"}).text
+    assert client.get(refused.json()["type"]).json()["status"] == 401
+    assert LOGIN in client.get(refused.json()["type"], headers={"Accept": "text/html"}).text
     store.keys = store.sessions = None
     wrong = {"Authorization": "Bearer wrong"}
-    assert stranger.get("/problems/storage-unavailable", headers=wrong).status_code == 200
+    assert client.get("/problems/storage-unavailable", headers=wrong).status_code == 200
 
 
 def test_a_failed_job_s_page_leads_to_what_its_code_means(seeded, store, worker):
     job_id = seeded.post("/v1/drifts", json={"scan_id": "example"}).json()["job_id"]
-    from sawmill_worker.contracts.jobs import Failure, FailureKind  # noqa: PLC0415
-
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="sparse-views", detail="too few"))
     assert seeded.get(f"/v1/jobs/{job_id}").json()["state"] == JobState.FAILED
     shown = seeded.get(f"/jobs/{job_id}/history", headers={"Accept": "text/html"}).text
