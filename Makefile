@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -44,10 +44,15 @@ check: lint
 
 # All tests. Those of whole services run after the others: they watch clocks.
 test: lint
-	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 
 # Statistics over many seeds, and the wheel in an empty environment. Hours.
-study: bench study-readers study-wheel
+study: bench study-calibration study-readers study-wheel
+
+# The tests that try a few seeds of each statistic, with as many as make it one: some minutes.
+study-calibration: install-dev
+	@SAWMILL_CALIBRATION_SEEDS=20 SAWMILL_SLIPPED_SCANS=31 $(BIN)/python -m pytest --timeout 7200 \
+		tests/tomography/calibration/test_calibrate.py tests/benchmarks/test_unsteady.py
 
 # Readers against edited files and HDF5 of any structure, 20 000 of each: half an hour.
 study-readers: install-dev

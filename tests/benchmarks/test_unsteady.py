@@ -1,5 +1,6 @@
 """Slips in counts with ten flats, whichever way rings are treated: named, fitted, and never wrongly passed."""
 
+import os
 from functools import cache
 
 import numpy as np
@@ -12,7 +13,8 @@ from sawmill_worker.tomography.calibration.calibrate import calibrate
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 VIEWS = (20, 45, 90)
-SCANS = 31
+# As many as an independent simulator found to pass wrongly by `make study-calibration`.
+SCANS = int(os.environ.get("SAWMILL_SLIPPED_SCANS", "10"))
 RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])
 
 
@@ -30,13 +32,12 @@ def outcomes_of(make, count, *, seed, remove_rings):
 
 @RINGS
 def test_slips_are_named_and_fitted(remove_rings):
-    """As many as an independent simulator found to pass wrongly."""
     found = outcomes_of(slipped, SCANS, seed=1501, remove_rings=remove_rings)
     assert found.wrong == 0
     # A slip that a plain fit is hardly off by is no reason; some drown in noise, or in what ring removal itself does
     # to a sinogram: then the bound has it.
     unnamed = ~np.array(found.slips)
-    assert unnamed.sum() <= 5
+    assert unnamed.sum() <= SCANS // 5
     assert (np.array(found.errors) <= np.array(found.bounds))[unnamed].all()
     # A plain fit is off by 0.1 mm in the median.
     assert np.median(found.errors) < 0.02

@@ -75,6 +75,21 @@ class Client:
         return self.request("DELETE", path, **options)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def _one_document() -> Iterator[None]:
+    """The OpenAPI document is every application's: a second of work, done once."""
+    made: list[dict[str, Any]] = []
+    make = Application.openapi
+
+    def openapi(app: Application) -> dict[str, Any]:
+        made[:] = made or [make(app)]
+        return made[0]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Application, "openapi", openapi)
+        yield
+
+
 @pytest.fixture(scope="session")
 def seeded_data(empty_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A data folder that holds the examples."""

@@ -1,5 +1,6 @@
 """What every page must keep, asked of a page in a real browser."""
 
+import os
 import re
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -23,7 +24,9 @@ WIDER = """() => [...document.querySelectorAll('main *, header, footer')]
 
 
 def shot(page: Page, name: str) -> None:
-    """Keep the whole page as a picture in build/screenshots."""
+    """Keep the whole page as a picture in build/screenshots, where SAWMILL_SCREENSHOTS is set: it takes a while."""
+    if "SAWMILL_SCREENSHOTS" not in os.environ:
+        return
     SCREENSHOTS.mkdir(parents=True, exist_ok=True)
     page.screenshot(path=SCREENSHOTS / f"{name}.png", full_page=True)
 

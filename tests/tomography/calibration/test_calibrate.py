@@ -1,4 +1,5 @@
 import math
+import os
 from dataclasses import replace
 from functools import cache
 
@@ -32,7 +33,8 @@ from sawmill_worker.vocabulary import Adjustment, Handedness, Rotation
 
 pytestmark = pytest.mark.slow
 
-SEEDS = range(20)
+# Twenty of each by `make study-calibration`.
+SEEDS = range(int(os.environ.get("SAWMILL_CALIBRATION_SEEDS", "6")))
 both_phantoms = pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 
 
@@ -70,7 +72,7 @@ def test_the_published_scan_is_calibrated_from_every_seed(scanner, theta, full_t
 
 @pytest.fixture(scope="module")
 def repeats(scanner, theta, full_turn):
-    """Calibrations of twenty noisy scans, noise and search seeded alike: (phantom, views) -> list."""
+    """Calibrations of noisy scans, noise and search seeded alike: (phantom, views) -> list."""
 
     @cache
     def run(name, views):
@@ -106,8 +108,8 @@ def test_the_predicted_ray_error_is_the_actual_one_on_average(repeats, theta, na
     found = repeats(name, views)
     actual = math.sqrt(np.mean([errors(one, theta)[0] ** 2 for one in found]))
     predicted = math.sqrt(np.mean([one.error_bars.predicted_ray_error.rms_mm**2 for one in found]))
-    # An RMS of 20 has 15 % of scatter, and an inflation from 20 views' residuals errs to the careful side, so far by
-    # up to a half.
+    # An RMS of 20 has 15 % of scatter, one of 6 has 30 %, and an inflation from 20 views' residuals errs to the
+    # careful side, so far by up to a half.
     assert 0.8 * actual < predicted < 2.0 * actual
 
 
