@@ -33,12 +33,24 @@ class AuditAction(StrEnum):
 class AuditEntry(Contract):
     """One thing that somebody did."""
 
-    number: int = Field(description="Grows from entry to entry.")
-    at: Time
-    who: str = Field(description="The name of the key; `the service` where a schedule or a job did it.")
-    key_id: Identifier | None = Field(description="Null: without a key.")
-    address: str | None = Field(description="From which the request came; null: it was no request.")
-    request_id: str | None = Field(description="As in the answer's `X-Request-Id` and in the log.")
-    action: AuditAction
-    subject_id: str = Field(description="What it was done to.")
-    detail: dict[str, Any] | None = Field(description="What the subject was, and why, where something is known.")
+    number: int = Field(description="Number of the entry; it grows from entry to entry.", examples=[41])
+    at: Time = Field(examples=["2026-03-02T05:30:00Z"])
+    who: str = Field(
+        description="The name of the key; `the service` where a schedule or a job did it.",
+        examples=["scanner software of line 2"],
+    )
+    key_id: Identifier | None = Field(
+        description="Id of the key that the request brought. Null: it brought none.", examples=["0f8b4c6d0d8a4b0e"]
+    )
+    address: str | None = Field(
+        description="From which the request came; null: it was no request.", examples=["192.168.1.20"]
+    )
+    request_id: str | None = Field(
+        description="The `X-Request-Id` of the request, as in its answer and in the log. Null: it was no request.",
+        examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
+    )
+    action: AuditAction = Field(description="What was done.", examples=["calibration-activated"])
+    subject_id: str = Field(description="Id of what it was done to.", examples=["example"])
+    detail: dict[str, Any] | None = Field(
+        description="What the subject was, and why, where something is known.", examples=[{"reason": "checked by hand"}]
+    )

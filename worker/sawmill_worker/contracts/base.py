@@ -136,5 +136,5 @@ class Page(Contract, Generic[Item]):
 class Stamped(Contract):
     """What every stored resource carries."""
 
-    id: Identifier
-    created_at: datetime
+    id: Identifier = Field(description="The resource's id, which the service gives.", examples=["example"])
+    created_at: datetime = Field(description="When it was created, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])

@@ -15,14 +15,16 @@ class DriftOptions(Contract):
     """Which part of the scan is looked at."""
 
     rows: Rows | None = Field(
-        None, description="Detector rows A:B to average, the first included, the last not. By default all of them."
+        None,
+        description="Detector rows A:B to average, the first included, the last not. By default all of them.",
+        examples=["0:16"],
     )
 
 
 class DriftAsk(DriftOptions, Given):
     """Ask whether a scanner has moved since a calibration. The scan must go all round in steps of 3 degrees or less."""
 
-    scan_id: Identifier = Field(examples=["example"])
+    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
     calibration_id: Identifier | None = Field(
         None, description="To compare with; null: the scanner's active calibration.", examples=["example"]
     )
@@ -31,99 +33,144 @@ class DriftAsk(DriftOptions, Given):
 class DetectorGeometry(Contract):
     """The part of the geometry that pairs of opposite rays show."""
 
-    cor_column_mm: float = Field(description="u_c, where the centre of rotation falls on the detector.")
-    tilt_rad: float = Field(description="tau, tilt of the detector against the ray through the centre of rotation.")
-    source_to_detector_mm: float = Field(description="SDD along that ray; only weakly seen, and held where it is not.")
+    cor_column_mm: float = Field(
+        description="u_c, where the centre of rotation falls on the detector.", examples=[-209.1]
+    )
+    tilt_rad: float = Field(
+        description="tau, tilt of the detector against the ray through the centre of rotation.", examples=[-0.083]
+    )
+    source_to_detector_mm: float = Field(
+        description="SDD along that ray; only weakly seen, and held where it is not.", examples=[1619.3]
+    )
 
 
 class DetectorDeviation(Contract):
     """A standard deviation of each, or how many of them; null for the distance where the scan does not show it."""
 
-    cor_column_mm: float
-    tilt_rad: float
-    source_to_detector_mm: float | None
+    cor_column_mm: float = Field(
+        description="Of u_c, where the centre of rotation falls on the detector, mm, or a number of standard "
+        "deviations.",
+        examples=[0.05],
+    )
+    tilt_rad: float = Field(
+        description="Of tau, the detector's tilt, radians, or a number of standard deviations.", examples=[0.0004]
+    )
+    source_to_detector_mm: float | None = Field(
+        description="Of SDD, mm, or a number of standard deviations. Null: the scan does not show it.", examples=[12.0]
+    )
 
 
 class TurnDisturbance(Contract):
     """A harmonic of the turn itself, fitted with the geometry: it is neither drift nor part of the change."""
 
     part: DisturbedPart = Field(
-        description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam."
+        description="`encoder`: the angles run ahead and behind. `bearing`: the log swings across the beam.",
+        examples=["encoder"],
     )
-    times_a_turn: int
-    amplitude_deg: float | None = Field(None, description="Of the encoder.")
-    amplitude_mm: float | None = Field(None, description="Of the bearing, across the beam at the centre of rotation.")
+    times_a_turn: int = Field(description="Number of its periods a turn.", examples=[1])
+    amplitude_deg: float | None = Field(None, description="Of the encoder.", examples=[0.05])
+    amplitude_mm: float | None = Field(
+        None, description="Of the bearing, across the beam at the centre of rotation.", examples=[0.3]
+    )
 
 
 class DriftResult(Contract):
     """The answer: what moved, how surely, and what cannot be seen."""
 
-    measured: DetectorGeometry
+    measured: DetectorGeometry = Field(description="What this scan shows of the geometry.")
     standard_deviation: DetectorDeviation = Field(description="Of what was measured.")
     covariance: list[list[float]] = Field(
-        description="Of what was measured: (cor_column_mm, tilt_rad, source_to_detector_mm)."
+        description="Covariance of what was measured, (cor_column_mm, tilt_rad, source_to_detector_mm), in the "
+        "products of their units.",
+        examples=[[[0.0025, 0, 0], [0, 1.6e-07, 0], [0, 0, 0]]],
     )
-    calibrated: DetectorGeometry
+    calibrated: DetectorGeometry = Field(description="What the calibration has of it.")
     change: DetectorGeometry = Field(description="Measured less calibrated.")
     change_standard_deviation: DetectorDeviation = Field(
         description="From this scan's errors and, where they are known, the calibration's."
     )
     significance: DetectorDeviation = Field(description="Each change in units of its standard deviation.")
-    moved: bool = Field(description="Whether any change is beyond three standard deviations.")
+    moved: bool = Field(description="Whether any change is beyond three standard deviations.", examples=[False])
     ray_change_mm: float = Field(
         description="RMS distance between the rays inside the log's disc, up to a common scale, with what this scan "
-        "cannot see unchanged; a distance of the detector that has not significantly changed is held too."
+        "cannot see unchanged; a distance of the detector that has not significantly changed is held too.",
+        examples=[0.01],
     )
-    ray_change_uncertainty_mm: float = Field(description="RMS ray distance that the errors alone bring about.")
+    ray_change_uncertainty_mm: float = Field(
+        description="RMS ray distance that the errors alone bring about.", examples=[0.02]
+    )
     scale_change_percent: float | None = Field(
         None,
         description="Change of the image's size, which the ray change leaves out. Null: from an earlier version.",
+        examples=[0.05],
     )
-    scale_change_uncertainty_percent: float | None = Field(None, description="Of the change of scale, 95 %.")
-    radius_mm: float = Field(description="Of the disc in which rays are compared.")
-    tolerance_mm: float = Field(description="RMS ray distance up to which nothing moved.")
-    within_tolerance: bool | None = Field(description="Null: the scan is too uncertain to say.")
-    reason: str = Field(description="A likely cause and what to do, in one sentence.")
-    not_seen: list[str] = Field(description="What no scan without a phantom can show.")
-    rotation: Rotation = Field(description="The sense of rotation in which opposite rays agree.")
-    rotation_ratio: float = Field(description="How many times worse they agree in the other sense.")
-    rotation_decided: bool = Field(description="False: a log too round and centred to tell; the calibration's is kept.")
-    relative_residual: float = Field(description="What opposite rays differ by, against what changes with the view.")
+    scale_change_uncertainty_percent: float | None = Field(
+        None, description="Of the change of scale, 95 %.", examples=[0.4]
+    )
+    radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
+    tolerance_mm: float = Field(description="RMS ray distance up to which nothing moved.", examples=[0.5])
+    within_tolerance: bool | None = Field(description="Null: the scan is too uncertain to say.", examples=[True])
+    reason: str = Field(
+        description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
+    )
+    not_seen: list[str] = Field(
+        description="What no scan without a phantom can show.",
+        examples=[["R, the distance from the source to the centre of rotation"]],
+    )
+    rotation: Rotation = Field(description="The sense of rotation in which opposite rays agree.", examples=["as-given"])
+    rotation_ratio: float = Field(
+        description="How many times worse they agree in the other sense, no unit.", examples=[60.0]
+    )
+    rotation_decided: bool = Field(
+        description="False: a log too round and centred to tell; the calibration's is kept.", examples=[True]
+    )
+    relative_residual: float = Field(
+        description="What opposite rays differ by, against what changes with the view, no unit.", examples=[0.01]
+    )
     disturbances: list[TurnDisturbance] = Field(
         default_factory=list,
         description="What disturbs the turn beyond chance. What is not found widens the standard deviations.",
     )
     adjustments: list[str] = Field(
-        default_factory=list, description="What was done to the scan before it was used, a sentence each."
+        default_factory=list,
+        description="What was done to the scan before it was used, a sentence each.",
+        examples=[["1 corrupt view was left out"]],
     )
-    scanner: ScannerConstants
-    views: int
-    rows: tuple[int, int] = Field(description="First row and the one after the last.")
-    time_s: float
-    software_version: str
-    input_sha256: str
+    scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
+    views: int = Field(description="Number of views of the scan.", examples=[360])
+    rows: tuple[int, int] = Field(description="First row and the one after the last.", examples=[[0, 16]])
+    time_s: float = Field(description="Seconds that the computation took.", examples=[3.2])
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
+    input_sha256: str = Field(
+        description="SHA-256 of the scan's file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
 
 
 class DriftLinks(Contract):
     """Where it hangs together."""
 
-    self: str
-    job: str
-    calibration: str
+    self: str = Field(description="Its own path.", examples=["/v1/drifts/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    calibration: str = Field(
+        description="Path of the calibration that it is compared with.", examples=["/v1/calibrations/example"]
+    )
 
 
 class Drift(Stamped):
     """A drift check as it stands."""
 
-    state: JobState
-    scanner_id: Identifier
-    scan_id: Identifier
-    calibration_id: Identifier
-    job_id: Identifier
-    options: DriftOptions
-    result: DriftResult | None = None
-    failure: Failure | None = None
-    links: DriftLinks | None = None
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    scan_id: Identifier = Field(description="Id of the scan that is looked at.", examples=["example"])
+    calibration_id: Identifier = Field(
+        description="Id of the calibration that it is compared with.", examples=["example"]
+    )
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    options: DriftOptions = Field(description="How it was asked for.")
+    result: DriftResult | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: DriftLinks | None = Field(None, description="Where it is, and what it refers to.")
 
 
 DECLARATION = AskedKind(

@@ -42,15 +42,20 @@ class EventKind(StrEnum):
 class Event(Contract):
     """One thing that happened."""
 
-    number: int = Field(description="Grows from event to event, not always by 1.")
-    at: Time
+    number: int = Field(
+        description="Number of the event; it grows from event to event, not always by 1.", examples=[42]
+    )
+    at: Time = Field(examples=["2026-03-02T05:31:04Z"])
     what: EventKind = Field(
         description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
         "`schedule-missed`: a due time passed without a calibration; `clock-off`: the worker's clock differs from the "
-        "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock."
+        "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
+        examples=["succeeded"],
     )
-    scanner_id: Identifier | None = Field(None, description="The scanner that it concerns, where there is one.")
+    scanner_id: Identifier | None = Field(
+        None, description="The scanner that it concerns, where there is one.", examples=["example"]
+    )
     subject: str | None = Field(
         None,
         description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
@@ -58,15 +63,22 @@ class Event(Contract):
         examples=["calibration"],
     )
     subject_id: Identifier | None = Field(
-        None, description="What it happened to; of a job, what the job works on. Null in events of earlier versions."
+        None,
+        description="What it happened to; of a job, what the job works on. Null in events of earlier versions.",
+        examples=["example"],
     )
-    job_id: Identifier | None = None
-    attempt: int | None = None
-    worker: str | None = Field(None, description="Host and process.")
+    job_id: Identifier | None = Field(
+        None, description="Id of the job that it concerns. Null: none.", examples=["example"]
+    )
+    attempt: int | None = Field(
+        None, description="Number of the attempt at the job. Null: it is of no attempt.", examples=[1]
+    )
+    worker: str | None = Field(None, description="Host and process.", examples=["mill:71"])
     detail: dict[str, Any] | None = Field(
         None,
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `reason` of "
         "an activation, a refusal or a missed due time, which is `due_at`; or seconds of the clock.",
+        examples=[{"reason": "checked by hand"}],
     )
 
 

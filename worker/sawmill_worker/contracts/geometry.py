@@ -92,19 +92,19 @@ class ReportedSourceFrame(SourceFrame):
 class ThetaDeviation(Contract):
     """Standard deviations of theta; null where the source shift is not resolved."""
 
-    initial_angle_rad: float | None
-    detector_to_cor_mm: float | None
-    source_shift_mm: float | None
-    detector_shift_mm: float | None
-    detector_tilt: float | None
+    initial_angle_rad: float | None = Field(description="Of alpha0, radians.", examples=[0.0001])
+    detector_to_cor_mm: float | None = Field(description="Of r_D, mm.", examples=[0.35])
+    source_shift_mm: float | None = Field(description="Of h_S, mm.", examples=[0.8])
+    detector_shift_mm: float | None = Field(description="Of h_D, mm.", examples=[0.1])
+    detector_tilt: float | None = Field(description="Of alpha_D, a slope without unit.", examples=[0.0002])
 
 
 class SourceFrameDeviation(Contract):
     """Standard deviations of the source frame; null for a parameter that was held fixed."""
 
-    psi_rad: float | None
-    source_distance_mm: float | None
-    source_to_detector_mm: float | None
-    cor_column_mm: float | None
-    tilt_rad: float | None
-    magnification: float | None
+    psi_rad: float | None = Field(description="Of psi, radians.", examples=[0.0001])
+    source_distance_mm: float | None = Field(description="Of R, mm.", examples=[0.2])
+    source_to_detector_mm: float | None = Field(description="Of SDD, mm.", examples=[0.35])
+    cor_column_mm: float | None = Field(description="Of u_c, mm.", examples=[0.02])
+    tilt_rad: float | None = Field(description="Of tau, radians.", examples=[0.0002])
+    magnification: float | None = Field(description="Of the magnification, no unit.", examples=[0.0004])

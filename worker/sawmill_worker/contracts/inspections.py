@@ -28,77 +28,128 @@ class FileVerdict(StrEnum):
 class FilePart(Contract):
     """A group, dataset, link, variable, array, page or file, from its header; of several that are alike, all."""
 
-    name: str = Field(description="Where it is; of several that are alike, the first and the last.")
-    kind: str
-    count: int = Field(1, description="The number of parts, which are alike but for the numbers in their names.")
-    shape: list[int] | None = Field(None, description="In the axis order of the file.")
-    type: str | None = Field(None, description="Of its numbers, or what it is instead.")
-    unit: str | None = None
-    stored_bytes: int | None = None
-    compression: str | None = Field(None, description="The filters through which it is stored; null: none.")
-    leads_to: str | None = Field(None, description="Where a link leads, or where data lie that are elsewhere.")
+    name: str = Field(
+        description="Where it is; of several that are alike, the first and the last.", examples=["/entry/data/data"]
+    )
+    kind: str = Field(
+        description="What it is, as a group, a dataset, a link, an array or a page.", examples=["dataset"]
+    )
+    count: int = Field(
+        1, description="The number of parts, which are alike but for the numbers in their names.", examples=[1]
+    )
+    shape: list[int] | None = Field(None, description="In the axis order of the file.", examples=[[360, 16, 768]])
+    type: str | None = Field(None, description="Of its numbers, or what it is instead.", examples=["uint16"])
+    unit: str | None = Field(
+        None, description="Its unit, as the file states it. Null: the file states none.", examples=["counts"]
+    )
+    stored_bytes: int | None = Field(
+        None, description="Bytes that it takes in the file. Null: not known from its header.", examples=[8847360]
+    )
+    compression: str | None = Field(
+        None, description="The filters through which it is stored; null: none.", examples=["gzip"]
+    )
+    leads_to: str | None = Field(
+        None,
+        description="Where a link leads, or where data lie that are elsewhere.",
+        examples=["/entry/instrument/detector/data"],
+    )
 
 
 class ViewAngles(Contract):
     """The angles that the views would have."""
 
-    first_deg: float
-    last_deg: float
-    from_file: bool = Field(description="Whether the file carries them; else they are those given.")
-    file_unit: str | None = Field(None, description="That in which the file carries them.")
+    first_deg: float = Field(description="The first view's angle, degrees.", examples=[0.0])
+    last_deg: float = Field(description="The last view's angle, degrees.", examples=[359.0])
+    from_file: bool = Field(description="Whether the file carries them; else they are those given.", examples=[True])
+    file_unit: str | None = Field(
+        None,
+        description="The unit in which the file carries them. Null: it carries none, or states no unit.",
+        examples=["deg"],
+    )
 
 
 class InspectedReading(Contract):
     """What would be read, no sample of it being looked at yet."""
 
-    data: DataKind | None = Field(None, description="What the numbers are, as given: no file states it reliably.")
-    shape: ScanShape
-    flats: int | None = Field(None, description="The number of flat fields; null: none.")
-    darks: int | None = Field(None, description="The number of dark fields; null: none.")
-    angles: ViewAngles | None = None
-    detector_pitch_mm: float | None = None
-    row_pitch_mm: float | None = None
-    unused: str | None = Field(
-        None, description="Values that could be a pitch or a distance; no name states what they are, none is used."
+    data: DataKind | None = Field(
+        None, description="What the numbers are, as given: no file states it reliably.", examples=["counts"]
     )
-    other_files: list[str] = Field([], description="Further files that would be read.")
-    remarks: list[str] = Field([], description="What would be done to the data on reading.")
+    shape: ScanShape = Field(description="Size of the projection stack.")
+    flats: int | None = Field(None, description="The number of flat fields; null: none.", examples=[10])
+    darks: int | None = Field(None, description="The number of dark fields; null: none.", examples=[10])
+    angles: ViewAngles | None = Field(
+        None, description="The angles that the views would have. Null: the file carries none and none were given."
+    )
+    detector_pitch_mm: float | None = Field(
+        None,
+        description="Distance between neighbouring detector cells that the file states, mm. Null: it states none.",
+        examples=[1.5],
+    )
+    row_pitch_mm: float | None = Field(
+        None,
+        description="Distance between detector rows that the file states, mm. Null: it states none.",
+        examples=[2.0],
+    )
+    unused: str | None = Field(
+        None,
+        description="Values that could be a pitch or a distance; no name states what they are, none is used.",
+        examples=["/entry/pixel: 1.5"],
+    )
+    other_files: list[str] = Field([], description="Further files that would be read.", examples=[["mill-flats.h5"]])
+    remarks: list[str] = Field(
+        [], description="What would be done to the data on reading.", examples=[["one invalid frame would be left out"]]
+    )
 
 
 class MissingPart(Contract):
     """What the file does not carry, and how to give it."""
 
-    what: str
-    flag: str = Field(description="Of the command line, which gives it.")
+    what: str = Field(description="What is missing, in words.", examples=["what the numbers are"])
+    flag: str = Field(description="Of the command line, which gives it.", examples=["--data counts"])
     field: str | None = Field(
         None,
         description="What gives it to the service: a parameter of `POST /v1/scans`, or for a pitch or a distance one "
         "of the scanner's constants. Null: nothing does, and the file must carry it.",
+        examples=["data"],
     )
-    why: str
-    needed: bool = Field(default=True, description="Whether nothing can be read, or calibrated, without it.")
+    why: str = Field(description="Why it must be given, in words.", examples=["no file states it reliably"])
+    needed: bool = Field(
+        default=True, description="Whether nothing can be read, or calibrated, without it.", examples=[True]
+    )
 
 
 class InspectionResult(Contract):
     """All that is said of one file."""
 
-    file: str
-    size_bytes: int = Field(description="Of the file; of a folder, of all files in it.")
-    format: str | None = Field(None, description="What the file turned out to be; null: nothing that can be read.")
-    own_kind: str | None = Field(None, description="scan, volume or calibration, where this product wrote the file.")
-    verdict: FileVerdict
-    parts: list[FilePart]
-    parts_left_out: int = Field(0, description="Parts beyond the most that are listed.")
-    listing_ended: str | None = Field(None, description="Why the list of parts is not complete, where it is not.")
-    reading: InspectedReading | None = None
+    file: str = Field(description="The file's name.", examples=["mill.h5"])
+    size_bytes: int = Field(description="Of the file; of a folder, of all files in it.", examples=[8861696])
+    format: str | None = Field(
+        None, description="What the file turned out to be; null: nothing that can be read.", examples=["hdf5-nxtomo"]
+    )
+    own_kind: str | None = Field(
+        None,
+        description="scan, volume or calibration, where this product wrote the file. Null: it did not.",
+        examples=["scan"],
+    )
+    verdict: FileVerdict = Field(description="Whether the file can be read as a scan.", examples=["ready"])
+    parts: list[FilePart] = Field(description="What is in the file.")
+    parts_left_out: int = Field(0, description="Number of parts beyond the most that are listed.", examples=[0])
+    listing_ended: str | None = Field(
+        None,
+        description="Why the list of parts is not complete. Null: it is complete.",
+        examples=["the file is cut short"],
+    )
+    reading: InspectedReading | None = Field(None, description="What would be read. Null: nothing can be read.")
     missing: list[MissingPart] = Field([], description="What the file does not carry.")
-    refusal: Failure | None = Field(None, description="Why the file would be refused, however it is read.")
+    refusal: Failure | None = Field(
+        None, description="Why the file would be refused, however it is read. Null: it can be read."
+    )
 
 
 class InspectionOptions(Contract):
     """How the file would be read, as far as it is known: as for a scan, and nothing of it is needed."""
 
-    data: DataKind | None = Field(None, description="What the numbers are; null: not given.")
+    data: DataKind | None = Field(None, description="What the numbers are; null: not given.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
 
@@ -106,28 +157,33 @@ class InspectionOptions(Contract):
 class InspectedFile(InspectionOptions):
     """The file beside them."""
 
-    name: Name = "file"
-    size_bytes: int
-    sha256: str
+    name: Name = Field("file", description="The name under which it was sent.", examples=["mill.h5"])
+    size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
+    sha256: str = Field(
+        description="SHA-256 of the file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
 
 
 class InspectionLinks(Contract):
     """Where it hangs together."""
 
-    self: str
-    job: str
+    self: str = Field(description="Its own path.", examples=["/v1/inspections/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
 
 
 class Inspection(Stamped):
     """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
 
-    state: JobState
-    job_id: Identifier
-    options: InspectedFile
-    file_kept_until: Time = Field(description="Until then scans can be made of its file.")
-    result: InspectionResult | None = None
-    failure: Failure | None = None
-    links: InspectionLinks | None = None
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    job_id: Identifier = Field(description="Id of the job that looks at the file.", examples=["example"])
+    options: InspectedFile = Field(description="The file, and how it would be read.")
+    file_kept_until: Time = Field(
+        description="Until then scans can be made of its file.", examples=["2026-03-03T05:30:00Z"]
+    )
+    result: InspectionResult | None = Field(None, description="What was found. Null: nothing yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: InspectionLinks | None = Field(None, description="Where it and its job are.")
 
 
 def _read(record: Mapping[str, Any]) -> Inspection:

@@ -74,57 +74,90 @@ class FailureKind(StrEnum):
 class Failure(Contract):
     """Why a job failed, in one sentence: which value, and what would be right."""
 
-    kind: FailureKind
+    kind: FailureKind = Field(
+        description="Whose failure it is, and so whether the job is tried again.", examples=["input"]
+    )
     code: str = Field(description="Stable, for programs.", examples=["phantom-not-found"])
-    detail: str
+    detail: str = Field(
+        description="One sentence: which value, and what would be right.", examples=["there is no phantom 'cross'"]
+    )
 
 
 class Job(Stamped):
     """A job as it stands."""
 
-    kind: JobKind
-    state: JobState
-    subject_id: Identifier = Field(description="What it works on, as a scan, a phantom or a calibration.")
+    kind: JobKind = Field(description="What it does.", examples=["calibrate"])
+    state: JobState = Field(description="Where it is in its life.", examples=["running"])
+    subject_id: Identifier = Field(
+        description="What it works on, as a scan, a phantom or a calibration.", examples=["example"]
+    )
     short: bool = Field(
         default=False,
         description="It takes seconds: it has a lane in which none waits for a long one, as a reconstruction.",
+        examples=[True],
     )
-    priority: Priority = Field(Priority.WAITED_FOR, description="Those waited for go first, those of a batch next.")
+    priority: Priority = Field(
+        Priority.WAITED_FOR, description="Those waited for go first, those of a batch next.", examples=["waited-for"]
+    )
     queue_position: int | None = Field(
-        None, description="Jobs before it in the queue, of a short one those of its lane; null once it runs."
+        None,
+        description="Number of jobs before it in the queue, of a short one those of its lane; null once it runs.",
+        examples=[0],
     )
     seconds_left: float | None = Field(
         None,
         ge=0,
-        description="About how long until it succeeds: by its progress, and by how long jobs of its kind took lately, "
-        "with those before it. Null: nothing is known, or it has ended.",
+        description="About how many seconds until it succeeds: by its progress, and by how long jobs of its kind "
+        "took lately, with those before it. Null: nothing is known, or it has ended.",
+        examples=[12.0],
     )
     background: Annotated[
         bool, Field(description="As the examples: starts when no other job could, and gives way to one.")
-    ] = False
-    not_before: Time | None = Field(None, description="While it waits to be tried again: the earliest time.")
+    ] = Field(default=False, examples=[False])
+    not_before: Time | None = Field(
+        None, description="While it waits to be tried again: the earliest time.", examples=["2026-03-02T05:31:10Z"]
+    )
     waiting_for: Failure | None = Field(
         None, description="While it waits to be tried again: the passing failure because of which it does."
     )
-    progress: Progress | None = None
+    progress: Progress | None = Field(None, description="How far it is. Null: it does not run.")
     attempt: int = Field(
-        description="How often it was started; the number tells one attempt from another, and is not limited."
+        description="How often it was started; the number tells one attempt from another, and is not limited.",
+        examples=[1],
     )
     losses: int = Field(
         0,
-        description="Attempts that were lost, as by a worker that was killed; the third loss fails the job. "
-        "A clean stop of a worker, a full disk and a database that is away are no loss.",
+        description="Number of attempts that were lost, as by a worker that was killed; the third loss fails the "
+        "job. A clean stop of a worker, a full disk and a database that is away are no loss.",
+        examples=[0],
     )
-    worker: str | None = None
-    cancel_requested: bool = False
+    worker: str | None = Field(
+        None, description="Host and process of the worker that has it. Null: none has.", examples=["mill:71"]
+    )
+    cancel_requested: bool = Field(
+        default=False,
+        description="Whether somebody has cancelled it; a running one ends within seconds.",
+        examples=[False],
+    )
     request_id: str | None = Field(
-        None, description="The `X-Request-Id` of the request that queued it; null: none did, as for a schedule's."
+        None,
+        description="The `X-Request-Id` of the request that queued it; null: none did, as for a schedule's.",
+        examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
-    key_id: str | None = Field(None, description="Of the key that this request brought; null: none.")
+    key_id: str | None = Field(
+        None, description="Id of the key that this request brought; null: none.", examples=["0f8b4c6d0d8a4b0e"]
+    )
     asked_by: str | None = Field(
         None,
         description="The name of the key with which it was asked for, or who else did; null: an earlier version's.",
+        examples=["scanner software of line 2"],
     )
-    started_at: datetime | None = None
-    finished_at: datetime | None = None
-    failure: Failure | None = None
+    started_at: datetime | None = Field(
+        None,
+        description="When its last attempt started, RFC 3339, UTC. Null: it has not started.",
+        examples=["2026-03-02T05:31:00Z"],
+    )
+    finished_at: datetime | None = Field(
+        None, description="When it ended, RFC 3339, UTC. Null: it has not ended.", examples=["2026-03-02T05:31:04Z"]
+    )
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")

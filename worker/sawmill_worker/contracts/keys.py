@@ -30,7 +30,9 @@ class KeyAsk(Given):
     """A key that is to be made."""
 
     name: Name = Field(description="Whose it is: a person or a program.", examples=["scanner software of line 2"])
-    scope: Scope = Field(description="`read`, `submit`, `activate` or `admin`; each may do what those before it may.")
+    scope: Scope = Field(
+        description="`read`, `submit`, `activate` or `admin`; each may do what those before it may.", examples=["read"]
+    )
     expires_at: GivenTime | None = Field(
         None, description="From then on it opens nothing; null: never.", examples=["2030-01-01T00:00:00Z"]
     )
@@ -38,6 +40,7 @@ class KeyAsk(Given):
         default=False,
         description="For a display on the wall: a page that it has opened stays open as long as the key is good. "
         "Of scope `read` alone.",
+        examples=[False],
     )
 
     @model_validator(mode="after")
@@ -51,20 +54,32 @@ class KeyAsk(Given):
 class Key(Stamped):
     """A key as it is listed, without its secret."""
 
-    name: Name
-    scope: Scope
-    display: bool = Field(description="For a display on the wall.")
-    expires_at: Time | None = Field(description="From then on it opens nothing; null: never.")
-    revoked_at: Time | None = Field(description="From then on it opens nothing; null: it is not revoked.")
-    last_used_at: Time | None = Field(description="To a minute; null: never.")
-    rotated_at: Time | None = Field(description="When its secret was last replaced; null: never.")
-    created_by: Name = Field(description="The name of the key that made it.")
+    name: Name = Field(description="Whose it is: a person or a program.", examples=["scanner software of line 2"])
+    scope: Scope = Field(description="What it may do.", examples=["submit"])
+    display: bool = Field(description="For a display on the wall.", examples=[False])
+    expires_at: Time | None = Field(
+        description="From then on it opens nothing; null: never.", examples=["2030-01-01T00:00:00Z"]
+    )
+    revoked_at: Time | None = Field(
+        description="From then on it opens nothing; null: it is not revoked.", examples=["2026-03-02T05:30:00Z"]
+    )
+    last_used_at: Time | None = Field(
+        description="When it was last used, to a minute; null: never.", examples=["2026-03-02T05:30:00Z"]
+    )
+    rotated_at: Time | None = Field(
+        description="When its secret was last replaced; null: never.", examples=["2026-03-02T05:30:00Z"]
+    )
+    created_by: Name = Field(description="The name of the key that made it.", examples=["admin"])
 
 
 class NewKey(Key):
     """A key with its secret, which is shown here and never again."""
 
-    secret: str = Field(repr=False, description="To be sent as `Authorization: Bearer SECRET`.")
+    secret: str = Field(
+        repr=False,
+        description="To be sent as `Authorization: Bearer SECRET`.",
+        examples=["sawmill_0f8b4c6d0d8a4b0e_u7Xq2mV9"],
+    )
 
 
 class KeyRotation(Given):
@@ -75,6 +90,7 @@ class KeyRotation(Given):
         ge=0,
         le=30 * 86400,
         description="Seconds for which the old secret still opens, so that programs can be given the new one.",
+        examples=[3600],
     )
 
 

@@ -20,37 +20,65 @@ class MeasurementKind(StrEnum):
 class Measurement(Contract):
     """What one calibration or drift check that succeeded measured; null where it does not show a value."""
 
-    number: int = Field(description="Grows from measurement to measurement.")
-    scanner_id: Identifier
-    at: Time = Field(description="When its job ended.")
-    kind: MeasurementKind
-    subject_id: Identifier = Field(description="The calibration, or the drift check.")
+    number: int = Field(
+        description="Number of the measurement; it grows from measurement to measurement.", examples=[17]
+    )
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    at: Time = Field(description="When its job ended.", examples=["2026-03-02T05:31:04Z"])
+    kind: MeasurementKind = Field(description="What measured.", examples=["calibration"])
+    subject_id: Identifier = Field(description="Id of the calibration, or of the drift check.", examples=["example"])
     against_id: Identifier | None = Field(
         description="The calibration that every change is counted from: of a calibration the one that was active then, "
-        "of a drift check the one that it was asked to compare with. Null: there was none, and so no change."
+        "of a drift check the one that it was asked to compare with. Null: there was none, and so no change.",
+        examples=["example"],
     )
-    ray_change_mm: float | None = Field(description="RMS distance between the rays, up to a common scale.")
+    ray_change_mm: float | None = Field(
+        description="RMS distance between the rays, up to a common scale, mm. Null: there was nothing to compare with.",
+        examples=[0.03],
+    )
     ray_change_tolerance_mm: float | None = Field(
-        description="What it was held against. Null: no change, or a calibration of an earlier version."
+        description="What it was held against. Null: no change, or a calibration of an earlier version.", examples=[0.5]
     )
-    within_tolerance: bool | None = Field(description="Null: no change, or too uncertain to tell.")
-    scale_change_percent: float | None
-    cor_column_mm: float = Field(description="u_c, where the centre of rotation falls on the detector.")
-    cor_column_change_mm: float | None
-    tilt_deg: float = Field(description="tau, tilt of the detector against the ray through the centre of rotation.")
-    tilt_change_deg: float | None
-    source_to_detector_mm: float = Field(description="SDD; a drift check hardly sees it.")
-    source_distance_mm: float | None = Field(description="R, of a calibration alone.")
+    within_tolerance: bool | None = Field(description="Null: no change, or too uncertain to tell.", examples=[True])
+    scale_change_percent: float | None = Field(
+        description="Change of the image's size, per cent. Null: no change, or not known.", examples=[0.05]
+    )
+    cor_column_mm: float = Field(
+        description="u_c, where the centre of rotation falls on the detector.", examples=[-209.1]
+    )
+    cor_column_change_mm: float | None = Field(description="Change of u_c, mm. Null: no change.", examples=[0.02])
+    tilt_deg: float = Field(
+        description="tau, tilt of the detector against the ray through the centre of rotation.", examples=[-4.76]
+    )
+    tilt_change_deg: float | None = Field(description="Change of tau, degrees. Null: no change.", examples=[0.01])
+    source_to_detector_mm: float = Field(description="SDD; a drift check hardly sees it.", examples=[1619.3])
+    source_distance_mm: float | None = Field(
+        description="R, distance from the source to the centre of rotation, mm. Null: a drift check does not see it.",
+        examples=[917.1],
+    )
     relative_residual: float = Field(
-        description="Of a calibration what its model leaves of the sinogram; of a drift check what opposite rays "
-        "differ by. The two cannot be compared."
+        description="No unit. Of a calibration what its model leaves of the sinogram; of a drift check what opposite "
+        "rays differ by. The two cannot be compared.",
+        examples=[0.012],
     )
-    gain: float | None = Field(description="Of a calibration alone.")
-    ray_error_rms_mm: float | None = Field(description="The predicted ray error, of a calibration with error bars.")
-    ray_error_upper_95_mm: float | None = Field(description="What the ray error stays below in 95 of 100 cases.")
-    scale_uncertainty_percent: float | None = Field(description="The image's millimetres are right to this with 95 %.")
-    verdict: Verdict | None = Field(description="Of a calibration alone.")
-    rays_verdict: Verdict | None = Field(description="Of a calibration alone, not of an earlier version.")
+    gain: float | None = Field(
+        description="Factor between the phantom's model and the sinogram, in 1/mm. Null: a drift check has none.",
+        examples=[0.021],
+    )
+    ray_error_rms_mm: float | None = Field(
+        description="The predicted ray error, RMS, mm. Null: a drift check, or a calibration without error bars.",
+        examples=[0.02],
+    )
+    ray_error_upper_95_mm: float | None = Field(
+        description="What the ray error stays below in 95 of 100 cases, mm. Null as before.", examples=[0.04]
+    )
+    scale_uncertainty_percent: float | None = Field(
+        description="The image's millimetres are right to this with 95 %.", examples=[0.3]
+    )
+    verdict: Verdict | None = Field(description="Of a calibration. Null: a drift check.", examples=["pass"])
+    rays_verdict: Verdict | None = Field(
+        description="Of a calibration alone, not of an earlier version.", examples=["pass"]
+    )
 
 
 class Movement(NamedTuple):

@@ -38,15 +38,25 @@ class SizeMeasurement(Contract):
     what: Name = Field(
         description="x or y: the drawing's extent along that axis. Any other words: another length.", examples=["x"]
     )
-    measured_mm: PositiveMm
-    standard_uncertainty_mm: PositiveMm = Field(description="Of the measured length.")
-    nominal_mm: PositiveMm | None = Field(None, description="What it was meant to be.")
-    measured_on: date | None = None
-    instrument: Name | None = Field(None, examples=["caliper 12"])
-    moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
-        None, description="Of the wood when it was measured, against its dry weight."
+    measured_mm: PositiveMm = Field(description="The length that was measured, mm.", examples=[200.1])
+    standard_uncertainty_mm: PositiveMm = Field(
+        description="Standard uncertainty of the measured length, mm.", examples=[0.05]
     )
-    expires_on: date | None = Field(None, description="After this day an answer asks for a new measurement.")
+    nominal_mm: PositiveMm | None = Field(
+        None, description="The length that it was meant to have, mm. Null: not stated.", examples=[200.0]
+    )
+    measured_on: date | None = Field(
+        None, description="The day of the measurement. Null: not stated.", examples=["2025-11-02"]
+    )
+    instrument: Name | None = Field(
+        None, examples=["caliper 12"], description="What it was measured with. Null: not stated."
+    )
+    moisture_percent: Annotated[float, Field(ge=0, le=200)] | None = Field(
+        None, description="Of the wood when it was measured, against its dry weight.", examples=[11.0]
+    )
+    expires_on: date | None = Field(
+        None, description="After this day an answer asks for a new measurement.", examples=["2027-11-02"]
+    )
 
     def expired(self, today: date) -> bool:
         """Whether it should have been repeated before this day."""
@@ -89,8 +99,12 @@ def _until_tomorrow(measurements: list[SizeMeasurement]) -> list[SizeMeasurement
 class PhantomDrawing(Contract):
     """A phantom by its drawing, the rotation centre at the origin."""
 
-    name: Name = Field(examples=["our cross"])
-    shapes: list[DrawnShape] = Field(min_length=1, max_length=200)
+    name: Name = Field(examples=["our cross"], description="What people call it.")
+    shapes: list[DrawnShape] = Field(
+        min_length=1,
+        max_length=200,
+        description="Polygons and discs, mm; a later one adds its density to what lies beneath.",
+    )
     measurements: list[SizeMeasurement] = Field(
         [], max_length=100, description="Where its size comes from; the shapes are drawn as measured."
     )
@@ -98,12 +112,17 @@ class PhantomDrawing(Contract):
         default_factory=_measured_tolerance,
         description="Relative standard uncertainty of the stated size; the scanner's scale inherits it. By default the "
         f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
+        examples=[0.0015],
     )
     true_axis: Axis | None = Field(
-        None, description="Axis along which the size is right, where the phantom may differ along the other."
+        None,
+        description="Axis along which the size is right, where the phantom may differ along the other.",
+        examples=["x"],
     )
     follows: Identifier | None = Field(
-        None, description="The stored phantom that was measured anew to make this one; it stays for what refers to it."
+        None,
+        description="The stored phantom that was measured anew to make this one; it stays for what refers to it.",
+        examples=["l-shape"],
     )
 
     @property
@@ -186,9 +205,11 @@ class PhantomDrawing(Contract):
 class MeasurementsAsk(Given):
     """A stored phantom's sides, measured anew."""
 
-    measurements: list[SizeMeasurement] = Field(min_length=1, max_length=100)
+    measurements: list[SizeMeasurement] = Field(
+        min_length=1, max_length=100, description="The lengths that were measured."
+    )
     stretch_drawing: bool = Field(
-        default=True, description="Stretch the shapes along x and y to what was measured there."
+        default=True, description="Stretch the shapes along x and y to what was measured there.", examples=[True]
     )
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
@@ -303,10 +324,12 @@ def _holes_outside(shapes: Mapping[int, Shape]) -> Iterator[tuple[int, str]]:
 class PhantomPicture(Contract):
     """What a phantom's PNG does not show, beside it; a job traces it."""
 
-    name: Name = Field(examples=["our cross"])
+    name: Name = Field(examples=["our cross"], description="What people call it.")
     width_mm: PositiveMm = Field(description="Of the whole picture, mm.", examples=[400.0])
     size_tolerance: SizeTolerance = Field(
-        STANDARD_SIZE_TOLERANCE, description="Relative standard uncertainty of the stated size."
+        STANDARD_SIZE_TOLERANCE,
+        description="Relative standard uncertainty of the stated size, no unit.",
+        examples=[0.0015],
     )
 
 
@@ -321,12 +344,18 @@ class PhantomState(StrEnum):
 class StoredPhantom(Stamped):
     """A phantom that scans can be calibrated against."""
 
-    name: Name
-    built_in: bool
-    state: PhantomState
-    reason: str | None = Field(None, description="Why a picture was refused, in one sentence.")
+    name: Name = Field(description="What people call it.", examples=["L-shape"])
+    built_in: bool = Field(description="Whether it came with the software, and so cannot be deleted.", examples=[True])
+    state: PhantomState = Field(description="Whether it can be used.", examples=["ready"])
+    reason: str | None = Field(
+        None,
+        description="Why a picture was refused, in one sentence. Null: it was not.",
+        examples=["the picture shows no wood"],
+    )
     drawing: PhantomDrawing | None = Field(description="Null until a picture has been traced.")
-    job_id: Identifier | None = None
+    job_id: Identifier | None = Field(
+        None, description="Id of the job that traces its picture. Null: it was drawn.", examples=["example"]
+    )
 
 
 DECLARATION = UploadedKind(

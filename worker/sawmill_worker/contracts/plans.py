@@ -17,19 +17,25 @@ from sawmill_worker.vocabulary import Theta
 class PlanOptions(Contract):
     """The scan that is planned, apart from the phantom and the scanner."""
 
-    views: Annotated[int, Field(ge=3, le=3600)] = Field(360, description="Equidistant, over a full turn.")
+    views: Annotated[int, Field(ge=3, le=3600)] = Field(
+        360, description="Number of views, equidistant over a full turn.", examples=[360]
+    )
     noise: Annotated[float, Field(gt=0, le=1)] = Field(
-        0.02, description="Standard deviation of the noise against the RMS of the phantom's sinogram."
+        0.02,
+        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
+        examples=[0.02],
     )
     size_tolerance_percent: SizeTolerancePercent | None = Field(
-        None, description="Relative standard uncertainty of the phantom's size, in per cent. By default its drawing's."
+        None,
+        description="Relative standard uncertainty of the phantom's size, in per cent. By default its drawing's.",
+        examples=[0.15],
     )
 
 
 class PlanAsked(PlanOptions):
     """What was asked, as it is kept: an earlier version took what `PlanAsk` refuses."""
 
-    scanner_id: Identifier
+    scanner_id: Identifier = Field(description="Id of the scanner that is to be calibrated.", examples=["example"])
     theta: Theta | None = Field(
         None, description="The nominal geometry; null: that of the scanner's active calibration."
     )
@@ -46,46 +52,65 @@ class PlanAsk(PlanAsked, Given):
 class PlanResult(Contract):
     """The precision to expect: the Cramér-Rao bound, with position, gain and background of the phantom unknown."""
 
-    theta: Theta
-    source_frame: ReportedSourceFrame
-    standard_deviation: StandardDeviation
-    covariance: list[list[float]] = Field(description="Of (psi, R, SDD, u_c, tau).")
+    theta: Theta = Field(description="The geometry that it is planned for.")
+    source_frame: ReportedSourceFrame = Field(description="The geometry with the source on the axis.")
+    standard_deviation: StandardDeviation = Field(description="The standard deviations that one scan will have.")
+    covariance: list[list[float]] = Field(
+        description="Covariance of (psi, R, SDD, u_c, tau) in rad and mm, in the products of their units.",
+        examples=[
+            [
+                [1e-08, 0, 0, 0, 0],
+                [0, 0.04, 0.07, 0, 0],
+                [0, 0.07, 0.12, 0, 0],
+                [0, 0, 0, 0.0004, 1e-07],
+                [0, 0, 0, 1e-07, 4e-08],
+            ]
+        ],
+    )
     predicted_ray_error_mm: PredictedRayError = Field(description="From noise alone.")
-    scale_uncertainty_mm: float = Field(description="What R inherits from the phantom's size tolerance beside it.")
-    scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.")
+    scale_uncertainty_mm: float = Field(
+        description="What R inherits from the phantom's size tolerance beside it.", examples=[1.37]
+    )
+    scale_ray_error_mm: float = Field(description="RMS ray error from the phantom's size tolerance.", examples=[0.08])
     scale_uncertainty_percent: float | None = Field(
         None,
         description="The image's millimetres will be right to this with 95 %: from the size tolerance and the noise of "
         "R/SDD. Null: a plan of an earlier version.",
+        examples=[0.3],
     )
-    noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.")
-    views_cut_off: int = Field(description="Views whose shadow reaches an end of the detector; 0 is right.")
-    phantom: str
-    scanner: ScannerConstants
-    views: int
-    noise: float
-    software_version: str
+    noise_mm: float = Field(description="The noise's standard deviation, in mm of wood.", examples=[2.1])
+    views_cut_off: int = Field(
+        description="Number of views whose shadow reaches an end of the detector; 0 is right.", examples=[0]
+    )
+    phantom: str = Field(description="The phantom's name.", examples=["L-shape"])
+    scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
+    views: int = Field(description="Number of views that are planned.", examples=[360])
+    noise: float = Field(
+        description="Standard deviation of the noise against the RMS of the phantom's sinogram, no unit.",
+        examples=[0.02],
+    )
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
 
 
 class PlanLinks(Contract):
     """Where it hangs together."""
 
-    self: str
-    job: str
-    phantom: str
+    self: str = Field(description="Its own path.", examples=["/v1/plans/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    phantom: str = Field(description="Path of the phantom.", examples=["/v1/phantoms/l-shape"])
 
 
 class Plan(Stamped):
     """A plan as it stands."""
 
-    state: JobState
-    phantom_id: Identifier
-    scanner_id: Identifier
-    job_id: Identifier
-    options: PlanAsked
-    result: PlanResult | None = None
-    failure: Failure | None = None
-    links: PlanLinks | None = None
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    phantom_id: Identifier = Field(description="Id of the phantom.", examples=["l-shape"])
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    options: PlanAsked = Field(description="What was asked.")
+    result: PlanResult | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: PlanLinks | None = Field(None, description="Where it is, and what it refers to.")
 
 
 DECLARATION = AskedKind(

@@ -13,18 +13,22 @@ class PrepareOptions(Contract):
         AirCorrection.AUTO,
         description="Level of the air at the detector's ends: one constant a row (background), or each view's where it "
         "drifts (views). auto: views for counts, off for line integrals.",
+        examples=["auto"],
     )
     faulty_cells: FaultyCells = Field(
         FaultyCells.AUTO,
         description="Dead and hot cells: bridged from their neighbours, or kept. auto: bridge counts, keep line "
         "integrals.",
+        examples=["auto"],
     )
     rings: RingRemoval = Field(
         RingRemoval.OFF,
         description="Remove rings that unequal cells leave; growth rings about the rotation centre are weakened too.",
+        examples=["off"],
     )
     align_rows: RowAlignment = Field(
         RowAlignment.OFF,
         description="Views lost rows at the top or bottom (NaN, in counts also zero): align them along the log by "
         "their profile of row sums, or by features matched between views.",
+        examples=["off"],
     )

@@ -78,64 +78,84 @@ class ReconstructionOptions(Contract):
         None,
         description="Detector rows to reconstruct, one slice each: A:B, the first included, the last not, or every "
         "STEP-th of them, A:B[:STEP]. By default all.",
+        examples=["0:16"],
     )
     views: Annotated[int, Field(ge=3)] | None = Field(
-        None, description="Use every (total / views)-th view, each with its own angle. By default all."
+        None,
+        description="Number of views to use: every (total / views)-th, each with its own angle. By default all.",
+        examples=[180],
     )
     method: ReconstructionMethod = Field(
-        ReconstructionMethod.FBP, description="`auto` chooses by the scan's views and noise, and by prefer."
+        ReconstructionMethod.FBP,
+        description="`auto` chooses by the scan's views and noise, and by prefer.",
+        examples=["fbp"],
     )
     prefer: Annotated[Preference, OfAuto] = Field(
         Preference.QUALITY,
         description="Of `auto`: quality, the lowest expected error within 100 ms a slice of 256 x 256 pixels on two "
         "cores, if need be from every second or third view; or speed, fbp from 90 views all round.",
+        examples=["quality"],
     )
-    filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.")
+    filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.", examples=["hann"])
     frequency_scaling: Annotated[float, Field(gt=0, le=1), OfFbp] = Field(
-        1.0, description="Cut-off as a fraction of the Nyquist frequency."
+        1.0, description="Cut-off as a fraction of the Nyquist frequency.", examples=[1.0]
     )
     weighting: Annotated[Weighting, OfFbp] = Field(
-        "exact", description="`none` is the published pipeline's: no cosine, no distance weight."
+        "exact", description="`none` is the published pipeline's: no cosine, no distance weight.", examples=["exact"]
     )
-    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(256, description="Pixels along each side.")
-    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.")
+    size: Annotated[int, Field(ge=16, le=4096), OneNumber] = Field(
+        256, description="Pixels along each side.", examples=[256]
+    )
+    field_mm: Annotated[PositiveMm, OneNumber] = Field(400.0, description="Side of the square field.", examples=[400.0])
     field_centre_mm: tuple[CoordinateMm, CoordinateMm] = Field(
         (0.0, 0.0),
         description="(x, y) of the field's centre; that of a region of interest is not the rotation centre.",
+        examples=[[0.0, 0.0]],
     )
     metal: MetalHandling = Field(
         MetalHandling.AUTO,
         description="Rays through nails and other metal, where a first image shows any. `auto`: `cauchy_map` and "
         "`total_variation` leave them out, other methods take values interpolated along the detector; the metal is "
         "put back into the slices. `interpolate`: every method does. `none`: all rays as they are.",
+        examples=["auto"],
     )
     alpha: Annotated[Positive | None, OfTikhonov] = Field(
-        None, description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule."
+        None,
+        description="Of `tikhonov`: regularisation weight, in mm². By default chosen by alpha_rule.",
+        examples=[40.0],
     )
     alpha_rule: Annotated[AlphaRule, OfTikhonov] = Field(
-        AlphaRule.CROSS_VALIDATION, description="How `tikhonov` chooses alpha."
+        AlphaRule.CROSS_VALIDATION, description="How `tikhonov` chooses alpha.", examples=["cross-validation"]
     )
     sigma: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
         description="Of `cauchy_map`: standard deviation of a line integral, in its unit. By default a multiple of "
         "the noise in air, chosen by tuning on a synthetic scan of the same log.",
+        examples=[0.02],
     )
     beta: Annotated[Positive | None, OfCauchyMap] = Field(
         None,
         description="Of `cauchy_map`: scale of the differences between neighbouring pixels, in the volume's unit. "
         "By default chosen with sigma, or a usual share of the wood's attenuation where sigma is given.",
+        examples=[0.0004],
     )
     preset: Annotated[Literal["paper"] | None, OfCauchyMap] = Field(
-        None, description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta."
+        None,
+        description="Of `cauchy_map`: the published settings (arXiv 2206.14444), instead of sigma and beta.",
+        examples=["paper"],
     )
     weight: Annotated[Positive | None, OfTotalVariation] = Field(
-        None, description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation."
+        None,
+        description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation.",
+        examples=[0.5],
     )
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
-        default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero."
+        default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
     )
     uncertainty: bool = Field(
-        default=False, description="Ignored, with a remark: each pixel's standard deviation is no longer computed."
+        default=False,
+        description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
+        examples=[False],
     )
 
     @model_validator(mode="after")
@@ -178,13 +198,17 @@ class ReconstructionAsked(ReconstructionOptions):
 
     is_stored: ClassVar[bool] = True
 
-    scan_id: Identifier = Field(examples=["example"])
+    scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(
-        None, description="Null: the scanner's active calibration, unless theta is given."
+        None, description="Null: the scanner's active calibration, unless theta is given.", examples=["example"]
     )
     theta: Theta | None = Field(None, description="A geometry of your own, instead of a calibration.")
-    rotation: Rotation | None = Field(None, description="With theta: which way the angles count.")
-    handedness: Handedness | None = Field(None, description="With theta: recorded in the result.")
+    rotation: Rotation | None = Field(
+        None, description="With theta: which way the angles count.", examples=["as-given"]
+    )
+    handedness: Handedness | None = Field(
+        None, description="With theta: recorded in the result.", examples=["as-drawn"]
+    )
 
     @model_validator(mode="after")
     def _one_geometry(self) -> "ReconstructionAsked":
@@ -208,93 +232,154 @@ class ReconstructionAsk(ReconstructionAsked, Given):
 class MetalReport(Contract):
     """Metal that was found in a log, and what was done about it."""
 
-    slices: int = Field(description="Slices that show metal.")
-    samples: int = Field(description="Line integrals of these slices whose rays cross metal or pass beside it.")
-    share_of_samples: float = Field(description="Of all line integrals of these slices.")
-    treatment: MetalTreatment
-    source: str = Field(description="The name of the method that deals with them, and where it was published.")
+    slices: int = Field(description="Number of slices that show metal.", examples=[3])
+    samples: int = Field(
+        description="Number of line integrals of these slices whose rays cross metal or pass beside it.",
+        examples=[1200],
+    )
+    share_of_samples: float = Field(
+        description="Their share of all line integrals of these slices, no unit.", examples=[0.002]
+    )
+    treatment: MetalTreatment = Field(description="What was done about these rays.", examples=["interpolated"])
+    source: str = Field(
+        description="The name of the method that deals with them, and where it was published.",
+        examples=["linear interpolation (Kalender 1987)"],
+    )
 
 
 class MethodReport(Contract):
     """The method's parameters, and how well its slices explain the data. Of several slices, the median."""
 
-    name: ReconstructionMethod = Field(description="The method used; never `auto`, but the one that it chose.")
-    reason: str | None = Field(None, description="Why `auto` chose it.")
+    name: ReconstructionMethod = Field(
+        description="The method used; never `auto`, but the one that it chose.", examples=["fbp"]
+    )
+    reason: str | None = Field(
+        None,
+        description="Why `auto` chose it. Null: `auto` was not asked for.",
+        examples=["360 views all round suffice for fbp"],
+    )
     expected_error: float | None = Field(
         None,
-        description="With `auto`: the relative error of simulated logs from as many views, with as much noise. Null "
-        "where the views do not go all round.",
+        description="With `auto`: the relative error, no unit, of simulated logs from as many views, with as much "
+        "noise. Null where the views do not go all round.",
+        examples=[0.08],
     )
-    view_step: int = Field(1, description="With `auto`: every view_step-th of the views was used.")
-    noise: float = Field(description="Standard deviation of a line integral, in its unit.")
+    view_step: int = Field(1, description="With `auto`: every view_step-th of the views was used.", examples=[1])
+    noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
         description="RMS of the residual (A x - y), relative to the noise: near 1 for an iterative method with the "
         "right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right geometry "
         "anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold all of "
-        "the log."
+        "the log.",
+        examples=[1.04],
     )
-    worst_data_misfit: float | None = Field(description="Of all slices; for `fbp`, of five.")
-    alpha: float | None = Field(None, description="Used by `tikhonov`, in mm².")
-    sigma: float | None = Field(None, description="Used by `cauchy_map`, in the unit of a line integral.")
-    beta: float | None = Field(None, description="Used by `cauchy_map`, in the volume's unit.")
-    weight: float | None = Field(None, description="Used by `total_variation`, in 1 / attenuation.")
+    worst_data_misfit: float | None = Field(
+        description="The largest `data_misfit` of all slices, no unit; for `fbp`, of five. Null with it.",
+        examples=[1.2],
+    )
+    alpha: float | None = Field(None, description="Used by `tikhonov`, in mm². Null: another method.", examples=[40.0])
+    sigma: float | None = Field(
+        None, description="Used by `cauchy_map`, in the unit of a line integral. Null: another method.", examples=[0.02]
+    )
+    beta: float | None = Field(
+        None, description="Used by `cauchy_map`, in the volume's unit. Null: another method.", examples=[0.0004]
+    )
+    weight: float | None = Field(
+        None, description="Used by `total_variation`, in 1 / attenuation. Null: another method.", examples=[0.5]
+    )
     metal: MetalReport | None = Field(None, description="Null: none was found, or it was not looked for.")
-    unconverged_slices: int = Field(0, description="Slices that had not converged when the iterations ran out.")
-    remarks: list[str] = Field([], description="What to know of the data and the fit.")
+    unconverged_slices: int = Field(
+        0, description="Number of slices that had not converged when the iterations ran out.", examples=[0]
+    )
+    remarks: list[str] = Field(
+        [], description="What to know of the data and the fit.", examples=[["the log leaves the field in 3 slices"]]
+    )
 
 
 class ReconstructionResult(Contract):
     """The result beside the volume."""
 
-    shape: tuple[int, int, int] = Field(description="(slice, x, y)")
-    pixel_mm: float
-    unit: str
-    value_range: tuple[float, float] = Field(description="0.1 and 99.9 percentile over the volume.")
-    theta: Theta
-    rotation: Rotation
-    handedness: Handedness
-    views: int
-    fewest_views: int | None = Field(None, description="Of the slice that fewest views show, where views lost rows.")
-    rows: tuple[int, int]
-    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.")
-    time_s: float
-    software_version: str
-    input_sha256: str
-    preparation: list[str] = Field([], description="The steps that prepared the scan's data.")
+    shape: tuple[int, int, int] = Field(description="Number of values along (slice, x, y).", examples=[[16, 256, 256]])
+    pixel_mm: float = Field(description="Side of a pixel, mm.", examples=[1.5625])
+    unit: str = Field(description="Unit of the volume's values.", examples=["1/mm"])
+    value_range: tuple[float, float] = Field(
+        description="0.1 and 99.9 percentile over the volume, in its unit.", examples=[[0.0, 0.031]]
+    )
+    theta: Theta = Field(description="The geometry that it was made with.")
+    rotation: Rotation = Field(description="Which way the view angles count.", examples=["as-given"])
+    handedness: Handedness = Field(
+        description="From which end the phantom was seen; recorded with the geometry.", examples=["as-drawn"]
+    )
+    views: int = Field(description="Number of views of the scan.", examples=[360])
+    fewest_views: int | None = Field(
+        None,
+        description="Number of views of the slice that fewest views show, where views lost rows. Null: none did.",
+        examples=[350],
+    )
+    rows: tuple[int, int] = Field(
+        description="Detector rows that were reconstructed: the first one and the one after the last.",
+        examples=[[0, 16]],
+    )
+    row_step: int = Field(1, description="Every row_step-th of the rows is a slice.", examples=[1])
+    time_s: float = Field(description="Seconds that the computation took.", examples=[5.3])
+    software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
+    input_sha256: str = Field(
+        description="SHA-256 of the scan's file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+    preparation: list[str] = Field(
+        [], description="The steps that prepared the scan's data.", examples=[["flat and dark fields were applied"]]
+    )
     method: MethodReport | None = Field(
         None, description="Null for a result of an earlier version, whose method was fbp."
     )
     has_deviation: bool = Field(
-        default=False, description="Of an earlier version's result: each pixel's standard deviation is in the volume."
+        default=False,
+        description="Of an earlier version's result: each pixel's standard deviation is in the volume.",
+        examples=[False],
     )
 
 
 class ReconstructionLinks(Contract):
     """Links to its files."""
 
-    self: str
-    job: str
-    volume: str
-    first_slice: str
-    first_slice_array: str
-    mosaic: str
-    side: str
-    side_array: str
-    thumbnail: str
+    self: str = Field(description="Its own path.", examples=["/v1/reconstructions/example"])
+    job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
+    volume: str = Field(description="Path of the volume as HDF5.", examples=["/v1/reconstructions/example/volume.h5"])
+    first_slice: str = Field(
+        description="Path of the picture of the first slice.", examples=["/v1/reconstructions/example/slices/0.png"]
+    )
+    first_slice_array: str = Field(
+        description="Path of the first slice as an array.", examples=["/v1/reconstructions/example/slices/0.npy"]
+    )
+    mosaic: str = Field(
+        description="Path of the picture of slices along the log.", examples=["/v1/reconstructions/example/mosaic.png"]
+    )
+    side: str = Field(
+        description="Path of the picture of the log from the side.", examples=["/v1/reconstructions/example/side.png"]
+    )
+    side_array: str = Field(
+        description="Path of the side view as an array.", examples=["/v1/reconstructions/example/side.npy"]
+    )
+    thumbnail: str = Field(
+        description="Path of the small picture.", examples=["/v1/reconstructions/example/thumbnail.png"]
+    )
 
 
 class Reconstruction(Stamped):
     """A reconstruction and its state."""
 
-    state: JobState
-    scanner_id: Identifier
-    scan_id: Identifier
-    calibration_id: Identifier | None
-    job_id: Identifier
-    options: ReconstructionAsked
-    result: ReconstructionResult | None = None
-    failure: Failure | None = None
-    links: ReconstructionLinks | None = None
+    state: JobState = Field(description="State of its job.", examples=["succeeded"])
+    scanner_id: Identifier = Field(description="Id of the scanner.", examples=["example"])
+    scan_id: Identifier = Field(description="Id of the scan that is reconstructed.", examples=["example"])
+    calibration_id: Identifier | None = Field(
+        description="Id of the calibration that it is made with. Null: a theta was given.", examples=["example"]
+    )
+    job_id: Identifier = Field(description="Id of the job that computes it.", examples=["example"])
+    options: ReconstructionAsked = Field(description="What was asked.")
+    result: ReconstructionResult | None = Field(None, description="The answer. Null: there is none yet.")
+    failure: Failure | None = Field(None, description="Why it failed. Null: it has not.")
+    links: ReconstructionLinks | None = Field(None, description="Where it and its files are.")
 
 
 DECLARATION = AskedKind(

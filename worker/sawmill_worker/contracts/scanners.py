@@ -20,37 +20,43 @@ class Tolerances(Contract):
         0.1,
         description="A calibration passes where its predicted ray error is below this with 95 % (`upper_95`), and is "
         "to be watched where only the RMS is.",
+        examples=[0.1],
     )
     scale_percent: Annotated[float, Field(gt=0, le=100)] = Field(
         0.5,
         description="What the image's millimetres may be off by: a calibration whose `scale_uncertainty_percent` "
         "(95 %) is beyond it is to be watched, and a change of scale between two calibrations beyond it is a movement.",
+        examples=[0.5],
     )
     ray_change_mm: PositiveMm = Field(
-        0.5, description="RMS ray distance between two calibrations up to which nothing moved."
+        0.5, description="RMS ray distance between two calibrations up to which nothing moved.", examples=[0.5]
     )
     angle_change_deg: Annotated[float, Field(gt=0, le=180)] | None = Field(
         None,
         description="Change of the first angle up to which nothing moved; null: it turns with the phantom's mounting.",
+        examples=[0.5],
     )
 
 
 class ScannerSpec(Contract):
     """A scanner as its owner describes it."""
 
-    name: Name = Field(examples=["Line 2"])
-    constants: ScannerConstants
+    name: Name = Field(examples=["Line 2"], description="What people call it.")
+    constants: ScannerConstants = Field(description="What is known of the scanner without calibrating it.")
     bounds: ThetaBounds | None = Field(
         None, description="Where theta is searched; null: wherever the phantom can be seen."
     )
-    tolerances: Tolerances = Tolerances()
+    tolerances: Tolerances = Field(Tolerances(), description="What a calibration may be off by.")
     log_radius_mm: PositiveMm | None = Field(
         None,
         description="Radius of the largest log: the disc around the rotation centre in which ray errors are counted. "
         "Null: that of the smallest which holds the phantom where it stood, at most 150 mm.",
+        examples=[150.0],
     )
-    handedness: Handedness | None = Field(None, description="Null: every calibration tries both.")
-    rotation: Rotation | None = Field(None, description="Null: every calibration tries both.")
+    handedness: Handedness | None = Field(
+        None, description="Null: every calibration tries both.", examples=["as-drawn"]
+    )
+    rotation: Rotation | None = Field(None, description="Null: every calibration tries both.", examples=["as-given"])
 
 
 class ScannerAsk(ScannerSpec, Given):
@@ -82,16 +88,20 @@ class StoredScanner(Stamped, ScannerSpec):
     """A scanner as it is stored."""
 
     active_calibration_id: Identifier | None = Field(
-        None, description="The calibration that reconstructions use unless another is given."
+        None, description="The calibration that reconstructions use unless another is given.", examples=["example"]
     )
 
 
 class Activation(Contract):
     """One entry of a scanner's history: from then on this calibration was the active one."""
 
-    calibration_id: Identifier
-    activated_at: str
-    activated_by: str | None = Field(
-        None, description="The name of the key; null: an entry from before there was an audit."
+    calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
+    activated_at: str = Field(
+        description="When it became the active one, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"]
     )
-    reason: str = Field(description="Who or what activated it.")
+    activated_by: str | None = Field(
+        None,
+        description="The name of the key; null: an entry from before there was an audit.",
+        examples=["scanner software of line 2"],
+    )
+    reason: str = Field(description="Who or what activated it.", examples=["checked by hand"])

@@ -37,7 +37,7 @@ AnglesText = Annotated[
 class ScanFileOptions(PrepareOptions):
     """How a file is read. What the file itself carries needs no repeating, and may not be contradicted."""
 
-    data: DataKind = Field(description="What the numbers are; never guessed.")
+    data: DataKind = Field(description="What the numbers are; never guessed.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
 
@@ -63,18 +63,22 @@ class UnregisteredScanOptions(ScanFileOptions):
 class ScanSpec(ScanFileOptions):
     """A file as its uploader describes it."""
 
-    scanner_id: Identifier
-    name: Name = "scan"
-    phantom_id: Identifier | None = Field(None, description="The phantom in this scan; null for a scan without one.")
-    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
+    scanner_id: Identifier = Field(description="Id of the scanner that made it.", examples=["example"])
+    name: Name = Field("scan", description="What people call it.", examples=["phantom of week 10"])
+    phantom_id: Identifier | None = Field(
+        None, description="The phantom in this scan; null for a scan without one.", examples=["l-shape"]
+    )
+    phantom_rows: Rows | None = Field(
+        None, description="The rows that show the phantom; null: they are found.", examples=["0:16"]
+    )
 
 
 class ScanShape(Contract):
     """Of the projection stack (view, row, detector)."""
 
-    views: int
-    rows: int
-    detector: int
+    views: int = Field(description="Number of views.", examples=[360])
+    rows: int = Field(description="Number of detector rows.", examples=[16])
+    detector: int = Field(description="Number of detector cells.", examples=[768])
 
 
 UsableRows = Annotated[
@@ -89,26 +93,43 @@ UsableRows = Annotated[
 class ScanReading(Contract):
     """What the job that read an upload found in it."""
 
-    format: str = Field(description="What the file turned out to be.")
-    shape: ScanShape
-    angular_range_deg: tuple[float, float] = Field(description="First and last view's angle.")
+    format: str = Field(description="What the file turned out to be.", examples=["hdf5-nxtomo"])
+    shape: ScanShape = Field(description="Size of the projection stack.")
+    angular_range_deg: tuple[float, float] = Field(
+        description="First and last view's angle, degrees.", examples=[[0.0, 359.0]]
+    )
     usable_rows: UsableRows = None
-    remarks: list[str] = Field([], description="What was done to the data on reading.")
+    remarks: list[str] = Field(
+        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+    )
 
 
 class Scan(Stamped, ScanSpec):
     """A scan as it stands."""
 
-    state: ScanState
-    reason: str | None = Field(None, description="Why the file was refused, in one sentence.")
-    size_bytes: int
-    sha256: str
-    format: str | None = Field(None, description="What the file turned out to be.")
-    shape: ScanShape | None = None
-    angular_range_deg: tuple[float, float] | None = Field(None, description="First and last view's angle.")
+    state: ScanState = Field(description="Whether it can be used.", examples=["ready"])
+    reason: str | None = Field(
+        None,
+        description="Why the file was refused, in one sentence. Null: it was not.",
+        examples=["no angles: the file carries none and none were given"],
+    )
+    size_bytes: int = Field(description="Size of the file, bytes.", examples=[8861696])
+    sha256: str = Field(
+        description="SHA-256 of the file, in hexadecimal digits.",
+        examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
+    )
+    format: str | None = Field(
+        None, description="What the file turned out to be. Null: it has not been read.", examples=["hdf5-nxtomo"]
+    )
+    shape: ScanShape | None = Field(None, description="Size of the projection stack. Null: it has not been read.")
+    angular_range_deg: tuple[float, float] | None = Field(
+        None, description="First and last view's angle, degrees. Null: it has not been read.", examples=[[0.0, 359.0]]
+    )
     usable_rows: UsableRows = None
-    remarks: list[str] = Field([], description="What was done to the data on reading.")
-    job_id: Identifier
+    remarks: list[str] = Field(
+        [], description="What was done to the data on reading.", examples=[["one invalid frame left out"]]
+    )
+    job_id: Identifier = Field(description="Id of the job that reads it.", examples=["example"])
 
 
 DECLARATION = UploadedKind(kind=JobKind.INGEST, noun="scan", result=ScanReading, upload="file")

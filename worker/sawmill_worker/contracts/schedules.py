@@ -13,31 +13,35 @@ from sawmill_worker.contracts.given import Given
 class ScheduleSpec(Contract):
     """When to recalibrate a scanner with its newest phantom scan that no calibration has used yet."""
 
-    scanner_id: Identifier = Field(examples=["example"])
+    scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner that is recalibrated.")
     cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
-    enabled: bool = True
+    enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
     on_pass: OnPass = Field(
-        "report", description="What to do with a calibration whose rays_verdict is pass and which has not moved."
+        "report",
+        description="What to do with a calibration whose rays_verdict is pass and which has not moved.",
+        examples=["report"],
     )
-    options: CalibrationOptions = CalibrationOptions()
+    options: CalibrationOptions = Field(CalibrationOptions(), description="How it calibrates.")
 
 
 class ScheduleAsk(ScheduleSpec, Given):
     """A schedule that is to be kept."""
 
-    options: GivenCalibrationOptions = GivenCalibrationOptions()
+    options: GivenCalibrationOptions = Field(GivenCalibrationOptions(), description="How it calibrates.")
 
 
 class ScheduleRun(Contract):
     """The outcome of one due time."""
 
-    due_at: datetime
-    outcome: ScheduleOutcome
-    calibration_id: Identifier | None = None
+    due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
+    outcome: ScheduleOutcome = Field(description="Whether a calibration was queued.", examples=["queued"])
+    calibration_id: Identifier | None = Field(
+        None, description="Id of the calibration that was queued. Null: none was.", examples=["example"]
+    )
 
 
 class Schedule(Stamped, ScheduleSpec):
     """A schedule as it stands."""
 
-    next_due_at: datetime | None = Field(description="Null when disabled.")
-    last_run: ScheduleRun | None = None
+    next_due_at: datetime | None = Field(description="Null when disabled.", examples=["2026-03-03T05:30:00Z"])
+    last_run: ScheduleRun | None = Field(None, description="The outcome of the last due time. Null: none has come.")
