@@ -48,7 +48,12 @@ AskedPriority = Annotated[
 class Paging(Queried):
     """Which page of a list."""
 
-    after: str | None = Field(None, max_length=200, description="The `next` of the page before; nothing: the newest.")
+    after: str | None = Field(
+        None,
+        max_length=200,
+        description="The `next` of the page before; nothing: the newest.",
+        examples=["1772429400000000.example"],
+    )
     limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
 
 
@@ -58,7 +63,9 @@ class Dated(Paging):
     created_from: GivenTime | None = Field(
         None, description="The oldest moment, RFC 3339 with its offset.", examples=["2026-03-01T00:00:00+02:00"]
     )
-    created_before: GivenTime | None = Field(None, description="Only what is older than this moment.")
+    created_before: GivenTime | None = Field(
+        None, description="Only what is older than this moment, RFC 3339.", examples=["2030-01-01T00:00:00Z"]
+    )
 
 
 def accept(response: Response, location: str, retry_after_s: int) -> None:

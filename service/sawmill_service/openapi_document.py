@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 from fastapi import FastAPI
 
 from sawmill_service.access import OPEN_PATHS, needed_scope
+from sawmill_service.openapi_words import complete
 from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import MEDIA_TYPE, Problem
 
@@ -117,6 +118,7 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         }
     }
     components["securitySchemes"] = SECURITY_SCHEMES
+    complete(schemas, _parameters(document))
     for path, method, operation in _operations(document):
         _describe_access(method.upper(), path, operation)
         operation["responses"].pop("422", None)
@@ -145,6 +147,10 @@ def _replace_references(part: Any, refer: dict[str, str]) -> None:  # noqa: ANN4
             _replace_references(value, refer)
         elif isinstance(value, str) and value in refer:
             part[key] = refer[value]
+
+
+def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    return (parameter for *_, operation in _operations(document) for parameter in operation.get("parameters", []))
 
 
 def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:

@@ -89,14 +89,18 @@ class Problem(BaseModel):
         json_schema_extra={"format": "uri-reference"},
         examples=["/problems/scanner-not-found"],
     )
-    title: str = Field(description="What this kind of problem means, in a few words.")
-    status: int
-    detail: str = Field(description="One sentence: the value, and what would be right.")
-    instance: str = Field(description="The path that was asked for.")
+    title: str = Field(description="What this kind of problem means, in a few words.", examples=["No such scanner"])
+    status: int = Field(description="The status of the answer.", examples=[404])
+    detail: str = Field(
+        description="One sentence: the value, and what would be right.", examples=["there is no scanner 'line-3'"]
+    )
+    instance: str = Field(description="The path that was asked for.", examples=["/v1/scanners/line-3"])
     code: str = Field(pattern=CODE_PATTERN, examples=["scanner-not-found"], json_schema_extra=describe_code)
     errors: list[FieldProblem] | None = Field(None, description="Each value that was refused.")
     request_id: str | None = Field(
-        None, description="The answer's `X-Request-Id`, under which the service's log says more."
+        None,
+        description="The answer's `X-Request-Id`, under which the service's log says more.",
+        examples=["0f8b4c6d0d8a4b0e9d0c5b8f3f1e2a77"],
     )
 
 

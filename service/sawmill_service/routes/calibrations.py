@@ -1,6 +1,7 @@
 """/v1/calibrations: pictures, the file and activation, beside the routes that every asked kind has."""
 
 from fastapi import APIRouter, Request, Response
+from pydantic import Field
 
 from sawmill_service.answers import Hdf5, Png, file
 from sawmill_service.dependencies import TheStore
@@ -20,7 +21,9 @@ router = APIRouter(prefix="/v1/calibrations", tags=["calibrations"])
 class Activate(Given):
     """Why a calibration becomes the active one."""
 
-    reason: Name = "activated by hand"
+    reason: Name = Field(
+        "activated by hand", description="Why, for the scanner's history and the audit.", examples=["checked by hand"]
+    )
 
 
 BY_HAND = Activate()

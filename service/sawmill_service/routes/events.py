@@ -58,9 +58,10 @@ class EventFilter(Queried):
     after: Annotated[int, Field(ge=0, le=_LARGEST)] | None = Field(
         None,
         description="The number of the last event that the client has seen, for one that cannot send `Last-Event-ID`.",
+        examples=[0],
     )
     duration_s: Annotated[float, Field(gt=0, le=86_400)] | None = Field(
-        None, description="Seconds after which the stream ends; nothing: the service's life."
+        None, description="Seconds after which the stream ends; nothing: the service's life.", examples=[0.5]
     )
 
 
@@ -72,6 +73,7 @@ LastEventId = Annotated[
         le=_LARGEST,
         description="The `id` of the last event that the client has seen, as browsers send it by themselves. What "
         "happened since comes first, nothing of it twice; without it comes what happens from now on.",
+        examples=[0],
     ),
 ]
 

@@ -31,7 +31,7 @@ class Health(Contract):
     """How the service is."""
 
     state: Readiness
-    detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.")
+    detail: str = Field(description="What is wrong, in one sentence; empty when nothing is.", examples=[""])
 
 
 @router.get("/health/live", summary="Is the process alive", response_class=PlainTextResponse)

@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from pydantic import Field
 
 from sawmill_service.answers import AskedPriority, accept
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
@@ -21,7 +22,7 @@ router = APIRouter(prefix="/v1/inspections", tags=["inspections"])
 class InspectionUpload(Queried, InspectionOptions):
     """What is given with a file."""
 
-    name: Name = "file"
+    name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])
     priority: AskedPriority = Priority.WAITED_FOR
     inspection_id: InspectionId = None
 

@@ -1,6 +1,7 @@
 """/v1/keys."""
 
 from fastapi import APIRouter, Response
+from pydantic import Field
 
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.openapi_document import trying
@@ -15,9 +16,11 @@ AT_ONCE = KeyRotation()
 class OwnKey(Contract):
     """With what a request came."""
 
-    name: Name
-    scope: Scope
-    key_id: Identifier | None
+    name: Name = Field(description="The key's name.", examples=["scanner software of line 2"])
+    scope: Scope = Field(description="What it may do.", examples=["submit"])
+    key_id: Identifier | None = Field(
+        description="Its id. Null: no key was needed, or it is the service's own token.", examples=["0f8b4c6d0d8a4b0e"]
+    )
 
 
 @router.get("/own", summary="Get the key that you use")

@@ -40,10 +40,10 @@ class WindowQuery(Queried):
     """Which values to draw, and how."""
 
     window_low: float | None = Field(
-        None, description="Value at the dark end, in the volume's unit; null: its low end."
+        None, description="Value at the dark end, in the volume's unit; null: its low end.", examples=[0.0]
     )
     window_high: float | None = Field(
-        None, description="Value at the bright end, in the volume's unit; null: its high end."
+        None, description="Value at the bright end, in the volume's unit; null: its high end.", examples=[0.03]
     )
     color_map: ColorMap = Field(ColorMap.GREY, description="Grey, or colours in which equal steps look equal.")
 
@@ -84,7 +84,9 @@ class MosaicQuery(WindowQuery):
     """Which slices to draw beside one another."""
 
     count: Annotated[int, Field(ge=1, le=MOST_TILES)] | None = Field(
-        None, description=f"Number of slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer."
+        None,
+        description=f"Number of slices, evenly along the log; null: {USUAL_TILES}, or all where there are fewer.",
+        examples=[USUAL_TILES],
     )
     slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
         None, description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.", examples=["0:2500:100"]
@@ -113,7 +115,7 @@ class SideQuery(WindowQuery):
 )
 def get_slice(
     reconstruction_id: Identifier,
-    index: Annotated[int, Path(ge=0, description="Slice, from 0.")],
+    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
     query: Annotated[SliceQuery, Query()],
     request: Request,
     store: TheStore,

@@ -19,7 +19,9 @@ router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 class Since(Paging):
     """Which measurements, and which page of them."""
 
-    since: GivenTime | None = Field(None, description="Leave out those before; RFC 3339.")
+    since: GivenTime | None = Field(
+        None, description="Leave out those before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
+    )
 
 
 EXAMPLE = {

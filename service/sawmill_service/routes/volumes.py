@@ -48,6 +48,7 @@ class ArrayQuery(Queried):
         None,
         description="Most pixels along a side: a larger slice is averaged over the fewest whole pixels, 2 x 2 or "
         "3 x 3 and so on, with which it fits. Null: as it was computed.",
+        examples=[512],
     )
 
 
@@ -58,6 +59,7 @@ class SideArrayQuery(Queried):
         None,
         description="Most values along each axis: of a longer one, the largest of 2, 3 and so on together, the fewest "
         "with which it fits. Null: one for each slice and pixel.",
+        examples=[512],
     )
     along: Axis = Field("x", description="The axis to look along; the other one is the array's second.")
 
@@ -71,7 +73,7 @@ class SideArrayQuery(Queried):
 )
 def get_slice_array(
     reconstruction_id: Identifier,
-    index: Annotated[int, Path(ge=0, description="Slice, from 0.")],
+    index: Annotated[int, Path(ge=0, description="Slice, from 0.", examples=[0])],
     query: Annotated[ArrayQuery, Query()],
     request: Request,
     store: TheStore,

@@ -41,7 +41,7 @@ Identifier = Annotated[
 ]
 Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
-Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.")]
+Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
 
 
 _SPAN = re.compile(r"([0-9]{1,9}):([0-9]{1,9})(?::([0-9]{1,9}))?")
@@ -124,13 +124,19 @@ Item = TypeVar("Item")
 class Page(Contract, Generic[Item]):
     """One page of a list, newest first; `next` is the cursor of the following page."""
 
+    model_config = ConfigDict(json_schema_extra={"description": "One page of a list, newest first."})
+
     @classmethod
     def model_parametrized_name(cls, params: tuple[Any, ...]) -> str:
         """As pydantic asks for it: `ScanPage` for pages of `Scan`."""
         return f"{params[0].__name__}Page"
 
-    items: list[Item]
-    next: str | None = Field(None, description="Pass as `after` to get the following page; null on the last.")
+    items: list[Item] = Field(description="Those of this page, newest first.")
+    next: str | None = Field(
+        None,
+        description="Pass as `after` to get the following page; null on the last.",
+        examples=["1772429400000000.example"],
+    )
 
 
 class Stamped(Contract):

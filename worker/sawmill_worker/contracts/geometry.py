@@ -58,10 +58,13 @@ class GivenTheta(Theta):
     """A theta as somebody gives it: within what a scanner can be, source and detector on either side of the COR."""
 
     initial_angle_rad: Annotated[float, Field(ge=-1000, le=1000)] = field(
-        metadata={"description": "alpha0, rad; counts modulo 2 pi."}
+        metadata={"description": "alpha0, rad; counts modulo 2 pi.", "examples": [2.55]}
     )
     detector_to_cor_mm: PositiveMm = field(
-        metadata={"description": "r_D, detector to centre of rotation, mm; the source stands on the other side."}
+        metadata={
+            "description": "r_D, detector to centre of rotation, mm; the source stands on the other side.",
+            "examples": [714.7],
+        }
     )
     source_shift_mm: CoordinateMm = field(metadata=_THETA["source_shift_mm"])
     detector_shift_mm: CoordinateMm = field(metadata=_THETA["detector_shift_mm"])
@@ -77,7 +80,7 @@ class GivenTheta(Theta):
 class ReportedSourceFrame(SourceFrame):
     """The geometry with the source on the axis, what the data can see, with its magnification."""
 
-    magnification = computed_field(description="SDD / R.")(SourceFrame.magnification)
+    magnification = computed_field(description="SDD / R, no unit.", examples=[1.766])(SourceFrame.magnification)
 
     @model_validator(mode="before")
     @classmethod

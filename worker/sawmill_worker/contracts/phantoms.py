@@ -110,7 +110,8 @@ class PhantomDrawing(Contract):
     )
     size_tolerance: SizeTolerance = Field(
         default_factory=_measured_tolerance,
-        description="Relative standard uncertainty of the stated size; the scanner's scale inherits it. By default the "
+        description="Relative standard uncertainty of the stated size, no unit; the scanner's scale inherits it. By "
+        "default the "
         f"RMS of the measurements' relative uncertainties, {STANDARD_SIZE_TOLERANCE:g} without any.",
         examples=[0.0015],
     )

@@ -98,7 +98,7 @@ class ReconstructionOptions(Contract):
     )
     filter: Annotated[FilterName, OfFbp] = Field(FilterName.HANN, description="Window on the ramp.", examples=["hann"])
     frequency_scaling: Annotated[float, Field(gt=0, le=1), OfFbp] = Field(
-        1.0, description="Cut-off as a fraction of the Nyquist frequency.", examples=[1.0]
+        1.0, description="Cut-off as a fraction of the Nyquist frequency, no unit.", examples=[1.0]
     )
     weighting: Annotated[Weighting, OfFbp] = Field(
         "exact", description="`none` is the published pipeline's: no cosine, no distance weight.", examples=["exact"]
@@ -267,7 +267,8 @@ class MethodReport(Contract):
     view_step: int = Field(1, description="With `auto`: every view_step-th of the views was used.", examples=[1])
     noise: float = Field(description="Standard deviation of a line integral, in its unit.", examples=[0.01])
     data_misfit: float | None = Field(
-        description="RMS of the residual (A x - y), relative to the noise: near 1 for an iterative method with the "
+        description="RMS of the residual (A x - y), relative to the noise, no unit: near 1 for an iterative method "
+        "with the "
         "right geometry, far above where the geometry is wrong. `fbp` does not fit the data: with the right geometry "
         "anything from 1 to 80, and a remark where it shows a wrong one. Null where the field does not hold all of "
         "the log.",

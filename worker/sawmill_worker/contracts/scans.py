@@ -22,7 +22,11 @@ class ScanState(StrEnum):
 
 
 Dataset = Annotated[
-    Name | None, Field(description="Path or variable of the projections, where the file holds several.")
+    Name | None,
+    Field(
+        description="Path or variable of the projections, where the file holds several. Null: not given.",
+        examples=["/entry/data/data"],
+    ),
 ]
 AnglesText = Annotated[
     str | None,
@@ -85,7 +89,8 @@ UsableRows = Annotated[
     tuple[int, int] | None,
     Field(
         description="The rows that enough views have, the first and the one after the last, where views lost some; "
-        "null: all rows."
+        "null: all rows.",
+        examples=[(2, 14)],
     ),
 ]
 

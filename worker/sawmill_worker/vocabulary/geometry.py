@@ -79,15 +79,22 @@ class Scanner(Exact):
 class SourceFrame(Exact):
     """The geometry with the source on the axis: (psi, R, SDD, u_c, tau), what the data can see."""
 
-    psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad."})
-    source_distance_mm: float = field(metadata={"description": "R, source to centre of rotation along the axis, mm."})
+    psi_rad: float = field(metadata={"description": "psi, first angle in the source frame, rad.", "examples": [2.907]})
+    source_distance_mm: float = field(
+        metadata={"description": "R, source to centre of rotation along the axis, mm.", "examples": [917.1]}
+    )
     source_to_detector_mm: float = field(
-        metadata={"description": "SDD along the ray through the centre of rotation, mm."}
+        metadata={"description": "SDD along the ray through the centre of rotation, mm.", "examples": [1619.3]}
     )
     cor_column_mm: float = field(
-        metadata={"description": "u_c, where the centre of rotation falls on the detector, mm from its middle."}
+        metadata={
+            "description": "u_c, where the centre of rotation falls on the detector, mm from its middle.",
+            "examples": [-209.1],
+        }
     )
-    tilt_rad: float = field(metadata={"description": "tau, tilt of the detector against that ray's normal, rad."})
+    tilt_rad: float = field(
+        metadata={"description": "tau, tilt of the detector against that ray's normal, rad.", "examples": [-0.083]}
+    )
 
     @property
     def magnification(self) -> float:
@@ -132,14 +139,24 @@ class SourceFrame(Exact):
 class Theta(Exact):
     """The five numbers that cannot be measured by hand: theta = (alpha0, r_D, h_S, h_D, alpha_D)."""
 
-    initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi)."})
-    detector_to_cor_mm: float = field(metadata={"description": "r_D, detector to centre of rotation, mm."})
-    source_shift_mm: float = field(metadata={"description": "h_S, sideways shift of the source, mm."})
+    initial_angle_rad: float = field(metadata={"description": "alpha0, rad, in [0, 2 pi).", "examples": [2.55]})
+    detector_to_cor_mm: float = field(
+        metadata={"description": "r_D, detector to centre of rotation, mm.", "examples": [714.7]}
+    )
+    source_shift_mm: float = field(
+        metadata={"description": "h_S, sideways shift of the source, mm.", "examples": [319.9]}
+    )
     detector_shift_mm: float = field(
-        metadata={"description": "h_D, sideways shift of the detector, mm, counted the other way than h_S."}
+        metadata={
+            "description": "h_D, sideways shift of the detector, mm, counted the other way than h_S.",
+            "examples": [43.7],
+        }
     )
     detector_tilt: float = field(
-        metadata={"description": "alpha_D, a slope without unit: the tilt angle is its arctangent."}
+        metadata={
+            "description": "alpha_D, a slope without unit: the tilt angle is its arctangent.",
+            "examples": [0.281],
+        }
     )
 
     @classmethod
@@ -199,16 +216,17 @@ class ThetaBounds(Exact):
 
     # Of arXiv 2206.14444.
     detector_to_cor_mm: tuple[float, float] = field(
-        default=(500.0, 1000.0), metadata={"description": "Lowest and highest r_D, mm."}
+        default=(500.0, 1000.0), metadata={"description": "Lowest and highest r_D, mm.", "examples": [(500.0, 1000.0)]}
     )
     source_shift_mm: tuple[float, float] = field(
-        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_S, mm."}
+        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_S, mm.", "examples": [(-500.0, 500.0)]}
     )
     detector_shift_mm: tuple[float, float] = field(
-        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_D, mm."}
+        default=(-500.0, 500.0), metadata={"description": "Lowest and highest h_D, mm.", "examples": [(-500.0, 500.0)]}
     )
     detector_tilt: tuple[float, float] = field(
-        default=(-1.0, 1.0), metadata={"description": "Lowest and highest alpha_D, a slope."}
+        default=(-1.0, 1.0),
+        metadata={"description": "Lowest and highest alpha_D, a slope without unit.", "examples": [(-1.0, 1.0)]},
     )
 
     def __post_init__(self) -> None:

@@ -17,7 +17,10 @@ STANDARD_SIZE_TOLERANCE = 0.0015
 TrueAxis = Literal["x", "y"]
 # Of the largest log where nobody stated it: ray errors are counted further out only where a larger one is stated.
 LARGEST_ASSUMED_LOG_RADIUS_MM = 150.0
-_DENSITY = {"description": "Adds to what lies beneath: 1 is wood, -1 cuts a hole into wood."}
+_DENSITY = {
+    "description": "Adds to what lies beneath, no unit: 1 is wood, -1 cuts a hole into wood.",
+    "examples": [1.0],
+}
 
 
 class _Within:
@@ -38,9 +41,14 @@ Point = tuple[CoordinateMm, CoordinateMm]
 class Polygon(Exact):
     """A closed polygon; its vertices may run either way round."""
 
-    kind: Literal["polygon"] = field(default="polygon", kw_only=True)
+    kind: Literal["polygon"] = field(default="polygon", kw_only=True, metadata={"description": "That it is a polygon."})
     vertices_mm: tuple[Point, ...] = field(
-        metadata={"description": "(x, y) of each corner, mm.", "min_length": 3, "max_length": 2000}
+        metadata={
+            "description": "(x, y) of each corner, mm.",
+            "examples": [((-100, -150), (100, -150), (100, 150), (-100, 150))],
+            "min_length": 3,
+            "max_length": 2000,
+        }
     )
     density: float = field(default=1.0, metadata=_DENSITY)
 
@@ -62,9 +70,9 @@ class Polygon(Exact):
 class Disc(Exact):
     """A disc."""
 
-    kind: Literal["disc"] = field(default="disc", kw_only=True)
-    center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm."})
-    radius_mm: float = field(metadata={"description": "Radius, mm.", "gt": 0, "le": LARGEST_MM})
+    kind: Literal["disc"] = field(default="disc", kw_only=True, metadata={"description": "That it is a disc."})
+    center_mm: Point = field(metadata={"description": "(x, y) of the centre, mm.", "examples": [(-50.0, -49.0)]})
+    radius_mm: float = field(metadata={"description": "Radius, mm.", "examples": [26.0], "gt": 0, "le": LARGEST_MM})
     density: float = field(default=1.0, metadata=_DENSITY)
 
     @property

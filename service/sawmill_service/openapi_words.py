@@ -1,0 +1,80 @@
+"""What the OpenAPI document says of each property and parameter: a description, its unit in words, and an example.
+
+The contracts state them. What follows from them is added here: the unit that a name ends with, the description of the
+type that a property has, and an example of it.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+Schema = dict[str, Any]
+
+# What the end of a name stands for, and the words that state it. The first that fits holds.
+UNITS: Mapping[str, tuple[str, ...]] = {
+    "_mm": ("mm", "millimet"),
+    "_rad": ("rad", "radian"),
+    "_deg": ("degree", "deg"),
+    "_percent": ("per cent", "%"),
+    "_bytes": ("byte", "Byte"),
+    "_s": ("second", "Second"),
+}
+_REFERENCE = "#/components/schemas/"
+
+
+def unit_of(name: str) -> tuple[str, ...]:
+    """The words for a name's unit; none where its end is none."""
+    return next((words for end, words in UNITS.items() if name.endswith(end)), ())
+
+
+def complete(schemas: dict[str, Schema], parameters: Iterator[Schema]) -> None:
+    """Give every property and every parameter its description and its examples, in place."""
+    for schema in schemas.values():
+        for name, described in schema.get("properties", {}).items():
+            _describe(name, described, described, schemas)
+    for parameter in parameters:
+        _describe(parameter["name"], parameter, parameter["schema"], schemas)
+
+
+def _describe(name: str, described: Schema, schema: Schema, schemas: Mapping[str, Schema]) -> None:
+    described.setdefault("description", _resolved(_kind(schema), schemas).get("description", ""))
+    units = unit_of(name)
+    if units and not any(word in described["description"] for word in units):
+        described["description"] = f"{described['description'].rstrip('.')}. In {_plural(units[0])}."
+    if "examples" not in schema and (example := example_of(schema, schemas)) is not None:
+        schema["examples"] = [example]
+
+
+def _plural(unit: str) -> str:
+    return f"{unit}s" if unit in {"second", "degree", "byte"} else unit
+
+
+def _kind(schema: Schema) -> Schema:
+    """What it is if it is not null."""
+    return next((each for each in schema.get("anyOf", []) if each.get("type") != "null"), schema)
+
+
+def _resolved(schema: Schema, schemas: Mapping[str, Schema]) -> Schema:
+    reference = schema.get("$ref")
+    return schemas[reference.removeprefix(_REFERENCE)] if reference else schema
+
+
+def example_of(schema: Schema, schemas: Mapping[str, Schema]) -> Any:  # noqa: ANN401 - any JSON value
+    """A value of it: its own example, a default, a choice, or what is required of its parts; None: none follows."""
+    own = _resolved(_kind(schema), schemas)
+    stated = [each["examples"][0] for each in (schema, own) if each.get("examples")]
+    if stated:
+        return stated[0]
+    if schema.get("default") is not None:
+        return schema["default"]
+    return own["const"] if "const" in own else _example_of_parts(own, schemas)
+
+
+def _example_of_parts(own: Schema, schemas: Mapping[str, Schema]) -> Any:  # noqa: ANN401 - any JSON value
+    if "enum" in own:
+        return own["enum"][0]
+    if "oneOf" in own:
+        return example_of(own["oneOf"][-1], schemas)
+    if "properties" in own:
+        required = own.get("required", [])
+        return {name: example_of(own["properties"][name], schemas) for name in own["properties"] if name in required}
+    return [example_of(own["items"], schemas)] if "items" in own else None

@@ -1,0 +1,97 @@
+"""Every property and parameter of the OpenAPI document has a description, a unit and an example that is valid."""
+
+import re
+from collections import Counter
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from sawmill_service.app import create_app
+from sawmill_service.openapi_words import unit_of
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+# How a description states what a number counts or that it has no unit.
+STATED = re.compile(
+    r"\bunits?\b|\bmm|1/mm|rad\b|degree|second|byte|per cent|%|[Nn]umber|count|pixel|attenuation", re.IGNORECASE
+)
+
+
+@pytest.fixture(scope="module")
+def document(tmp_path_factory):
+    store = Store.open(StorageSettings(data_folder=tmp_path_factory.mktemp("data"), database_url=None))
+    yield create_app(ServiceSettings(), store, print).openapi()
+    store.close()
+
+
+def schemas(document):
+    return document["components"]["schemas"]
+
+
+def properties(document):
+    for title, schema in schemas(document).items():
+        for name, described in schema.get("properties", {}).items():
+            yield f"{title}.{name}", name, described, described
+
+
+def parameters(document):
+    for path, operations in document["paths"].items():
+        for method, operation in operations.items():
+            for parameter in operation.get("parameters", []):
+                yield f"{method} {path} {parameter['name']}", parameter["name"], parameter, parameter["schema"]
+
+
+def everything(document):
+    yield from properties(document)
+    yield from parameters(document)
+
+
+def kinds(schema):
+    """The types that a value may have, those of an array's items too."""
+    for each in (schema, *schema.get("anyOf", []), *schema.get("prefixItems", [])):
+        yield each.get("type")
+    if isinstance(schema.get("items"), dict):
+        yield from kinds(schema["items"])
+
+
+def test_names_are_short_and_titles_are_names(document):
+    for name, schema in schemas(document).items():
+        assert re.fullmatch(r"[A-Z][A-Za-z0-9]{1,29}", name), name
+        assert schema["title"] == name
+        assert schema.get("description"), name
+
+
+def test_choices_of_words_are_types_of_their_own(document):
+    inline = [where for where, _, _, schema in everything(document) if "enum" in str(schema.get("enum", ""))]
+    inline += [
+        where for where, _, _, schema in everything(document) for each in schema.get("anyOf", []) if "enum" in each
+    ]
+    assert inline == []
+    states = [where for where, name, _, schema in properties(document) if name == "state" and "JobState" in str(schema)]
+    assert {"Job.state", "Drift.state", "Plan.state", "Reconstruction.state", "Inspection.state"} <= set(states)
+    values = Counter(tuple(schema["enum"]) for schema in schemas(document).values() if "enum" in schema)
+    assert max(values.values()) == 1
+
+
+def test_every_property_and_parameter_has_a_description_and_an_example(document):
+    bare = [where for where, _, described, _ in everything(document) if len(described.get("description", "")) < 5]
+    assert bare == []
+    assert [where for where, _, _, schema in everything(document) if not schema.get("examples")] == []
+
+
+def test_every_number_has_its_unit_in_words(document):
+    for where, name, described, schema in everything(document):
+        units = unit_of(name)
+        if units and "number" in kinds(schema):
+            assert any(word in described["description"] for word in units), where
+        elif "number" in kinds(schema):
+            assert STATED.search(described["description"]), f"{where}: {described['description']}"
+
+
+def test_every_example_is_valid(document):
+    root = {"components": document["components"]}
+    for where, _, _, schema in everything(document):
+        validator = Draft202012Validator(schema | root, format_checker=Draft202012Validator.FORMAT_CHECKER)
+        for example in schema["examples"]:
+            assert [error.message for error in validator.iter_errors(example)] == [], where
