@@ -25,6 +25,7 @@ from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
 from sawmill_service.problems import install
 from sawmill_service.rates import FailedLogins
+from sawmill_service.repeats import install as install_repeats
 from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
     asked,
@@ -131,6 +132,7 @@ def create_app(
     app.state.stopping = Stopping()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     install(app)
+    install_repeats(app)
     app.router.routes.extend(_all_routes())
     app.mount("/static", StaticFiles(directory=console.STATIC))
     app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))

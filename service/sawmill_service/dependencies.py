@@ -1,6 +1,7 @@
 """What routes are given: the store, the settings and the wake-up."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated
 
 from fastapi import Depends, Request
@@ -10,6 +11,7 @@ from sawmill_service.event_feed import EventFeed
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Stopping
+from sawmill_worker.storage.database import after_commit
 from sawmill_worker.storage.store import Store
 
 Wake = Callable[[str], None]
@@ -30,7 +32,7 @@ def _wake(request: Request) -> Wake:
 
     def note_and_wake(job_id: str) -> None:
         request.state.job_id = job_id  # the log's line about the request names it
-        wake(job_id)
+        after_commit(partial(wake, job_id))
 
     return note_and_wake
 

@@ -1,6 +1,7 @@
 """Bodies that are streamed, never held in memory as a whole, and files that are used again."""
 
-from collections.abc import AsyncIterator
+import hashlib
+from collections.abc import AsyncIterator, Iterable
 from typing import Annotated
 
 from fastapi import Request
@@ -10,7 +11,7 @@ from pydantic import Field
 from sawmill_service.problems import Refused
 from sawmill_service.sent_content import SentContent
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.arriving import Received
+from sawmill_worker.storage.arriving import Received, in_parts
 from sawmill_worker.storage.store import Store
 
 InspectionId = Annotated[
@@ -54,6 +55,20 @@ async def received_body(request: Request, store: Store, *, max_bytes: int) -> Re
     return await store.files.receive_stream(
         chunks(request), max_bytes=max_bytes, reserve_bytes=store.settings.disk_reserve_bytes, content=content
     )
+
+
+async def body_sha256(request: Request) -> str:
+    """Of the file in the body, which is kept nowhere; refused as by `received_body` where it cannot be read."""
+    content, digest = SentContent(request.headers), hashlib.sha256()
+    async for part in in_parts(chunks(request)):
+        await run_in_threadpool(_add, digest, content.take(part))
+    content.end()
+    return digest.hexdigest()
+
+
+def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> None:
+    for piece in pieces:
+        digest.update(piece)
 
 
 def declared_bytes(request: Request) -> int:

@@ -9,6 +9,7 @@ from pydantic import create_model
 from sawmill_service.answers import AskedPriority, Dated, accept
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
@@ -52,7 +53,7 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
         asking = _described(f"ask_{declared.noun}", one, declared.to_ask)
-        router.add_api_route(declared.asked_at or folder, ask, methods=["POST"], status_code=202, **asking)
+        router.add_api_route(declared.asked_at or folder, repeatable(ask), methods=["POST"], status_code=202, **asking)
     router.add_api_route(folder, list_all, **_described(f"list_{declared.kind.plural}", many, declared.to_list))
     router.add_api_route(
         f"{folder}/{{{declared.noun}_id}}", get, **_described(f"get_{declared.noun}", one, declared.to_get)

@@ -8,6 +8,7 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Name
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.given import Given
@@ -77,6 +78,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
     summary="Make a calibration the active one",
     openapi_extra=trying(body={"reason": "checked by hand"}),
 )
+@repeatable
 def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> StoredScanner:
     """Reconstructions use it from now on. An older one rolls back. Refused (409) without an answer."""
     return store.calibrations.activate(calibration_id, activate.reason)

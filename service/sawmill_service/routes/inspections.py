@@ -9,6 +9,7 @@ from pydantic import Field
 from sawmill_service.answers import AskedPriority, accept
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, received_file
 from sawmill_worker.contracts.base import Identifier, Name
@@ -48,15 +49,19 @@ async def inspect_file(
     store: TheStore,
     settings: TheSettings,
     wake: TheWake,
+    repeatable: TheRepeatableWithFile,
 ) -> Inspection:
     """As declared."""
+    await repeatable.check_sent()
     received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
-    inspection = await run_in_threadpool(
-        store.inspections.accept_file, upload.options, received, name=upload.name, priority=upload.priority
-    )
-    await run_in_threadpool(wake, inspection.job_id)
-    accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
-    return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
+
+    def accepted() -> Inspection:
+        inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
+        wake(inspection.job_id)
+        accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
+        return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
+
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.inspection_id is None)
 
 
 @router.delete(

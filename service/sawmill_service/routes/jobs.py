@@ -10,6 +10,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.events import JobHistory
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
@@ -101,6 +102,7 @@ def job_history(job_id: Identifier, store: TheStore) -> JobHistory:
 
 
 @router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job")
+@repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
     """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""
     try:

@@ -5,6 +5,7 @@ from pydantic import Field
 
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.openapi_document import trying
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Contract, Identifier, Name
 from sawmill_worker.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
 
@@ -35,6 +36,7 @@ def get_own_key(caller: TheCaller) -> OwnKey:
     summary="Make a key",
     openapi_extra=trying(body={"name": "scanner software of line 2", "scope": "submit"}),
 )
+@repeatable
 def create_key(ask: KeyAsk, store: TheStore, response: Response) -> NewKey:
     """Its secret is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"
@@ -48,6 +50,7 @@ def list_keys(store: TheStore) -> Keys:
 
 
 @router.post("/{key_id}/rotate", summary="Replace a key's secret", openapi_extra=trying(body={"grace_s": 3600}))
+@repeatable
 def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: KeyRotation = AT_ONCE) -> NewKey:
     """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
     response.headers["Cache-Control"] = "no-store"

@@ -9,6 +9,7 @@ from sawmill_service.answers import AskedPriority, Paging, Svg, accept, etag, pi
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
+from sawmill_service.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.uploads import received_body
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
@@ -54,6 +55,7 @@ class PictureUpload(Queried, PhantomPicture):
 
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
+@repeatable
 def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> StoredPhantom:
     """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
     phantom = store.phantoms.create(drawing)
@@ -75,18 +77,24 @@ async def upload_phantom_picture(
     store: TheStore,
     settings: TheSettings,
     wake: TheWake,
+    repeatable: TheRepeatableWithFile,
 ) -> StoredPhantom:
     """Send a PNG as the body; a job traces its outlines.
 
     Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
+    await repeatable.check_sent()
     received = await received_body(request, store, max_bytes=settings.max_picture_bytes)
-    phantom = await run_in_threadpool(store.phantoms.accept_picture, upload.picture, received, priority=upload.priority)
-    if phantom.job_id is not None:
-        await run_in_threadpool(wake, phantom.job_id)
-    accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
-    return phantom
+
+    def accepted() -> StoredPhantom:
+        phantom = store.phantoms.accept_picture(upload.picture, received, priority=upload.priority)
+        if phantom.job_id is not None:
+            wake(phantom.job_id)
+        accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
+        return phantom
+
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=True)
 
 
 @router.get("", summary="List phantoms, newest first")
@@ -124,6 +132,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
     summary="Measure a phantom anew",
     openapi_extra=trying(phantom_id="l-shape", body=MEASURED),
 )
+@repeatable
 def measure_phantom(
     phantom_id: Identifier, measured: MeasurementsAsk, store: TheStore, response: Response
 ) -> StoredPhantom:

@@ -8,6 +8,7 @@ from pydantic import Field
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import GivenTime
 from sawmill_worker.contracts.measurements import Measurement
@@ -36,6 +37,7 @@ EXAMPLE = {
 
 
 @router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE))
+@repeatable
 def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> StoredScanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
     scanner = store.scanners.create(spec)

@@ -11,6 +11,7 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.uploads import InspectionId, received_file
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
@@ -68,6 +69,7 @@ async def upload_scan(
     store: TheStore,
     settings: TheSettings,
     wake: TheWake,
+    repeatable: TheRepeatableWithFile,
 ) -> Scan:
     """Send the file's bytes as the body, or name an inspection of it; a job reads it.
 
@@ -75,12 +77,17 @@ async def upload_scan(
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
+    await repeatable.check_sent()
     await run_in_threadpool(store.scans.check, upload.spec)
     received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
-    scan = await run_in_threadpool(store.scans.accept, upload.spec, received, priority=upload.priority)
-    await run_in_threadpool(wake, scan.job_id)
-    accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
-    return scan
+
+    def accepted() -> Scan:
+        scan = store.scans.accept(upload.spec, received, priority=upload.priority)
+        wake(scan.job_id)
+        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
+        return scan
+
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.inspection_id is None)
 
 
 @router.get("", summary="List scans, newest first")

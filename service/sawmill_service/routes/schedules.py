@@ -7,6 +7,7 @@ from fastapi import APIRouter, Query, Response
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
+from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
 
@@ -16,6 +17,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 
 
 @router.post("", status_code=201, summary="Schedule a scanner's recalibration", openapi_extra=trying(body=EXAMPLE))
+@repeatable
 def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
     """At each due time the newest phantom scan that no calibration has used yet is calibrated."""
     schedule = store.schedules.create(spec)

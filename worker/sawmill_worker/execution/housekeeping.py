@@ -17,7 +17,7 @@ TOLERABLE_S = 5.0
 
 
 class Housekeeping:
-    """A thread that sees to expired leases, due schedules and leftovers.
+    """A thread that sees to expired leases, due schedules, leftovers and answers that are no longer repeated.
 
     Parameters
     ----------
@@ -50,7 +50,13 @@ class Housekeeping:
 
     def once(self) -> None:
         """Everything that is due now; what cannot be done does not keep the rest from being done."""
-        for duty in (self._take_back_silent, self._run_due_schedules, self._compare_clocks, self._remove_leftovers):
+        for duty in (
+            self._take_back_silent,
+            self._run_due_schedules,
+            self._compare_clocks,
+            self._remove_leftovers,
+            self._store.repeats.forget_old,
+        ):
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()
 

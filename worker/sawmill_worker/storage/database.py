@@ -1,8 +1,10 @@
 """Transactions and migrations, on SQLite and PostgreSQL alike."""
 
 import fcntl
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,27 @@ from sawmill_worker.storage.outages import Door, trouble_translated
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
 _MIGRATIONS = Path(__file__).with_name("migrations")
+
+
+@dataclass
+class _Whole:
+    """A transaction of which those that begin within it are parts."""
+
+    database: "Database"
+    session: Session
+    afterwards: list[Callable[[], None]] = field(default_factory=list)
+
+
+_WHOLE: ContextVar[_Whole | None] = ContextVar("whole", default=None)
+
+
+def after_commit(do: Callable[[], None]) -> None:
+    """Do it now, or once the transaction is committed of which whatever was written just now is a part."""
+    whole = _WHOLE.get()
+    if whole is None:
+        do()
+    else:
+        whole.afterwards.append(do)
 
 
 class Database:
@@ -46,6 +69,9 @@ class Database:
         StorageUnavailable
             The database does not answer.
         """
+        if whole := self._whole():
+            yield whole.session
+            return
         with trouble_translated(), Session(self.engine) as session:
             self._reading.begin(session)
             yield session
@@ -59,9 +85,38 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write.
         """
+        if whole := self._whole():
+            with trouble_translated(), whole.session.begin_nested():
+                yield whole.session
+            return
         with trouble_translated(), Session(self._writer, expire_on_commit=False) as session, session.begin():
             self._writing.begin(session)
             yield session
+
+    @contextmanager
+    def write_as_one(self) -> Iterator[Session]:
+        """As `write`, and what this thread reads and writes otherwise within the block belongs to the transaction.
+
+        What is handed to `after_commit` meanwhile is done after the commit, and not at all without one.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write.
+        """
+        with self.write() as session:
+            whole = _Whole(self, session)
+            token = _WHOLE.set(whole)
+            try:
+                yield session
+            finally:
+                _WHOLE.reset(token)
+        for do in whole.afterwards:
+            do()
+
+    def _whole(self) -> _Whole | None:
+        whole = _WHOLE.get()
+        return whole if whole is not None and whole.database is self else None
 
     def upgrade(self, revision: str = "head") -> None:
         """Bring the tables to a revision, the newest by default; safe when several processes start together.

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +21,7 @@ from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_worker.storage.audit import write_audit
-from sawmill_worker.storage.database import Database, lock_files_of
+from sawmill_worker.storage.database import Database, after_commit, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import PEAK_MEMORY, record
 from sawmill_worker.storage.files import FileStore
@@ -429,7 +430,7 @@ class Jobs:
         with self._database.write() as session:
             yield session
         for job_id in session.info.pop(_ENDED_HERE, ()):
-            self._files.forget_kept(job_id)
+            after_commit(partial(self._files.forget_kept, job_id))
 
     def _described(self, session: Session, rows: Sequence[JobRow]) -> list[Job]:
         """Jobs with their places and the time that they may take."""

@@ -25,6 +25,7 @@ from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.measurements import Measurements
 from sawmill_worker.storage.overviews import Overviews
 from sawmill_worker.storage.phantoms import Phantoms
+from sawmill_worker.storage.repeats import Repeats
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
 from sawmill_worker.storage.schedules import Schedules
@@ -39,7 +40,7 @@ class Store:
     Attributes
     ----------
     scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, jobs,
-    schedules, events, keys, sessions, audit
+    schedules, events, keys, sessions, audit, repeats
         The rows.
     overviews
         Of every scanner at once.
@@ -72,6 +73,7 @@ class Store:
         self.keys = KeyStore(self._database)
         self.sessions = Sessions(self._database)
         self.audit = Audit(self._database)
+        self.repeats = Repeats(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""

@@ -416,6 +416,20 @@ class SessionRow(Base):
     expires_at: Mapped[datetime | None]
 
 
+class RepeatRow(Base):
+    """The answer to a request with an `Idempotency-Key`, for its repeats; `answer` is null until it is made."""
+
+    __tablename__ = "repeats"
+
+    caller: Mapped[str] = mapped_column(String(200), primary_key=True)
+    key: Mapped[str] = mapped_column(String(200), primary_key=True)
+    created_at: Mapped[datetime] = mapped_column(index=True)
+    # SHA-256 of method, path, query and JSON; of a file that was sent.
+    request_sha256: Mapped[str] = mapped_column(String(64))
+    file_sha256: Mapped[str | None] = mapped_column(String(64))
+    answer: Mapped[Json | None]
+
+
 class AuditRow(Base):
     """Who did what; the database refuses to change or remove a row."""
 

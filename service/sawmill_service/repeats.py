@@ -1,0 +1,194 @@
+"""`Idempotency-Key`: a request that is sent again makes nothing again, and gets the answer that the first one got.
+
+The header is that of the IETF's draft-ietf-httpapi-idempotency-key-header-07. See docs/http.md for what it leaves open.
+"""
+
+import hashlib
+import inspect
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial, wraps
+from typing import Annotated, Any, TypeVar, cast
+
+from fastapi import Depends, FastAPI, Header, Request, Response
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_service.access import caller_of
+from sawmill_service.dependencies import TheStore
+from sawmill_service.problems import Refused
+from sawmill_service.uploads import body_sha256
+from sawmill_worker.contracts.base import Contract
+from sawmill_worker.storage.arriving import Received
+from sawmill_worker.storage.repeats import Answer, KeyedRequest
+from sawmill_worker.storage.store import Store
+
+HEADER, REPLAYED = "Idempotency-Key", "Idempotency-Replayed"
+SECRET = "secret"  # noqa: S105 - the name of a field
+# A string of RFC 9651 (section 3.3.3), or what clients send without its quotes.
+_QUOTED = re.compile(r'"((?:[ !#-\[\]-~]|\\["\\]){1,200})"')
+_BARE = re.compile(r"[!#-~]{1,200}")
+
+Made = TypeVar("Made", bound=Contract)
+Key = Annotated[
+    str | None,
+    Header(
+        alias=HEADER,
+        description="The client's own name for this request, as a UUID, in quotes or without: the same request with "
+        f"the same name makes nothing again within 48 hours, and gets the first one's answer, with `{REPLAYED}: true`.",
+        examples=['"8e03978e-40d5-43dd-bc93-6894a57f9324"'],
+        json_schema_extra={"pattern": f"^({_QUOTED.pattern}|{_BARE.pattern})$"},
+    ),
+]
+
+
+class AnsweredBefore(Exception):  # noqa: N818 - no error
+    """The request is a repeat, and this is its answer."""
+
+    def __init__(self, answer: Answer) -> None:
+        super().__init__()
+        self.answer = answer
+
+
+@dataclass(frozen=True)
+class Repeatable:
+    """A request that may be sent again where it brings a key.
+
+    Attributes
+    ----------
+    request, response
+        The request, and the response whose headers the route sets.
+    store
+        Where answers are kept.
+    keyed
+        The request with its key; null: it brings none.
+    """
+
+    request: Request
+    response: Response
+    store: Store
+    keyed: KeyedRequest | None
+
+    def once(self, make: Callable[[], Made], *, file_sha256: str | None = None) -> Made:
+        """Make what is asked for, in one transaction with the answer that its repeats get.
+
+        Raises
+        ------
+        AnsweredBefore
+            It is a repeat.
+        Refused
+            409 `secret-not-repeated`: it is one, and its answer had a secret.
+        Invalid
+            422 `idempotency-key-reused`.
+        """
+        if self.keyed is None:
+            return make()
+        keyed = replace(self.keyed, file_sha256=file_sha256)
+        made = self.store.repeats.once(keyed, make, self._kept)
+        if isinstance(made, Answer):
+            raise _repeated(made)
+        return made
+
+    def once_with(self, received: Received, make: Callable[[], Made], *, sent: bool) -> Made:
+        """As `once`, where `make` takes a file, which is discarded otherwise; `sent`: it came in this request."""
+        try:
+            return self.once(make, file_sha256=received.sha256 if sent else None)
+        finally:
+            self.store.files.discard(received)
+
+    async def check_sent(self) -> None:
+        """Look before a file is received, or what names one is looked up.
+
+        Raises
+        ------
+        AnsweredBefore
+            It is a repeat, with the same file or none.
+        Invalid
+            422 `idempotency-key-reused`.
+        """
+        if self.keyed is None:
+            return
+        kept = await run_in_threadpool(self.store.repeats.find, self.keyed)
+        if kept is None:
+            return
+        sent = kept.request.file_sha256 is not None and kept.request.request_sha256 == self.keyed.request_sha256
+        digest = await body_sha256(self.request) if sent else None
+        raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)))
+
+    def _kept(self, made: Contract) -> Answer:
+        return Answer(
+            status=self.response.status_code or self.request.scope["route"].status_code or 200,
+            headers=dict(self.response.headers),
+            body=made.model_dump_json(by_alias=True, exclude={SECRET}),
+            whole=SECRET not in type(made).model_fields,
+        )
+
+
+async def _repeatable(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+    """Of a request whose body is JSON or empty."""
+    return _keyed(request, response, store, key, await request.body())
+
+
+async def _repeatable_with_file(request: Request, response: Response, store: TheStore, key: Key = None) -> Repeatable:
+    """Of a request whose body is a file."""
+    return _keyed(request, response, store, key, b"")
+
+
+def _keyed(request: Request, response: Response, store: Store, key: str | None, body: bytes) -> Repeatable:
+    if key is None:
+        return Repeatable(request, response, store, None)
+    caller, scope = caller_of(request), request.scope
+    parts = (scope["method"].encode(), scope["path"].encode(), scope["query_string"], body)
+    digest = hashlib.sha256(b"\0".join(parts)).hexdigest()
+    name = caller.name if caller.key_id is None else f"key {caller.key_id}"
+    return Repeatable(request, response, store, KeyedRequest(name, _read(key), digest))
+
+
+def _read(key: str) -> str:
+    if quoted := _QUOTED.fullmatch(key):
+        return re.sub(r"\\(.)", r"\1", quoted[1])
+    if _BARE.fullmatch(key):
+        return key
+    detail = f"{HEADER} must be 1 to 200 visible ASCII characters, in quotes or without, not {key[:100]!r}"
+    raise Refused(400, "bad-idempotency-key", detail)
+
+
+TheRepeatable = Annotated[Repeatable, Depends(_repeatable)]
+TheRepeatableWithFile = Annotated[Repeatable, Depends(_repeatable_with_file)]
+
+
+def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
+    """Have a route whose body is JSON, or empty, take `Idempotency-Key`."""
+
+    @wraps(endpoint)
+    def once(repeatable: Repeatable, **given: Any) -> Made:  # noqa: ANN401 - the route's own
+        return repeatable.once(partial(endpoint, **given))
+
+    signature = inspect.signature(endpoint)
+    added = inspect.Parameter("repeatable", inspect.Parameter.KEYWORD_ONLY, annotation=TheRepeatable)
+    parameters = [*signature.parameters.values(), added]
+    once.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return once
+
+
+def _repeated(answer: Answer) -> AnsweredBefore | Refused:
+    if answer.whole:
+        return AnsweredBefore(answer)
+    made = json.loads(answer.body)["id"]
+    return Refused(
+        409,
+        "secret-not-repeated",
+        f"the first request with this {HEADER} was answered, and the secret of key {made!r} stood in its answer alone: "
+        f"POST /v1/keys/{made}/rotate, with another {HEADER}, makes a new one",
+    )
+
+
+def _on_repeat(_request: Request, error: Exception) -> Response:
+    answer = cast("AnsweredBefore", error).answer
+    return Response(answer.body, answer.status, answer.headers | {REPLAYED: "true"}, media_type="application/json")
+
+
+def install(app: FastAPI) -> None:
+    """Answer repeats."""
+    app.add_exception_handler(AnsweredBefore, _on_repeat)

@@ -1,0 +1,177 @@
+"""`Idempotency-Key` over HTTP: a request that is sent again makes nothing again."""
+
+from datetime import timedelta
+
+import pytest
+
+from sawmill_service.app import create_app
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.repeats import KEPT
+from sawmill_worker.storage.tables import RepeatRow
+
+ASK = {"scan_id": "example", "seed": 4}
+SCANNER = {
+    "name": "Line 7",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 16, "detector_pitch_mm": 1},
+}
+DISC = {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}
+LENGTH = {"what": "x", "measured_mm": 200.1, "standard_uncertainty_mm": 0.05, "measured_on": "2026-01-02"}
+REQUESTS = {
+    "/v1/calibrations": {"json": ASK},
+    "/v1/calibrations/example/activate": {},
+    "/v1/reconstructions": {"json": {"scan_id": "example"}},
+    "/v1/drifts": {"json": {"scan_id": "example"}},
+    "/v1/phantoms/l-shape/plans": {"json": {"scanner_id": "example", "views": 20}},
+    "/v1/phantoms": {"json": DISC},
+    "/v1/phantoms/l-shape/measurements": {"json": {"measurements": [LENGTH]}},
+    "/v1/phantoms/pictures?name=ell&width_mm=400": {"content": b"no picture"},
+    "/v1/scans?scanner_id=example&data=counts": {"content": b"no scan"},
+    "/v1/scans?scanner_id=example&data=counts&inspection_id=example": {},
+    "/v1/inspections": {"content": b"no scan"},
+    "/v1/scanners": {"json": SCANNER},
+    "/v1/schedules": {"json": {"scanner_id": "example", "cron": "30 5 * * 1-6"}},
+}
+
+
+def named(key):
+    return {"Idempotency-Key": key}
+
+
+def numbers(store):
+    """How many of everything there are."""
+    lists = (store.scans, store.calibrations, store.reconstructions, store.drifts, store.plans, store.inspections)
+    lists += (store.scanners, store.phantoms, store.schedules, store.jobs)
+    return [len(each.page(limit=200).items) for each in lists]
+
+
+@pytest.mark.parametrize("path", REQUESTS)
+def test_a_repeat_makes_nothing_and_gets_the_first_answer(seeded, store, woken, path):
+    first = seeded.post(path, headers=named('"once"'), **REQUESTS[path])
+    assert first.status_code in {200, 201, 202}, first.text
+    made, woken_once = numbers(store), len(woken)
+    again = seeded.post(path, headers=named('"once"'), **REQUESTS[path])
+    assert again.content == first.content
+    assert again.status_code == first.status_code
+    same = ("Location", "Retry-After", "Content-Type")
+    assert [again.headers.get(name) for name in same] == [first.headers.get(name) for name in same]
+    assert (first.headers.get("Idempotency-Replayed"), again.headers["Idempotency-Replayed"]) == (None, "true")
+    assert (numbers(store), len(woken)) == (made, woken_once)
+    assert not list((store.files.folder / "incoming").iterdir())
+
+
+def test_every_route_that_makes_something_documents_the_key(seeded):
+    operations = {
+        (path, method): [parameter["name"] for parameter in operation.get("parameters", [])]
+        for path, item in seeded.app.openapi()["paths"].items()
+        for method, operation in item.items()
+    }
+    for (path, method), names in operations.items():
+        assert ("Idempotency-Key" in names) is (method == "post"), (path, method)
+
+
+def test_the_key_of_another_request_is_refused(seeded, store):
+    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
+    made = numbers(store)
+    for path, options in (
+        ("/v1/calibrations", {"json": ASK | {"seed": 5}}),
+        ("/v1/calibrations?priority=batch", {"json": ASK}),
+        ("/v1/reconstructions", {"json": {"scan_id": "example"}}),
+        ("/v1/scans?scanner_id=example&data=counts", {"content": b"no scan"}),
+    ):
+        refused = seeded.post(path, headers=named("once"), **options)
+        assert (refused.status_code, refused.json()["code"]) == (422, "idempotency-key-reused"), refused.text
+        assert "take a new key" in refused.json()["detail"]
+    assert numbers(store) == made
+
+
+def test_another_file_under_the_same_key_is_refused_and_not_kept(seeded, store):
+    path = "/v1/scans?scanner_id=example&data=counts"
+    first = seeded.post(path, content=b"one scan", headers=named("once"))
+    made = numbers(store)
+    refused = seeded.post(path, content=b"two scans", headers=named("once"))
+    assert (refused.status_code, refused.json()["code"]) == (422, "idempotency-key-reused")
+    assert seeded.post(path, content=b"", headers=named("once")).json()["code"] == "empty-body"
+    assert numbers(store) == made
+    assert len(list((store.files.folder / "uploads" / "scans").iterdir())) == 3
+    store.jobs.request_cancel(first.json()["job_id"])
+    store.scans.delete(first.json()["id"])
+    again = seeded.post(path, content=b"one scan", headers=named("once"))
+    assert again.content == first.content, "the first answer, whatever has become of what it made"
+
+
+def test_keys_in_quotes_and_without_are_the_same_and_bad_ones_are_refused(seeded):
+    first = seeded.post("/v1/scanners", json=SCANNER, headers=named('"a\\"b"'))
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named('a"b')).status_code == 400
+    other = seeded.post("/v1/scanners", json=SCANNER, headers=named('"ab"'))
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("ab")).content == other.content
+    assert first.json()["id"] != other.json()["id"]
+    for bad in ("", '""', "two words", '"half', "k" * 201):
+        refused = seeded.post("/v1/scanners", json=SCANNER, headers=named(bad))
+        assert (refused.status_code, refused.json()["code"]) == (400, "bad-idempotency-key"), bad
+
+
+def test_a_refused_request_may_be_mended_under_its_key(seeded):
+    refused = seeded.post("/v1/calibrations", json={"scan_id": "gone"}, headers=named("once"))
+    assert refused.status_code == 404
+    mended = seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
+    assert (mended.status_code, mended.headers.get("Idempotency-Replayed")) == (202, None)
+
+
+def test_a_repeated_cancellation_is_answered_as_the_first_one(seeded, store):
+    job_id = seeded.post("/v1/calibrations", json=ASK).json()["job_id"]
+    paths = [f"/v1/jobs/{job_id}/cancel", "/v1/jobs/example/cancel"]
+    for number, path in enumerate(paths):
+        first = seeded.post(path, headers=named(f"once-{number}"))
+        again = seeded.post(path, headers=named(f"once-{number}"))
+        assert (first.status_code, again.content) == (202, first.content)
+    assert store.jobs.get(job_id).state == "cancelled"
+
+
+def test_a_secret_is_in_the_first_answer_alone_and_never_stored(seeded, store):
+    made = seeded.post("/v1/keys", json={"name": "line 2", "scope": "read"}, headers=named("key"))
+    rotated = seeded.post(f"/v1/keys/{made.json()['id']}/rotate", headers=named("rotation"))
+    for first, path, options in (
+        (made, "/v1/keys", {"json": {"name": "line 2", "scope": "read"}}),
+        (rotated, f"/v1/keys/{made.json()['id']}/rotate", {}),
+    ):
+        secret = first.json()["secret"]
+        again = seeded.post(path, headers=named({made: "key", rotated: "rotation"}[first]), **options)
+        assert (again.status_code, again.json()["code"]) == (409, "secret-not-repeated")
+        assert made.json()["id"] in again.json()["detail"]
+        with store._database.read() as session:
+            kept = str([row.answer for row in session.query(RepeatRow)])
+        assert "line 2" in kept
+        assert secret not in kept
+    assert len(store.keys.all().keys) == 1
+
+
+def test_keys_of_different_callers_are_different_keys(seeded, store):
+    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
+    ids = set()
+    for name in ("one", "other"):
+        secret = store.keys.create(KeyAsk(name=name, scope=Scope.SUBMIT)).secret
+        headers = named("once") | {"Authorization": f"Bearer {secret}"}
+        answers = [seeded.post("/v1/calibrations", json=ASK, headers=headers).json()["id"] for _ in range(2)]
+        ids |= set(answers)
+    assert len(ids) == 2
+    assert len(store.jobs.page(kind=JobKind.CALIBRATE).items) == 5
+
+
+def test_after_its_time_a_key_is_new(seeded, store):
+    first = seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"]
+    with store._database.write() as session:
+        for row in session.query(RepeatRow):
+            row.created_at -= KEPT - timedelta(minutes=1)
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] == first
+    with store._database.write() as session:
+        for row in session.query(RepeatRow):
+            row.created_at -= timedelta(minutes=1)
+    assert seeded.post("/v1/scanners", json=SCANNER, headers=named("once")).json()["id"] != first
+
+
+def test_a_job_is_woken_only_when_it_is_there_for_others(seeded, store, settings):
+    seen = []
+    seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
+    seeded.post("/v1/calibrations", json=ASK, headers=named("once"))
+    assert seen == ["queued"]
