@@ -24,6 +24,7 @@ from sawmill_service.openapi_document import Application
 from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
 from sawmill_service.problems import install
+from sawmill_service.queries import check_query
 from sawmill_service.rates import FailedLogins
 from sawmill_service.repeats import install as install_repeats
 from sawmill_service.request_ids import RequestIds
@@ -171,7 +172,7 @@ def _all_routes() -> list[BaseRoute]:
     """One for every application of this process: FastAPI spends half a second on making them."""
     every = APIRouter(
         generate_unique_id_function=lambda route: route.name,
-        dependencies=[Depends(check_scope), Depends(check_csrf)],
+        dependencies=[Depends(check_scope), Depends(check_csrf), Depends(check_query)],
     )
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         every.include_router(router)

@@ -44,6 +44,8 @@ STATUS: Mapping[type[Exception], int] = {
 }
 # Pydantic's remark on a default that depends on a refused value.
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
+# Ours, of fields in a query that no model reads; the message is a sentence.
+UNKNOWN_IN_QUERY = "unknown_query_field"
 COME_BACK = {"Retry-After": "5"}  # of every 503: seconds
 
 
@@ -195,6 +197,8 @@ def _message(error: Mapping[str, Any]) -> str:
         return "is required"
     if error["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
         return "is not a known field"
+    if error["type"] == UNKNOWN_IN_QUERY:
+        return message
     if error["type"] == "value_error":
         refusal = message.removeprefix("Value error, ")
         return refusal if refusal.startswith("must be ") else f"is refused: {refusal}"

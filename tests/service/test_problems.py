@@ -1,4 +1,5 @@
 import json
+from collections import defaultdict
 
 import pytest
 from openapi_spec_validator import validate
@@ -10,6 +11,8 @@ SPEC = {
     "name": "Line 2",
     "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 768, "detector_pitch_mm": 1.5},
 }
+# Of a path's parameters.
+ANY = defaultdict(lambda: "example", index="0")
 
 
 def problem(answer):
@@ -132,3 +135,34 @@ def test_the_document_is_valid_openapi_and_answers_problems_everywhere(client):
     assert all(o["summary"] and o["description"] and o["tags"] for o in operations)
     assert len({o["operationId"] for o in operations}) == len(operations)
     assert "HTTPValidationError" not in document["components"]["schemas"]
+
+
+@pytest.mark.parametrize(
+    ("path", "sentence"),
+    [
+        ("/v1/jobs?limt=3", "query.limt is not a known field: 'limit' is"),
+        ("/v1/scanners/example?verbose=1", "query.verbose is not a known field"),
+        ("/v1/calibrations/example/report.png?colour=red", "query.colour is not a known field"),
+        ("/health/live?x=", "query.x is not a known field"),
+        (
+            "/v1/reconstructions/example/slices/0.png?window_hi=1",
+            "query.window_hi is not a known field: 'window_high' is",
+        ),
+    ],
+)
+def test_an_unknown_field_of_a_query_is_refused_on_every_route(seeded, path, sentence):
+    found = problem(seeded.get(path))
+    assert (found.status, found.code, found.detail) == (422, "invalid-request", sentence)
+
+
+def test_every_operation_refuses_an_unknown_field_of_a_query(seeded):
+    """Before anything else is looked at but the scope: nothing is made, deleted or drawn."""
+    for path, operations in seeded.app.openapi()["paths"].items():
+        for method in operations:
+            answer = seeded.request(method.upper(), path.format_map(ANY), params={"no-such-field": "1"})
+            assert (answer.status_code, answer.json()["code"]) == (422, "invalid-request"), (method, path)
+            assert "query.no-such-field is not a known field" in answer.text
+
+
+def test_a_page_is_shown_whatever_its_bookmark_asks(client):
+    assert client.get("/docs?from=an-old-bookmark").status_code == 200
