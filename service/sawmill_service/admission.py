@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -44,7 +45,7 @@ class Admission:
 
     Without that, one caller could hold all threads. A request counts until its answer begins: what comes then waits
     for the client alone. A stream of events counts until its end. Those with a body are counted apart, so that slow
-    uploads do not keep short requests out; so are looks at the service's health.
+    uploads do not keep short requests out; so are those that wait for a job, and looks at the service's health.
 
     Parameters
     ----------
@@ -56,7 +57,12 @@ class Admission:
         self.app = app
         self._all, self._changes = Rates(settings.rate_limit), Rates(settings.change_rate_limit)
         at_once = settings.max_requests_at_once
-        self._at_once = {"requests": at_once, "streams": at_once, "uploads": settings.max_bodies_at_once}
+        self._at_once = {
+            "requests": at_once,
+            "streams": at_once,
+            "uploads": settings.max_bodies_at_once,
+            "waits": settings.max_waits_at_once,
+        }
         self._streams = settings.max_streams
         self._places = Places()
 
@@ -91,12 +97,20 @@ class Admission:
 
     def _take_places(self, scope: Scope, headers: Headers, place: ExitStack) -> None:
         caller = who(scope)
-        kind = "uploads" if _has_body(headers) else "streams" if _is_stream(scope) else "requests"
+        kind = _kind(scope, headers)
         if kind == "streams":
             detail = f"{self._streams} streams of events are open: close one, or ask now and then instead"
             place.enter_context(self._places.one("all streams", self._streams, detail))
         detail = f"{self._at_once[kind]} {kind} of {caller} are being answered: wait for one of them"
         place.enter_context(self._places.one(f"{kind} {caller}", self._at_once[kind], detail))
+
+
+def _kind(scope: Scope, headers: Headers) -> str:
+    if _has_body(headers):
+        return "uploads"
+    if _is_stream(scope):
+        return "streams"
+    return "waits" if "wait" in parse_qs(scope["query_string"].decode("latin-1")) else "requests"
 
 
 def _has_body(headers: Headers) -> bool:

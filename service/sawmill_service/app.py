@@ -50,6 +50,7 @@ from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
+from sawmill_service.waiting import JobEnds
 from sawmill_worker.storage.store import Store
 
 DESCRIPTION = """\
@@ -132,6 +133,7 @@ def create_app(
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
+    app.state.job_ends = JobEnds(app.state.event_feed, app.state.stopping, settings.event_poll_s)
     install(app)
     install_repeats(app)
     app.router.routes.extend(_all_routes())

@@ -131,6 +131,9 @@ class ServiceSettings(BaseSettings):
     max_bodies_at_once: Annotated[int, Field(ge=1)] = Field(
         128, description="The same for requests with a body, which hold no thread until it has come."
     )
+    max_waits_at_once: Annotated[int, Field(ge=1)] = Field(
+        256, description="The same for requests with `wait`, which hold no thread while their job goes on."
+    )
     max_streams: Annotated[int, Field(ge=1)] = Field(
         64, description="Streams of events in all; each of a job looks at it several times a second."
     )

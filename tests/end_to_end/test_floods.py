@@ -16,7 +16,7 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-HEADS, BODIES, READERS = 1500, 40, 30
+HEADS, BODIES, READERS, WAITERS = 1500, 40, 30, 200
 AT_ONCE, STREAMS = 32, 3
 SHORT_S = 1.5
 SETTINGS = {
@@ -159,3 +159,15 @@ def test_a_slow_reader_gets_its_answer(service):
             received += len(part)
             time.sleep(0.1)
     assert received > len(service.get("/openapi.json").content)
+
+
+def test_two_hundred_that_wait_for_a_job_hold_nobody_up(service):
+    job_id = service.upload(b"a scan", scanner_id=service.scanner_id, data="counts")["job_id"]
+    ending = "\r\nConnection: close\r\n\r\n"
+    with opened(service, WAITERS, f"GET /v1/jobs/{job_id}?wait=50", ending=ending) as connections:
+        assert time_of_others(service) < 1.0
+        service.post(f"/v1/jobs/{job_id}/cancel")
+        began = time.monotonic()
+        answers = [last_words(connection) for connection in connections]
+        assert time.monotonic() - began < 20.0, "they hear of the end, and not of the time that is over"
+    assert {'"state":"cancelled"' in answer for answer in answers} == {True}

@@ -124,3 +124,60 @@ def test_uploads_take_a_priority_beside_their_description(seeded, store):
     picture = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9&priority=background", content=b"png").json()
     jobs = [store.jobs.get(accepted["job_id"]) for accepted in (scan, picture)]
     assert [job.priority for job in jobs] == [Priority.BATCH, Priority.BACKGROUND]
+
+
+@pytest.mark.parametrize("kind", ["jobs", "calibrations"])
+def test_a_wait_ends_with_the_job(seeded, worker, kind):
+    asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}).json()
+    path = f"/v1/{kind}/{asked['job_id' if kind == 'jobs' else 'id']}"
+    threading.Timer(0.3, worker.finish_calibration).start()
+    answer = seeded.get(f"{path}?wait=50", timeout=40)
+    assert answer.json()["state"] == "succeeded"
+    assert "Retry-After" not in answer.headers
+
+
+def test_a_scan_and_a_phantom_are_waited_for_until_they_are_ready(seeded, worker):
+    query = {"scanner_id": "example", "data": "counts"}
+    scan = seeded.post("/v1/scans", params=query, content=b"scan").json()
+    threading.Timer(0.3, worker.finish_scan).start()
+    assert seeded.get(f"/v1/scans/{scan['id']}?wait=50", timeout=40).json()["state"] == "ready"
+    phantom = seeded.post("/v1/phantoms/pictures?name=x&width_mm=9", content=b"png").json()
+    threading.Timer(0.3, worker.finish_tracing).start()
+    assert seeded.get(f"/v1/phantoms/{phantom['id']}?wait=50", timeout=40).json()["state"] == "ready"
+
+
+def test_what_has_ended_is_not_waited_for(seeded):
+    for path in ("jobs/example", "scans/example", "phantoms/l-shape", "plans/example", "drifts/example"):
+        answer = seeded.get(f"/v1/{path}?wait=50", timeout=5)
+        assert answer.status_code == 200
+        assert "Retry-After" not in answer.headers
+
+
+def test_a_wait_is_over_in_time_and_says_when_to_ask_again(seeded, job_id):
+    for query in ("", "?wait=0", "?wait=0.2"):
+        answer = seeded.get(f"/v1/jobs/{job_id}{query}")
+        assert (answer.json()["state"], answer.headers["Retry-After"]) == ("queued", "1")
+    for wrong in ("61", "-1", "nan", "soon", ""):
+        assert seeded.get(f"/v1/jobs/{job_id}?wait={wrong}").status_code == 422
+
+
+def test_a_wait_ends_when_the_service_stops(seeded, job_id):
+    threading.Timer(0.3, seeded.app.state.stopping.begin).start()
+    answer = seeded.get(f"/v1/jobs/{job_id}?wait=50", timeout=20)
+    assert (answer.status_code, answer.json()["state"]) == (200, "queued")
+
+
+def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):
+    feed, looks = seeded.app.state.event_feed, []
+    after = feed.after
+
+    async def away(number: int):
+        looks.append(number)
+        if len(looks) < 4:
+            raise StorageUnavailable("the database does not answer: away")
+        if len(looks) == 4:
+            store.jobs.request_cancel(job_id)
+        return await after(number)
+
+    monkeypatch.setattr(feed, "after", away)
+    assert seeded.get(f"/v1/jobs/{job_id}?wait=50", timeout=20).json()["state"] == "cancelled"

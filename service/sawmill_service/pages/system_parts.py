@@ -29,6 +29,7 @@ LIMITS = (
     "max_connections_per_address",
     "max_requests_at_once",
     "max_bodies_at_once",
+    "max_waits_at_once",
     "max_streams",
     "rate_limit",
     "change_rate_limit",

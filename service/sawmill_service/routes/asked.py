@@ -10,6 +10,7 @@ from sawmill_service.answers import AskedPriority, Dated, accept
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
 from sawmill_service.repeats import repeatable
+from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Contract, Identifier, Page
 from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, asked_kinds
@@ -44,8 +45,10 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         page = store.asked(declared).page(**query.model_dump())
         return page.model_copy(update={"items": [linked(declared, item) for item in page.items]})
 
-    def get(identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore) -> Any:  # noqa: ANN401
-        return linked(declared, store.asked(declared).get(identifier))
+    async def get(
+        identifier: Annotated[Identifier, Path(alias=f"{declared.noun}_id")], store: TheStore, waiting: TheWaiting
+    ) -> Any:  # noqa: ANN401 - the same
+        return linked(declared, await waiting.read(lambda: store.asked(declared).get(identifier)))
 
     # What FastAPI reads as the types of body and query is known only here.
     ask.__annotations__["ask"] = declared.ask

@@ -11,6 +11,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.repeats import repeatable
+from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.events import JobHistory
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
@@ -43,9 +44,9 @@ TheJob = Annotated[Job, Depends(_job)]
 
 
 @router.get("/{job_id}", summary="Get a job")
-def get_job(job: TheJob) -> Job:
-    """State, place in the queue, progress, and why it failed if it did."""
-    return job
+async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
+    """State, place in the queue, progress, and why it failed if it did; with `wait` as soon as it has ended."""
+    return await waiting.read(lambda: store.jobs.get(job_id))
 
 
 @router.get(

@@ -11,6 +11,8 @@ from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.uploads import received_body
+from sawmill_service.uploads import chunks
+from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
@@ -104,9 +106,9 @@ def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[S
 
 
 @router.get("/{phantom_id}", summary="Get a phantom", openapi_extra=trying(phantom_id="l-shape"))
-def get_phantom(phantom_id: Identifier, store: TheStore) -> StoredPhantom:
-    """Its outlines in mm; null while its picture is being traced."""
-    return store.phantoms.get(phantom_id)
+async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiting) -> StoredPhantom:
+    """Its outlines in mm; null while its picture is being traced, for the end of which `wait` waits."""
+    return await waiting.read(lambda: store.phantoms.get(phantom_id))
 
 
 @router.get(

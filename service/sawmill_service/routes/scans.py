@@ -13,6 +13,7 @@ from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.uploads import InspectionId, received_file
+from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
@@ -97,9 +98,9 @@ def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[S
 
 
 @router.get("/{scan_id}", summary="Get a scan")
-def get_scan(scan_id: Identifier, store: TheStore) -> Scan:
-    """Its state, and what the file turned out to be."""
-    return store.scans.get(scan_id)
+async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) -> Scan:
+    """Its state, and what the file turned out to be; with `wait` as soon as it has been read."""
+    return await waiting.read(lambda: store.scans.get(scan_id))
 
 
 @router.delete("/{scan_id}", status_code=204, summary="Delete a scan", openapi_extra=trying(scan_id="example-spare"))
