@@ -11,7 +11,6 @@ from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.uploads import received_body
-from sawmill_service.uploads import chunks
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
