@@ -11,6 +11,7 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 
 from sawmill_service.problems import Refused
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.given import GivenTime, Queried
 from sawmill_worker.contracts.jobs import Priority
 
@@ -53,8 +54,21 @@ class Paging(Queried):
         max_length=200,
         description="The `next` of the page before; nothing: the newest.",
         examples=["1772429400000000.example"],
+        json_schema_extra={"pattern": patterns.CURSOR},
     )
     limit: Annotated[int, Field(ge=1, le=200, description="Items a page.")] = 50
+
+
+class NumberedPaging(Paging):
+    """Which page of a list of numbered entries."""
+
+    after: str | None = Field(
+        None,
+        max_length=200,
+        description="The `next` of the page before; nothing: the newest.",
+        examples=["41"],
+        json_schema_extra={"pattern": patterns.NUMBERED_CURSOR},
+    )
 
 
 class Dated(Paging):

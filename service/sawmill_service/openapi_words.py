@@ -29,6 +29,8 @@ def unit_of(name: str) -> tuple[str, ...]:
 def complete(schemas: dict[str, Schema], parameters: Iterator[Schema]) -> None:
     """Give every property and every parameter its description and its examples, in place."""
     for schema in schemas.values():
+        _require_discriminators(schema, schemas)
+    for schema in schemas.values():
         for name, described in schema.get("properties", {}).items():
             _describe(name, described, described, schemas)
     for parameter in parameters:
@@ -42,6 +44,18 @@ def _describe(name: str, described: Schema, schema: Schema, schemas: Mapping[str
         described["description"] = f"{described['description'].rstrip('.')}. In {_plural(units[0])}."
     if "examples" not in schema and (example := example_of(schema, schemas)) is not None:
         schema["examples"] = [example]
+
+
+def _require_discriminators(part: Any, schemas: Mapping[str, Schema]) -> None:  # noqa: ANN401 - any JSON value
+    """What tells the kinds of a choice apart must be given, whatever default it has where it stands alone."""
+    if isinstance(part, dict) and isinstance(part.get("discriminator"), dict):
+        name = part["discriminator"]["propertyName"]
+        for reference in part["discriminator"]["mapping"].values():
+            kind = _resolved({"$ref": reference}, schemas)
+            kind["properties"][name].pop("default", None)
+            kind["required"] = sorted({*kind.get("required", []), name})
+    for each in part.values() if isinstance(part, dict) else part if isinstance(part, list) else ():
+        _require_discriminators(each, schemas)
 
 
 def _plural(unit: str) -> str:

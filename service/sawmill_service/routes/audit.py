@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query
 from fastapi.responses import StreamingResponse
 
-from sawmill_service.answers import Paging
+from sawmill_service.answers import NumberedPaging
 from sawmill_service.dependencies import TheStore
 from sawmill_worker.contracts.audit import AuditEntry
 from sawmill_worker.contracts.base import Page
@@ -22,7 +22,7 @@ class JsonLines(StreamingResponse):
 
 
 @router.get("/v1/audit", summary="List who did what, newest first")
-def list_audit(paging: Annotated[Paging, Query()], store: TheStore) -> Page[AuditEntry]:
+def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
     """Activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
     return store.audit.page(after=paging.after, limit=paging.limit)
 

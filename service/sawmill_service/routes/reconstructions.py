@@ -17,6 +17,7 @@ from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Identifier, parse_span
 from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Queried
@@ -89,7 +90,10 @@ class MosaicQuery(WindowQuery):
         examples=[USUAL_TILES],
     )
     slices: Annotated[str, AfterValidator(_check_slices)] | None = Field(
-        None, description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.", examples=["0:2500:100"]
+        None,
+        description=f"Slices A:B or A:B:STEP instead, at most {MOST_TILES}.",
+        examples=["0:2500:100"],
+        json_schema_extra={"pattern": patterns.STEPPED_ROWS},
     )
     scale_bar: bool = Field(default=True, description="False leaves the scale bar out.")
 

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Response
 from pydantic import Field
 
-from sawmill_service.answers import Paging
+from sawmill_service.answers import NumberedPaging, Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.openapi_document import trying
 from sawmill_service.repeats import repeatable
@@ -17,7 +17,7 @@ from sawmill_worker.contracts.scanners import Activation, ScannerAsk, StoredScan
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 
 
-class Since(Paging):
+class Since(NumberedPaging):
     """Which measurements, and which page of them."""
 
     since: GivenTime | None = Field(

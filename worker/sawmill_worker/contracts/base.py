@@ -16,6 +16,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
+from sawmill_worker.contracts import patterns
 from sawmill_worker.vocabulary import LARGEST_MM, exactly
 
 
@@ -39,7 +40,11 @@ Identifier = Annotated[
     StringConstraints(pattern=r"^[a-z0-9][a-z0-9-]{0,63}$"),
     Field(description="Lower-case letters, digits and hyphens.", examples=["example"]),
 ]
-Name = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Name = Annotated[
+    str,
+    StringConstraints(min_length=1, max_length=200),
+    Field(description="One line that is not blank.", json_schema_extra={"pattern": patterns.NAME}),
+]
 PositiveMm = Annotated[float, Field(gt=0, le=LARGEST_MM)]
 Time = Annotated[AwareDatetime, Field(description="RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])]
 
@@ -83,7 +88,11 @@ def _check_rows(text: str) -> str:
 Rows = Annotated[
     str,
     AfterValidator(_check_rows),
-    Field(description="Detector rows A:B, the first included, the last not.", examples=["0:16"]),
+    Field(
+        description="Detector rows A:B with A < B, the first included, the last not.",
+        examples=["0:16"],
+        json_schema_extra={"pattern": patterns.ROWS},
+    ),
 ]
 SteppedRows = Annotated[
     str,
@@ -91,6 +100,7 @@ SteppedRows = Annotated[
     Field(
         description="Detector rows A:B, the first included, the last not, or every STEP-th of them, A:B[:STEP].",
         examples=["0:16", "0:2500:10"],
+        json_schema_extra={"pattern": patterns.STEPPED_ROWS},
     ),
 ]
 

@@ -2,9 +2,10 @@
 
 from enum import StrEnum
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from sawmill_worker.contracts.base import Contract, Name, Stamped, Time
+from sawmill_worker.contracts.conditions import Schema, one_of, require
 from sawmill_worker.contracts.given import Given, GivenTime
 
 
@@ -26,8 +27,14 @@ class Scope(StrEnum):
         return order.index(self) >= order.index(needed)
 
 
+def _state_display(schema: Schema) -> None:
+    require(schema, "display", one_of("display", [False]), one_of("scope", [Scope.READ]))
+
+
 class KeyAsk(Given):
     """A key that is to be made."""
+
+    model_config = ConfigDict(json_schema_extra=_state_display)
 
     name: Name = Field(description="Whose it is: a person or a program.", examples=["scanner software of line 2"])
     scope: Scope = Field(

@@ -7,7 +7,7 @@ from datetime import UTC, date, datetime, timedelta
 from enum import StrEnum
 from typing import Annotated, Any, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Stamped
 from sawmill_worker.contracts.choices import Axis
@@ -216,8 +216,19 @@ class MeasurementsAsk(Given):
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
 
 
+def _state_newness(schema: dict[str, Any]) -> None:
+    schema["properties"]["follows"] = {
+        "type": "null",
+        "title": "Follows",
+        "description": "To be left out: measuring a stored phantom anew sets it.",
+        "examples": [None],
+    }
+
+
 class PhantomAsk(PhantomDrawing, Given):
     """A phantom as somebody draws it, every shape with an inside. Also the JSON file of `--phantom FILE.json`."""
+
+    model_config = ConfigDict(json_schema_extra=_state_newness)
 
     _of_days_that_were = field_validator("measurements")(_until_tomorrow)
 

@@ -3,11 +3,12 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, model_validator
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, Stamped, SteppedRows
 from sawmill_worker.contracts.choices import MetalTreatment, Weighting
+from sawmill_worker.contracts.conditions import Schema, bounded, one_of, require, without
 from sawmill_worker.contracts.geometry import GivenTheta
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
@@ -221,8 +222,28 @@ class ReconstructionAsked(ReconstructionOptions):
         return self
 
 
+def _state_conditions(schema: Schema, ask: type[ReconstructionOptions]) -> None:
+    """What goes with what, as the validators above have it."""
+    bounded(schema, COMPUTABLE)
+    for name, field in ask.model_fields.items():
+        mark = OptionOf.on(field)
+        if mark is not None:
+            as_left_out = one_of(name, [field.default, EARLIER_DEFAULTS.get(name, field.default)])
+            require(schema, name, as_left_out, one_of("method", mark.methods, default=ReconstructionMethod.FBP))
+    rules = one_of(
+        "alpha_rule", [AlphaRule.CROSS_VALIDATION, AlphaRule.DISCREPANCY], default=AlphaRule.CROSS_VALIDATION
+    )
+    require(schema, "alpha", without("alpha"), rules)
+    require(schema, "preset", without("preset"), without("sigma", "beta"))
+    require(schema, "theta", without("theta"), without("calibration_id"))
+    for name in ("rotation", "handedness"):
+        require(schema, name, without(name), {"properties": {"theta": {"type": "object"}}, "required": ["theta"]})
+
+
 class ReconstructionAsk(ReconstructionAsked, Given):
     """Ask for a reconstruction with a calibration (the scanner's active one unless named) or with a theta."""
+
+    model_config = ConfigDict(json_schema_extra=_state_conditions)
 
     is_stored: ClassVar[bool] = False
 

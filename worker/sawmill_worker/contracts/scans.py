@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
@@ -34,6 +35,7 @@ AnglesText = Annotated[
         max_length=100_000,
         description="START:STEP in degrees, or every view's angle separated by commas; where the file carries none.",
         examples=["0.5:1"],
+        json_schema_extra={"pattern": patterns.LINE},
     ),
 ]
 

@@ -4,6 +4,7 @@ from datetime import datetime
 
 from pydantic import Field
 
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
 from sawmill_worker.contracts.choices import OnPass, ScheduleOutcome
@@ -14,7 +15,13 @@ class ScheduleSpec(Contract):
     """When to recalibrate a scanner with its newest phantom scan that no calibration has used yet."""
 
     scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner that is recalibrated.")
-    cron: str = Field(max_length=100, description="Five fields, in UTC.", examples=["30 5 * * 1-6"])
+    cron: str = Field(
+        max_length=100,
+        description="Five fields of cron, in UTC: minute, hour, day of the month, month, day of the week. Lists, "
+        "ranges and steps, names of months and days, L and LW for the month's last day and working day.",
+        examples=["30 5 * * 1-6"],
+        json_schema_extra={"pattern": patterns.CRON},
+    )
     enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
     on_pass: OnPass = Field(
         "report",

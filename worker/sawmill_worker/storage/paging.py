@@ -10,6 +10,7 @@ from sqlalchemy import Select, and_, or_, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_worker.contracts.base import Contract, Page
+from sawmill_worker.contracts.patterns import CURSOR
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
 from sawmill_worker.storage.tables import Resource
 
@@ -123,9 +124,7 @@ def _cursor(row: Resource) -> str:
 
 
 def _parse_cursor(cursor: str) -> tuple[datetime, str]:
+    if re.fullmatch(CURSOR, cursor) is None:
+        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
     microseconds, _, identifier = cursor.partition(".")
-    try:
-        return _EPOCH + int(microseconds) * _MICROSECOND, identifier
-    except (ValueError, OverflowError) as error:
-        msg = f"after must be the next of an earlier page, not {cursor!r}"
-        raise Invalid("invalid-cursor", msg) from error
+    return _EPOCH + int(microseconds) * _MICROSECOND, identifier

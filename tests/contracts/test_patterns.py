@@ -1,0 +1,93 @@
+"""The contract's regular expressions fit what is read, and the conditions between fields what is refused."""
+
+import re
+from datetime import UTC, datetime
+
+import pytest
+from cronsim import CronSim
+from jsonschema import Draft202012Validator
+from pydantic import TypeAdapter, ValidationError
+
+from sawmill_worker.contracts import patterns
+from sawmill_worker.contracts.base import Name, SteppedRows
+from sawmill_worker.contracts.keys import KeyAsk
+from sawmill_worker.contracts.phantoms import PhantomAsk
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.schedules import ScheduleAsk
+
+NOW = datetime(2026, 3, 2, tzinfo=UTC)
+THETA = {
+    "initial_angle_rad": 2.55,
+    "detector_to_cor_mm": 714.7,
+    "source_shift_mm": 319.9,
+    "detector_shift_mm": 43.7,
+    "detector_tilt": 0.281,
+}
+
+
+def taken(contract, value):
+    try:
+        TypeAdapter(contract).validate_python(value)
+    except ValidationError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize(
+    "cron",
+    ["30 5 * * 1-6", "*/10 6,18 1-7/2 JAN MON-FRI", "0 0 L * *", "0 0 LW 12 *", "5/15 23 31 * 7", "0 0 * * 5L,1#2"],
+)
+def test_cron_expressions_that_are_read_fit_the_pattern(cron):
+    assert next(CronSim(cron, NOW))
+    assert re.search(patterns.CRON, cron)
+
+
+@pytest.mark.parametrize("cron", ["60 * * * *", "* 24 * * *", "* * 0 * *", "* * * 13 *", "* * * * 8", "* * * *", "a"])
+def test_cron_expressions_that_are_refused_do_not(cron):
+    assert re.search(patterns.CRON, cron) is None
+
+
+def test_rows_and_names_that_fit_their_patterns_are_read():
+    assert taken(SteppedRows, "0:2500:10")
+    assert re.search(patterns.STEPPED_ROWS, "0:2500:10")
+    for text in ("3", "a:b", "1:0", "0:8:0", "0:16\n"):
+        assert not taken(SteppedRows, text), text
+        assert re.fullmatch(patterns.STEPPED_ROWS, text) is None, text
+    for name, fits in {"Line 2": True, "Säge": True, "": False, "  ": False, "a\nb": False, "a\u202eb": False}.items():
+        assert (re.fullmatch(patterns.NAME, name) is not None) is fits, name
+        assert not fits or taken(Name, name)
+
+
+@pytest.mark.parametrize(
+    ("contract", "given"),
+    [
+        (ReconstructionAsk, {}),
+        (ReconstructionAsk, {"alpha": 4.0}),
+        (ReconstructionAsk, {"alpha": 4.0, "method": "tikhonov"}),
+        (ReconstructionAsk, {"alpha": 1e-10, "method": "tikhonov"}),
+        (ReconstructionAsk, {"alpha": None, "non_negative": True}),
+        (ReconstructionAsk, {"alpha": 4.0, "method": "tikhonov", "alpha_rule": "gcv"}),
+        (ReconstructionAsk, {"filter": "hamming"}),
+        (ReconstructionAsk, {"filter": "hamming", "method": "cauchy_map"}),
+        (ReconstructionAsk, {"non_negative": False, "method": "cauchy_map"}),
+        (ReconstructionAsk, {"preset": "paper", "method": "cauchy_map", "sigma": None}),
+        (ReconstructionAsk, {"preset": "paper", "method": "cauchy_map", "sigma": 0.1}),
+        (ReconstructionAsk, {"theta": THETA}),
+        (ReconstructionAsk, {"theta": THETA, "calibration_id": "example"}),
+        (ReconstructionAsk, {"theta": None, "calibration_id": "example"}),
+        (ReconstructionAsk, {"theta": THETA, "rotation": "reversed"}),
+        (ReconstructionAsk, {"rotation": "reversed"}),
+        (ReconstructionAsk, {"field_mm": 1e-3}),
+        (KeyAsk, {"name": "wall", "scope": "read", "display": True}),
+        (KeyAsk, {"name": "wall", "scope": "admin", "display": True}),
+        (PhantomAsk, {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 50}]}),
+        (
+            PhantomAsk,
+            {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 5}], "follows": "a"},
+        ),
+        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6"}),
+    ],
+)
+def test_the_schema_takes_what_the_contract_takes(contract, given):
+    whole = ({"scan_id": "example"} if contract is ReconstructionAsk else {}) | given
+    assert Draft202012Validator(contract.model_json_schema()).is_valid(whole) is taken(contract, whole)

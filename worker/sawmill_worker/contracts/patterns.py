@@ -1,0 +1,36 @@
+"""What texts look like, as regular expressions in the contract: ECMA 262's, as JSON Schema has them, and Python's.
+
+They are for clients, and for what is generated from the contract. What is accepted is decided where a text is read.
+"""
+
+# `sawmill_worker.contracts.base.parse_span` reads them; no expression states that A is less than B.
+ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}$"
+STEPPED_ROWS = r"^[0-9]{1,9}:[1-9][0-9]{0,8}(:[1-9][0-9]{0,8})?$"
+
+# What `sawmill_worker.contracts.given` lets pass: characters that can be shown, in one line. A name is not blank.
+_NOT_SHOWN = r"\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069"
+LINE = rf"^[^{_NOT_SHOWN}]*$"
+NAME = rf"^[^{_NOT_SHOWN}]*[^\s{_NOT_SHOWN}][^{_NOT_SHOWN}]*$"
+
+
+# The `next` of a list by time, and that of a list by number.
+CURSOR = r"^[0-9]{1,17}\.[a-z0-9][a-z0-9-]{0,63}$"
+NUMBERED_CURSOR = r"^(?:[0-9]{1,9}|1[0-9]{9}|20[0-9]{8}|21[0-3][0-9]{7})$"
+
+
+def _field(value: str, more: str = "") -> str:
+    """Of a cron expression: `*`, values and ranges, each with a step, with commas between them."""
+    term = rf"(?:(?:\*|(?:{value})(?:-(?:{value}))?)(?:/[1-9][0-9]?)?{more})"
+    return f"{term}(?:,{term})*"
+
+
+# Of cronsim: that a range ascends, and that the day exists in the month, no expression states.
+CRON = " ".join(
+    (
+        "^" + _field("[1-5]?[0-9]"),
+        _field("1?[0-9]|2[0-3]"),
+        _field("[1-9]|[12][0-9]|3[01]", "|LW?"),
+        _field("[1-9]|1[0-2]|JAN|FEB|MAR|APR|MAY|JUN|JUL|AUG|SEP|OCT|NOV|DEC"),
+        _field("[0-7]|SUN|MON|TUE|WED|THU|FRI|SAT", "|[0-7](?:L|#[1-5])") + "$",
+    )
+)
