@@ -165,7 +165,9 @@ def _field_problem(error: Mapping[str, Any], body: object) -> FieldProblem:
     location, message = complaint(error)
     place, *names = error["loc"]
     if place != Place.BODY:
-        return FieldProblem(location=location, message=message, in_=Place(place), parameter=str(names[0]))
+        # A rule about several parameters together names none.
+        parameter = str(names[0]) if names else None
+        return FieldProblem(location=location, message=message, in_=Place(place), parameter=parameter)
     unread = error["type"] == "json_invalid"
     pointer = "#" if unread else _pointer(names, body, adds=error["type"] == "missing")
     return FieldProblem(location=location, message=message, in_=Place.BODY, pointer=pointer)
