@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from sawmill_service.access import OPEN_PATHS
 from sawmill_service.callers import who
 from sawmill_service.gate import SAFE_METHODS
-from sawmill_service.problems import Refused, problem_response
+from sawmill_service.problems import Refused, refusal_response
 from sawmill_service.rates import Rates, too_many
 from sawmill_service.settings import ServiceSettings
 
@@ -123,5 +123,6 @@ def _is_stream(scope: Scope) -> bool:
 
 def _answer(scope: Scope, refused: Refused) -> ASGIApp:
     # What follows on the connection, the rest of a body or more requests, would have to be listened to.
-    headers = {**(refused.headers or {}), "Connection": "close"}
-    return problem_response(scope["path"], refused.status_code, refused.code, refused.detail, headers=headers)
+    answer = refusal_response(scope["path"], refused)
+    answer.headers["Connection"] = "close"
+    return answer

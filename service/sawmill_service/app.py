@@ -6,7 +6,6 @@ from pathlib import Path
 
 import fastapi_offline
 from fastapi import APIRouter, Depends
-from fastapi.staticfiles import StaticFiles
 from prometheus_client import CollectorRegistry
 from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
@@ -25,7 +24,7 @@ from sawmill_service.pages.all_pages import PAGES
 from sawmill_service.pages.problem_pages import ProblemPages
 from sawmill_service.problems import install
 from sawmill_service.queries import check_query
-from sawmill_service.rates import FailedLogins
+from sawmill_service.rates import FailedLogins, Rates
 from sawmill_service.repeats import install as install_repeats
 from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
@@ -137,8 +136,8 @@ def create_app(
     install(app)
     install_repeats(app)
     app.router.routes.extend(_all_routes())
-    app.mount("/static", StaticFiles(directory=console.STATIC))
-    app.mount("/console", StaticFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
+    app.mount("/static", console.WholeFiles(directory=console.STATIC))
+    app.mount("/console", console.WholeFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     # The last one added is the outermost.
     app.add_middleware(
         SlowBodies,
@@ -157,6 +156,7 @@ def create_app(
             ("POST", "/v1/inspections"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
         },
+        refusals=Rates(settings.rate_limit),
         stopping=app.state.stopping,
     )
     if settings.trusted_proxies:

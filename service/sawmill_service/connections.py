@@ -21,7 +21,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from sawmill_service.callers import network_of
 from sawmill_service.lingering import LingeringTransport
 from sawmill_service.listening import is_loopback
-from sawmill_service.problems import COME_BACK, Refused, problem_response
+from sawmill_service.problems import COME_BACK, Refused, refusal_response
 from sawmill_service.request_ids import HEADER, named_request
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.unreadable import refusal_of
@@ -32,9 +32,7 @@ _HEAD_PART_BYTES = 4096
 _STUCK_S = 5.0
 # Where Linux has the number of acknowledged bytes in its `struct tcp_info` (since 4.2).
 _BYTES_ACKED_AT = 120
-# The same again may be let in.
-_PASSING = frozenset({408, 503})
-_TOO_MANY = Refused(503, "too-many-connections", "too many connections are open: try again in a moment")
+_TOO_MANY = Refused(503, "too-many-connections", "too many connections are open: try again in a moment", COME_BACK)
 
 log = structlog.get_logger(__name__)
 
@@ -255,7 +253,7 @@ class ClientConnection(H11Protocol):
         if begun and self.conn.their_state is h11.IDLE:
             seconds = f"{self._patience.head_s:g} s"
             detail = f"the request's head has not come whole within {seconds}: send it at once"
-            self._refuse(Refused(408, "slow-head", detail))
+            self._refuse(Refused(408, "slow-head", detail, COME_BACK))
         else:
             self.transport.abort()
 
@@ -268,8 +266,8 @@ class ClientConnection(H11Protocol):
         """Answer without the application, which knows of no request, or waits for a body in vain."""
         status, code = refused.status_code, refused.code
         with named_request() as request_id:
-            headers = {"Connection": "close", HEADER: request_id} | (COME_BACK if status in _PASSING else {})
-            answer = problem_response("", status, code, refused.detail, headers=headers)
+            answer = refusal_response("", refused)
+            answer.headers.update({"Connection": "close", HEADER: request_id})
             log.info("request", method="other", route="unmatched", status=status, code=code, address=self.network)
         head = b"".join(b"%s: %s\r\n" % header for header in answer.raw_headers)
         reason = HTTPStatus(status).phrase.encode()

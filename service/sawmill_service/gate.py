@@ -21,8 +21,10 @@ from sawmill_service.access import (
     came_in_over_loopback,
     host_name,
 )
+from sawmill_service.callers import who
 from sawmill_service.problem_types import PATH as PROBLEMS
-from sawmill_service.problems import COME_BACK, Refused, is_navigation, problem_response
+from sawmill_service.problems import COME_BACK, Refused, is_navigation, refusal_response
+from sawmill_service.rates import Rates
 from sawmill_service.session_cookie import NAME
 from sawmill_service.stopping import Stopping
 from sawmill_worker.storage.acting import acting_as
@@ -81,6 +83,8 @@ class Gate:
         For every route that `larger_bodies` does not name.
     larger_bodies
         Bytes by (method, path).
+    refusals
+        Counts those who are not let in.
     stopping
         Ends the wait for a body when the service ends.
     """
@@ -93,6 +97,7 @@ class Gate:
         access: Access,
         max_body_bytes: int,
         larger_bodies: Mapping[tuple[str, str], int],
+        refusals: Rates,
         stopping: Stopping,
     ) -> None:
         self.app = app
@@ -100,7 +105,7 @@ class Gate:
         self.access = access
         self.max_body_bytes = max_body_bytes
         self.larger_bodies = dict(larger_bodies)
-        self.stopping = stopping
+        self.refusals, self.stopping = refusals, stopping
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Let a request in, or answer it with a problem."""
@@ -111,12 +116,7 @@ class Gate:
         try:
             caller = await self._caller(scope, Headers(scope=scope), limit)
         except Refused as refused:
-            await _refusal(scope, refused)(scope, receive, send)
-            return
-        except StorageError as error:
-            log.warning("keys-not-looked-up", reason=str(error))
-            unavailable = problem_response(scope["path"], 503, error.code, KEYS_AWAY, headers=COME_BACK)
-            await unavailable(scope, receive, send)
+            await _refusal(scope, self._counted(scope, refused))(scope, receive, send)
             return
         scope.setdefault("state", {})["caller"] = caller
         with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
@@ -133,10 +133,21 @@ class Gate:
         """Who sends a request; what a refusal means may be read by whoever was refused, and without a database."""
         try:
             return await self.access.caller(scope, headers)
-        except (Refused, StorageError):
+        except (Refused, StorageError) as error:
             if scope["path"].startswith(PROBLEMS) and scope["method"] in SAFE_METHODS:
                 return ANYBODY
-            raise
+            if isinstance(error, Refused):
+                raise
+            log.warning("keys-not-looked-up", reason=str(error))
+            raise Refused(503, error.code, KEYS_AWAY, COME_BACK) from error
+
+    def _counted(self, scope: Scope, refused: Refused) -> Refused:
+        """The refusal, or that there were too many: whoever is not let in is bounded like whoever is."""
+        try:
+            self.refusals.take("refused requests", who(scope))
+        except Refused as too_many:
+            return too_many
+        return refused
 
     def _check_origin(self, scope: Scope, headers: Headers) -> None:
         host = headers.get("host", "")
@@ -155,8 +166,7 @@ def _refusal(scope: Scope, refused: Refused) -> Response:
     headers, unknown = Headers(scope=scope), refused.status_code == HTTPStatus.UNAUTHORIZED
     if unknown and is_navigation(headers):
         return RedirectResponse(_login_before(scope), status_code=303)
-    path, status = scope["path"], refused.status_code
-    answer = problem_response(path, status, refused.code, refused.detail, headers=refused.headers)
+    answer = refusal_response(scope["path"], refused)
     for challenge in CHALLENGES if unknown else ():
         if challenge.startswith("Bearer") or not _is_browser(headers):
             answer.headers.append("WWW-Authenticate", challenge)

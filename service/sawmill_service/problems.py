@@ -147,6 +147,11 @@ class Refused(HTTPException):
         self.code = code
 
 
+def refusal_response(path: str, refused: Refused) -> JSONResponse:
+    """Shape a refusal, wherever it was met."""
+    return problem_response(path, refused.status_code, refused.code, refused.detail, headers=refused.headers)
+
+
 def complaint(error: Mapping[str, Any]) -> tuple[str, str]:
     """Turn one of pydantic's errors into a place and a sentence that quotes the value."""
     if error["type"] == "json_invalid":
@@ -222,8 +227,8 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
     refused = cast("HTTPException", error)
     path, status = request.url.path, refused.status_code
     if isinstance(refused, Refused):
-        code, detail = refused.code, refused.detail
-    elif status == HTTPStatus.NOT_FOUND:
+        return refusal_response(path, refused)
+    if status == HTTPStatus.NOT_FOUND:
         code, detail = "unknown-path", f"there is nothing at {path}; /docs lists what there is"
     elif status == HTTPStatus.METHOD_NOT_ALLOWED:
         allowed = _documented_methods(request) or (refused.headers or {})["Allow"]

@@ -166,3 +166,31 @@ def test_every_operation_refuses_an_unknown_field_of_a_query(seeded):
 
 def test_a_page_is_shown_whatever_its_bookmark_asks(client):
     assert client.get("/docs?from=an-old-bookmark").status_code == 200
+
+
+@pytest.mark.parametrize("span", ["frobs=1-", "bytes=9-2", "bytes=99999999-"])
+def test_a_range_of_a_page_s_own_file_is_passed_over(client, span):
+    answer = client.get("/static/mark.svg", headers={"Range": span})
+    assert answer.status_code == 200
+    assert answer.content.startswith(b"<svg")
+
+
+def test_each_value_has_a_pointer_or_the_name_of_a_parameter(client):
+    shapes = [{"kind": "disc", "center_mm": [0], "radius_mm": -1, "a/b~c ä": 1}]
+    answer = client.post("/v1/phantoms", json={"shapes": shapes})
+    errors = problem(answer).errors
+    assert {error.pointer for error in errors} == {
+        "#/name",
+        "#/shapes/0/center_mm/1",
+        "#/shapes/0/radius_mm",
+        "#/shapes/0/a~1b~0c%20%C3%A4",
+    }
+    found = answer.json()["errors"][0]
+    assert found["in"] == "body"
+    listed = client.get("/v1/scanners", params={"limit": 0}).json()["errors"][0]
+    assert (listed["in"], listed["parameter"], listed["location"]) == ("query", "limit", "query.limit")
+    assert "pointer" not in listed
+    path = client.get("/v1/scanners/NO").json()["errors"][0]
+    assert (path["in"], path["parameter"]) == ("path", "scanner_id")
+    broken = client.post("/v1/scanners", content="{", headers={"Content-Type": "application/json"}).json()["errors"][0]
+    assert (broken["in"], broken["pointer"]) == ("body", "#")

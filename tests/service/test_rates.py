@@ -6,7 +6,7 @@ from typing import Any
 
 import httpx
 import pytest
-from pydantic import ValidationError
+from pydantic import SecretStr, ValidationError
 
 from sawmill_service.app import create_app
 from sawmill_service.callers import who
@@ -158,3 +158,9 @@ def test_one_caller_has_a_bounded_number_of_requests_at_once(limited):
 def test_too_many_headers_are_refused(client):
     answer = client.get("/v1/scanners", headers={f"a-{number}": "b" for number in range(101)})
     assert (answer.status_code, answer.json()["code"]) == (431, "too-many-headers")
+
+
+def test_whoever_is_not_let_in_is_bounded_too(limited):
+    client = limited(rate_limit="3/minute", token=SecretStr("t" * 40))
+    statuses = [client.get("/v1/scanners").status_code for _ in range(5)]
+    assert statuses == [401, 401, 401, 429, 429]

@@ -4,6 +4,8 @@ from pathlib import Path
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
+from fastapi.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
 from sawmill_service.answers import file
 from sawmill_service.dependencies import TheStore
@@ -15,6 +17,16 @@ from sawmill_worker.contracts.base import Identifier
 STATIC = Path(__file__).parent.parent / "static"
 
 LONGEST_REASON = 200
+
+
+class WholeFiles(StaticFiles):
+    """Files of the pages, each as a whole: Starlette would refuse a range that it cannot read in plain text."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request; a server may pass over a range (RFC 9110, section 14.2)."""
+        headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
+        await super().__call__({**scope, "headers": headers}, receive, send)
+
 
 router = APIRouter(include_in_schema=False)
 

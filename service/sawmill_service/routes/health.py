@@ -2,6 +2,7 @@
 
 from enum import StrEnum
 
+import structlog
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import PlainTextResponse
 from prometheus_client import generate_latest
@@ -11,11 +12,13 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import COME_BACK, MEDIA_TYPE
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.errors import StorageFull
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.store import Store
 
+NOT_READY = "the database or the data folder cannot be used now: the service's log has the reason"
 PATIENCE_S = 30.0  # several times what an idle worker needs to take a job
 
+log = structlog.get_logger(__name__)
 router = APIRouter(tags=["operation"])
 
 
@@ -57,7 +60,12 @@ def ready(store: TheStore, response: Response) -> Health:
     On a full disk results can still be read; uploads are refused, and jobs wait until there is room.
     Jobs that wait while no worker runs any are reported as `without-worker`: requests are still answered.
     """
-    health = health_of(store)
+    try:
+        health = health_of(store)
+    except StorageUnavailable as error:
+        # Anybody may ask, and the database's own words name hosts and users.
+        log.warning("not-ready", reason=str(error))
+        raise type(error)(NOT_READY) from error
     if health.state is Readiness.DISK_FULL:
         response.status_code = 503
         response.headers.update(COME_BACK)
