@@ -7,6 +7,7 @@ import pytest
 from cronsim import CronSim
 from jsonschema import Draft202012Validator
 from pydantic import TypeAdapter, ValidationError
+from results import THETA
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Name, SteppedRows
@@ -16,13 +17,6 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.schedules import ScheduleAsk
 
 NOW = datetime(2026, 3, 2, tzinfo=UTC)
-THETA = {
-    "initial_angle_rad": 2.55,
-    "detector_to_cor_mm": 714.7,
-    "source_shift_mm": 319.9,
-    "detector_shift_mm": 43.7,
-    "detector_tilt": 0.281,
-}
 
 
 def taken(contract, value):
