@@ -124,6 +124,7 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         operation["responses"].pop("422", None)
         operation["responses"]["default"] = {"$ref": "#/components/responses/Problem"}
         _describe_streams(operation)
+        _describe_repeats(operation)
         _give_examples(operation, operation.pop(TRY, {}))
     return document
 
@@ -165,6 +166,15 @@ def _describe_streams(operation: dict[str, Any]) -> None:
         for media in response.get("content", {}).values():
             if media.pop("itemSchema", None) is not None:
                 media["schema"] = {"type": "string"}
+
+
+def _describe_repeats(operation: dict[str, Any]) -> None:
+    """The header by which a repeat's answer is known, on what is answered to requests that may be sent again."""
+    if any(parameter["name"] == "Idempotency-Key" for parameter in operation.get("parameters", [])):
+        replayed = {"description": "This answers a repeat.", "schema": {"type": "string", "const": "true"}}
+        for status, response in operation["responses"].items():
+            if status.startswith("2"):
+                response.setdefault("headers", {})["Idempotency-Replayed"] = replayed
 
 
 def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:

@@ -68,6 +68,8 @@ def test_every_route_that_makes_something_documents_the_key(seeded):
     }
     for (path, method), names in operations.items():
         assert ("Idempotency-Key" in names) is (method == "post"), (path, method)
+    made = seeded.app.openapi()["paths"]["/v1/scanners"]["post"]["responses"]["201"]
+    assert made["headers"]["Idempotency-Replayed"]["schema"]["const"] == "true"
 
 
 def test_the_key_of_another_request_is_refused(seeded, store):
