@@ -74,6 +74,7 @@ NEEDED = {
     ("POST", "/scanners/{scanner_id}/schedules/{schedule_id}/delete"): Scope.ACTIVATE,
     ("POST", "/phantoms/{phantom_id}/delete"): Scope.ADMIN,
     ("POST", "/scans/{scan_id}/delete"): Scope.ADMIN,
+    ("DELETE", "/v1/uploads/{upload_id}"): Scope.SUBMIT,
     ("POST", LOGIN): Scope.READ,
     ("POST", LOGOUT): Scope.READ,
 }
@@ -82,6 +83,7 @@ BY_METHOD = {
     "HEAD": Scope.READ,
     "OPTIONS": Scope.READ,
     "POST": Scope.SUBMIT,
+    "PATCH": Scope.SUBMIT,
     "PUT": Scope.ACTIVATE,
     "DELETE": Scope.ADMIN,
 }

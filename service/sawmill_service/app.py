@@ -43,6 +43,7 @@ from sawmill_service.routes import (
     scanners,
     scans,
     schedules,
+    uploads,
     volumes,
 )
 from sawmill_service.session_cookie import SessionCookie
@@ -66,6 +67,7 @@ TAGS = [
         "name": "phantoms",
         "description": "Wooden bodies of known size: built in, drawn in mm, or traced from a picture.",
     },
+    {"name": "uploads", "description": "Files that come in parts, and go on where a connection broke."},
     {"name": "inspections", "description": "What is in a file, and what is missing, before it becomes a scan."},
     {"name": "scans", "description": "Projection stacks, uploaded as files and read by a job."},
     {"name": "calibrations", "description": "Theta from a scan of a phantom, with everything known about it."},
@@ -78,7 +80,7 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, inspections, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
+    *(scanners, phantoms, uploads, inspections, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
     *(keys, audit, health, login, console),
 )
 
@@ -155,6 +157,7 @@ def create_app(
             ("POST", "/v1/scans"): settings.max_upload_bytes,
             ("POST", "/v1/inspections"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
+            ("PATCH", "/v1/uploads/*"): settings.max_upload_bytes,
         },
         refusals=Rates(settings.rate_limit),
         stopping=app.state.stopping,

@@ -82,7 +82,7 @@ class Gate:
     max_body_bytes
         For every route that `larger_bodies` does not name.
     larger_bodies
-        Bytes by (method, path).
+        Bytes by (method, path); a path that ends with `/*` stands for all directly below.
     refusals
         Counts those who are not let in.
     stopping
@@ -112,7 +112,7 @@ class Gate:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        limit = self.larger_bodies.get((scope["method"], scope["path"]), self.max_body_bytes)
+        limit = self._limit(scope["method"], scope["path"])
         try:
             caller = await self._caller(scope, Headers(scope=scope), limit)
         except Refused as refused:
@@ -121,6 +121,10 @@ class Gate:
         scope.setdefault("state", {})["caller"] = caller
         with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
             await self.app(scope, _bounded(receive, limit, self.stopping), send)
+
+    def _limit(self, method: str, path: str) -> int:
+        of_all = self.larger_bodies.get((method, f"{path.rpartition('/')[0]}/*"), self.max_body_bytes)
+        return self.larger_bodies.get((method, path), of_all)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
         _check_version(scope)

@@ -21,6 +21,7 @@ from sawmill_service.problem_types import CODE_PATTERN, describe_code, title_of,
 from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
     Conflict,
+    Damaged,
     Invalid,
     NotFound,
     StorageError,
@@ -35,6 +36,7 @@ STATUS: Mapping[type[Exception], int] = {
     NotFound: 404,
     Conflict: 409,
     Invalid: 422,
+    Damaged: 400,
     UploadTooLarge: 413,
     StorageUnavailable: 503,
     StorageMisconfigured: 503,

@@ -42,6 +42,8 @@ class SentContent:
         Of the request.
     packed
         Whether they may be packed by gzip.
+    begins
+        Whether they are the file's first ones.
 
     Raises
     ------
@@ -49,7 +51,7 @@ class SentContent:
         415 `unsupported-media-type`, `unsupported-encoding`; 400 `bad-digest`.
     """
 
-    def __init__(self, headers: Headers, *, packed: bool = True) -> None:
+    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
         check_media_type(headers.get("content-type", ""))
         encoding = headers.get("content-encoding", "identity").strip().lower()
         if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
@@ -59,7 +61,7 @@ class SentContent:
         self._expected = digests_of(headers)
         self._sums: Mapping[str, _Hash] = {name: ALGORITHMS[name]() for name in self._expected}
         self._gzip = Gunzip() if encoding.endswith("gzip") else None
-        self._begun = False
+        self._begun = not begins
 
     @property
     def has_digest(self) -> bool:
@@ -131,8 +133,7 @@ def check_media_type(content_type: str) -> None:
     """Refuse a body that says of itself that it is no file, before a byte of it is read."""
     media_type = content_type.partition(";")[0].strip().lower()
     if _NO_FILE.fullmatch(media_type):
-        advice = "; a form goes to /v1/forms/scans" if media_type.startswith("multipart/") else ""
-        detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}{advice}"
+        detail = f"the body must be the file's bytes alone, as {BYTES}, not {media_type[:100]!r}"
         raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
 
 

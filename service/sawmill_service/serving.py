@@ -73,6 +73,7 @@ def serve_until_stopped(
         if settings.behind_proxy and not guarded:
             raise ListenError(BEHIND_A_PROXY)
         store = stack.enter_context(closing(_opened(storage)))
+        stack.enter_context(store.files.receiving())
         stack.enter_context(ClockKeeper(store))
         wake: Wake = no_wake
         if execution.broker_url is not None:

@@ -80,6 +80,15 @@ class ServiceSettings(BaseSettings):
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )
+    max_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
+        16 * GIB, description="Bytes of uploads of one key that were begun in parts and are not used yet, as declared."
+    )
+    max_all_waiting_upload_bytes: Annotated[int, Field(gt=0)] = Field(
+        64 * GIB, description="The same of all keys together."
+    )
+    max_waiting_uploads: Annotated[int, Field(gt=0)] = Field(
+        100, description="The number of such uploads of one key: they go a day after their last part."
+    )
     max_json_bytes: Annotated[int, Field(gt=0)] = Field(
         MIB, description="Bytes of any other body: a phantom with 20 000 corners has less."
     )

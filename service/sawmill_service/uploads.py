@@ -9,35 +9,60 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_service.problems import Refused
-from sawmill_service.sent_content import SentContent
+from sawmill_service.sent_content import SentContent, check_first_bytes
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.storage.arriving import Received, in_parts
+from sawmill_worker.storage.errors import UploadTooLarge
 from sawmill_worker.storage.store import Store
+
+_FIRST_BYTES = 1024
 
 InspectionId = Annotated[
     Identifier | None,
     Field(description="Takes the file of this inspection: the body is empty, and nothing is sent again."),
 ]
 
+UploadId = Annotated[
+    Identifier | None,
+    Field(description="Takes this upload, which came in parts: the body is empty, and the upload is used up."),
+]
 
-async def received_file(request: Request, store: Store, inspection_id: str | None, *, max_bytes: int) -> Received:
-    """The file in the body, or that of an inspection; whoever accepts it owns or discards it.
+
+async def received_file(
+    request: Request, store: Store, *, max_bytes: int, inspection_id: str | None = None, upload_id: str | None = None
+) -> Received:
+    """The file in the body, or one that came before; whoever accepts it owns or discards it.
 
     Raises
     ------
     Refused
-        The body is empty and no inspection is named, or both are given; or as `received_body`.
-    NotFound, Conflict
-        There is no such inspection, or its file has been removed.
+        More than one is given; or as `received_body`.
+    NotFound, Conflict, UploadTooLarge
+        There is no such inspection or upload, its file has been removed, is not complete or used, or it is too large.
     """
-    if inspection_id is None:
+    if inspection_id is None and upload_id is None:
         return await received_body(request, store, max_bytes=max_bytes)
+    if inspection_id is not None and upload_id is not None:
+        raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
     async for chunk in request.stream():
         if chunk:
-            raise Refused(
-                422, "two-files", "send a file or name an inspection_id: the body has bytes, and one is named"
-            )
-    return await run_in_threadpool(store.inspections.received_again, inspection_id)
+            raise Refused(422, "two-files", "send a file or name an earlier one: the body has bytes, and one is named")
+    if inspection_id is not None:
+        return await run_in_threadpool(store.inspections.received_again, inspection_id)
+    received = await run_in_threadpool(store.uploads.received, str(upload_id))
+    try:
+        await run_in_threadpool(_check, received, max_bytes)
+    except Exception:
+        store.files.discard(received)
+        raise
+    return received
+
+
+def _check(received: Received, max_bytes: int) -> None:
+    if received.size_bytes > max_bytes:
+        raise UploadTooLarge(max_bytes)
+    with received.path.open("rb") as file:
+        check_first_bytes(file.read(_FIRST_BYTES))
 
 
 async def received_body(request: Request, store: Store, *, max_bytes: int) -> Received:

@@ -31,6 +31,7 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.contracts.uploads import UploadAsk
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
@@ -40,6 +41,7 @@ from sawmill_worker.storage.jobs import Claim
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import JobRow
+from sawmill_worker.storage.uploads import UploadQuota
 from sawmill_worker.vocabulary import DataKind, Disc, ReconstructionMethod
 
 ORIGIN = "http://127.0.0.1:8000"
@@ -236,6 +238,8 @@ def seed(store: Store, worker: FakeWorker) -> None:
         received = store.files.receive([b"original"], max_bytes=100)
         store.inspections.accept_file(InspectionOptions(), received, identifier=inspection_id)
         worker.finish_inspection()
+    for upload_id in ("example", "example-spare"):
+        store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
     for schedule_id in ("example", "example-spare"):
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
     add_finished_job(store, "example")

@@ -42,7 +42,7 @@ PASSED_ON = {
     *("code", "kind", "noun", "refused.code", "error.code", "path.name.replace('.', '-')", "declared.noun"),
     *("f'{kind}-exists'", "f'{name}-out-of-range'"),
 }
-OWN_CODES = ("UploadTooLarge", "StorageFull", "StorageUnavailable")
+OWN_CODES = ("UploadTooLarge", "Damaged", "StorageFull", "StorageUnavailable")
 
 
 def assigned_codes() -> Iterator[str]:

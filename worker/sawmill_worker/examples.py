@@ -8,7 +8,7 @@ import os
 import sys
 import threading
 from collections.abc import Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,15 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.contracts.uploads import UploadAsk
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.seeding import examples_made
 from sawmill_worker.storage.asked import NOTHING, Asked
+from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.uploads import UploadQuota
 from sawmill_worker.tomography.built_in import L_SHAPE
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
@@ -124,6 +127,7 @@ def seed_examples(store: Store) -> None:
         store.phantoms.create(_spare_phantom(), phantom_id=SPARE)
     _seed_scans(store, stack)
     _seed_inspections(store, folder / "phantom-scan.npz")
+    _seed_uploads(store)
     _ask_once(store.calibrations, CalibrationAsk(scan_id=EXAMPLE, activate=True), job_id=EXAMPLE)
     log = ReconstructionAsk(scan_id=EXAMPLE, calibration_id=EXAMPLE, rows=f"{PHANTOM_ROWS}:{PHANTOM_ROWS + LOG_ROWS}")
     sparse = ReconstructionAsk(
@@ -204,6 +208,13 @@ def _seed_inspections(store: Store, file: Path) -> None:
         store.inspections.accept_file(
             InspectionOptions(), received, name=file.name, identifier=identifier, priority=Priority.BACKGROUND
         )
+
+
+def _seed_uploads(store: Store) -> None:
+    """Two that wait for their first part."""
+    for identifier in (EXAMPLE, SPARE):
+        with suppress(Conflict):  # it waits already
+            store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=identifier)
 
 
 def _write_npz(path: Path) -> None:

@@ -11,7 +11,7 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
-from sawmill_service.uploads import InspectionId, received_file
+from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_worker.contracts.base import Identifier, Name
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionOptions
@@ -26,6 +26,12 @@ class InspectionUpload(Queried, InspectionOptions):
     name: Name = Field("file", description="What people call the file.", examples=["mill.h5"])
     priority: AskedPriority = Priority.WAITED_FOR
     inspection_id: InspectionId = None
+    upload_id: UploadId = None
+
+    @property
+    def sends_file(self) -> bool:
+        """Whether the file is in the body."""
+        return self.inspection_id is None and self.upload_id is None
 
     @property
     def options(self) -> InspectionOptions:
@@ -53,7 +59,13 @@ async def inspect_file(
 ) -> Inspection:
     """As declared."""
     await repeatable.check_sent()
-    received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
+    received = await received_file(
+        request,
+        store,
+        max_bytes=settings.max_upload_bytes,
+        inspection_id=upload.inspection_id,
+        upload_id=upload.upload_id,
+    )
 
     def accepted() -> Inspection:
         inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)
@@ -61,7 +73,7 @@ async def inspect_file(
         accept(response, f"/v1/inspections/{inspection.id}", settings.retry_after_s)
         return linked(DECLARATION, inspection)  # type: ignore[no-any-return]
 
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.inspection_id is None)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.sends_file)
 
 
 @router.delete(

@@ -10,7 +10,7 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
-from sawmill_service.uploads import received_body
+from sawmill_service.uploads import UploadId, received_file
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
@@ -48,11 +48,12 @@ class PictureUpload(Queried, PhantomPicture):
     """What is given with a picture, and how urgent its tracing is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
+    upload_id: UploadId = None
 
     @property
     def picture(self) -> PhantomPicture:
         """What is stored of it."""
-        return PhantomPicture.model_validate(self.model_dump(exclude={"priority"}, exclude_unset=True))
+        return PhantomPicture.model_validate(self.model_dump(exclude={"priority", "upload_id"}, exclude_unset=True))
 
 
 @router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
@@ -86,7 +87,7 @@ async def upload_phantom_picture(
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     await repeatable.check_sent()
-    received = await received_body(request, store, max_bytes=settings.max_picture_bytes)
+    received = await received_file(request, store, max_bytes=settings.max_picture_bytes, upload_id=upload.upload_id)
 
     def accepted() -> StoredPhantom:
         phantom = store.phantoms.accept_picture(upload.picture, received, priority=upload.priority)
@@ -95,7 +96,7 @@ async def upload_phantom_picture(
         accept(response, f"/v1/phantoms/{phantom.id}", settings.retry_after_s)
         return phantom
 
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=True)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.upload_id is None)
 
 
 @router.get("", summary="List phantoms, newest first")

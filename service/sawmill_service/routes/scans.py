@@ -12,7 +12,7 @@ from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.repeats import TheRepeatableWithFile
-from sawmill_service.uploads import InspectionId, received_file
+from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
@@ -35,11 +35,17 @@ class ScanUpload(Queried, ScanSpec):
 
     priority: AskedPriority = Priority.WAITED_FOR
     inspection_id: InspectionId = None
+    upload_id: UploadId = None
+
+    @property
+    def sends_file(self) -> bool:
+        """Whether the file is in the body."""
+        return self.inspection_id is None and self.upload_id is None
 
     @property
     def spec(self) -> ScanSpec:
         """What is stored of it."""
-        return ScanSpec.model_validate(self.model_dump(exclude={"priority", "inspection_id"}, exclude_unset=True))
+        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
 
 class SinogramQuery(Queried):
@@ -80,7 +86,13 @@ async def upload_scan(
     """
     await repeatable.check_sent()
     await run_in_threadpool(store.scans.check, upload.spec)
-    received = await received_file(request, store, upload.inspection_id, max_bytes=settings.max_upload_bytes)
+    received = await received_file(
+        request,
+        store,
+        max_bytes=settings.max_upload_bytes,
+        inspection_id=upload.inspection_id,
+        upload_id=upload.upload_id,
+    )
 
     def accepted() -> Scan:
         scan = store.scans.accept(upload.spec, received, priority=upload.priority)
@@ -88,7 +100,7 @@ async def upload_scan(
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
         return scan
 
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.inspection_id is None)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.sends_file)
 
 
 @router.get("", summary="List scans, newest first")

@@ -54,6 +54,7 @@ class Housekeeping:
             self._take_back_silent,
             self._run_due_schedules,
             self._compare_clocks,
+            self._remove_uploads,
             self._remove_leftovers,
             self._store.repeats.forget_old,
         ):
@@ -92,6 +93,11 @@ class Housekeeping:
     def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
+
+    def _remove_uploads(self) -> None:
+        """Those that nobody goes on with."""
+        for upload_id in self._store.uploads.remove_expired():
+            structlog.get_logger().info("upload-expired", upload_id=upload_id)
 
     def _remove_leftovers(self) -> None:
         removed = self._leftovers.remove_some()

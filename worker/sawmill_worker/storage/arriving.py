@@ -19,11 +19,12 @@ STEP_BYTES = 16 * 2**20
 
 @dataclass(frozen=True)
 class Received:
-    """An upload that is complete and durable, but belongs to nobody yet."""
+    """An upload that is complete and durable, but belongs to nobody yet; `upload_id`: that which can be resumed."""
 
     path: Path
     size_bytes: int
     sha256: str
+    upload_id: str | None = None
 
 
 class Content(Protocol):
@@ -126,11 +127,15 @@ async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], c
 async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
     """The same bytes in parts of about `PART_BYTES`, the last one as it is."""
     part = bytearray()
-    async for chunk in chunks:
-        part += chunk
-        if len(part) >= PART_BYTES:
-            yield bytes(part)
-            part.clear()
+    try:
+        async for chunk in chunks:
+            part += chunk
+            if len(part) >= PART_BYTES:
+                yield bytes(part)
+                part.clear()
+    except Exception:  # they broke off: what came before that is not lost
+        yield bytes(part)
+        raise
     if part:
         yield bytes(part)
 

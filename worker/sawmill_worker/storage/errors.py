@@ -5,6 +5,7 @@ StorageError
 ├── Conflict            the resource's state forbids it
 ├── Invalid             a value that cannot be right, such as a cron expression of four fields
 ├── UploadTooLarge      more bytes than allowed
+├── Damaged             other bytes than declared
 ├── LeaseLost           another attempt owns the job
 ├── StorageFull         no room left on the disk
 └── StorageUnavailable  the database does not answer
@@ -56,6 +57,12 @@ class UploadTooLarge(StorageError):  # noqa: N818
     def __init__(self, limit_bytes: int) -> None:
         super().__init__(f"the upload is larger than the {limit_bytes} bytes allowed")
         self.limit_bytes = limit_bytes
+
+
+class Damaged(StorageError):  # noqa: N818
+    """Other bytes came than were declared; nothing of them was kept."""
+
+    code = "digest-mismatch"
 
 
 class LeaseLost(StorageError):  # noqa: N818

@@ -1,6 +1,7 @@
 """The folders that hold uploads, results and what is being written.
 
-incoming/                       uploads while they arrive
+incoming/                       uploads while they arrive; incoming.lock is held by who receives them
+unfinished/<id>                 uploads that can be resumed, until they are used
 uploads/{scans,phantoms}/<id>/  what was uploaded, as it came
 uploads/inspections/<id>/       the same, for a day; a scan that is made of it has a second name of the same bytes
 scans/<id>/scan.h5              line integrals
@@ -18,12 +19,13 @@ What is in none of the rows goes with time (`leftovers`).
 """
 
 import asyncio
+import fcntl
 import os
 import re
 import shutil
 import threading
-from collections.abc import AsyncIterable, Callable, Iterable, Sequence
-from contextlib import suppress
+from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
@@ -40,6 +42,7 @@ from sawmill_worker.storage.errors import (
 SCAN_FILE = "scan.h5"
 _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
+UNFINISHED = "unfinished"
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
@@ -62,7 +65,7 @@ class FileStore:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.absolute()
-        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT):
+        for name in (*_TEMPORARY, *(kind.plural for kind in JobKind), "attempts", _KEPT, UNFINISHED):
             (self.folder / name).mkdir(parents=True, exist_ok=True)
 
     def upload(self, kind: JobKind, subject_id: str) -> Path:
@@ -209,13 +212,21 @@ class FileStore:
 
     def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
         """An upload that has an owner, under a second name for another one: no byte is copied. None: it is gone."""
+        return self.second_name(self.upload(kind, subject_id), size_bytes=size_bytes, sha256=sha256)
+
+    def second_name(self, file: Path, *, size_bytes: int, sha256: str) -> Received | None:
+        """A file as an upload that belongs to nobody; None: it is gone."""
         path = self.folder / "incoming" / uuid4().hex
         with disk_full_reported("the upload"):
             try:
-                path.hardlink_to(self.upload(kind, subject_id))
+                path.hardlink_to(file)
             except FileNotFoundError:
                 return None
         return Received(path, size_bytes, sha256)
+
+    def unfinished(self, upload_id: str) -> Path:
+        """Where an upload lies that can be resumed."""
+        return self.folder / UNFINISHED / _checked(upload_id)
 
     def remove_upload(self, kind: JobKind, subject_id: str) -> None:
         """Remove an uploaded file."""
@@ -224,6 +235,17 @@ class FileStore:
     def discard(self, received: Received) -> None:
         """Remove an upload that found no owner."""
         received.path.unlink(missing_ok=True)
+
+    @contextmanager
+    def receiving(self) -> Iterator[None]:
+        """While a service receives uploads; where no other one does, what a killed one left goes first."""
+        with (self.folder / "incoming.lock").open("w") as lock:
+            with suppress(BlockingIOError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                for left in (self.folder / "incoming").iterdir():
+                    left.unlink(missing_ok=True)
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            yield
 
     def receive(self, chunks: Iterable[bytes], *, max_bytes: int) -> Received:
         """Write an upload to the disk as it comes.

@@ -22,9 +22,10 @@ from sawmill_worker.contracts.inspections import FILE_KEPT
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.contracts.uploads import UploadState
 from sawmill_worker.storage.database import Database, lock_files_of
-from sawmill_worker.storage.files import FileStore
-from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow, table_of
+from sawmill_worker.storage.files import UNFINISHED, FileStore
+from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow, UploadRow, table_of
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
@@ -168,6 +169,7 @@ def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
         *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
         _Place(folder / "kept", _SUBJECT_NAME, _unfinished_jobs),
+        _Place(folder / UNFINISHED, _SUBJECT_NAME, _unused_uploads),
         *(_Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, known) for kind, known in uploaded.items()),
         *(_Place(folder / kind.plural, _SUBJECT_NAME, partial(_succeeded, kind)) for kind in JobKind),
     ]
@@ -189,6 +191,11 @@ def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
 
 def _unfinished_jobs(session: Session, names: Sequence[str]) -> set[str]:
     return set(session.scalars(select(JobRow.id).where(JobRow.id.in_(names), JobRow.state.in_(_UNFINISHED))))
+
+
+def _unused_uploads(session: Session, names: Sequence[str]) -> set[str]:
+    unused = UploadRow.state != UploadState.USED
+    return set(session.scalars(select(UploadRow.id).where(UploadRow.id.in_(names), unused)))
 
 
 def _owned(row: type[ScanRow] | type[PhantomRow], session: Session, names: Sequence[str]) -> set[str]:

@@ -32,6 +32,7 @@ from sawmill_worker.storage.schedules import Schedules
 from sawmill_worker.storage.sessions import Sessions
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tallies import Tallies
+from sawmill_worker.storage.uploads import Uploads
 
 
 class Store:
@@ -39,7 +40,7 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, inspections, calibrations, reconstructions, plans, drifts, measurements, jobs,
+    scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements, jobs,
     schedules, events, keys, sessions, audit, repeats
         The rows.
     overviews
@@ -60,6 +61,7 @@ class Store:
         self.phantoms = Phantoms(self._database, self.files)
         self.scans = Scans(self._database, self.files)
         self.inspections = Inspections(self._database, self.files)
+        self.uploads = Uploads(self._database, self.files)
         self.calibrations = Calibrations(self._database)
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
@@ -147,8 +149,9 @@ class Store:
 
     def check_room_for(self, size_bytes: int) -> None:
         """Check that an upload of this size leaves the disk its reserve, or `StorageFull`."""
-        needed_by = f"an upload of {size_bytes} bytes beside SAWMILL_DISK_RESERVE_BYTES"
-        self.files.check_room(self.settings.disk_reserve_bytes + size_bytes, needed_by=needed_by)
+        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
+        taken = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
+        self.files.check_room(taken + size_bytes, needed_by=needed_by)
 
     def close(self) -> None:
         """Let go of the database's connections."""

@@ -29,6 +29,7 @@ from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.contracts.uploads import UploadState
 
 Json = dict[str, Any]
 
@@ -98,6 +99,7 @@ class Base(DeclarativeBase):
         PhantomState: _words(PhantomState),
         ScanState: _words(ScanState),
         Scope: _words(Scope),
+        UploadState: _words(UploadState),
     }
 
 
@@ -225,6 +227,21 @@ class ScanRow(Resource):
     sha256: Mapped[str] = mapped_column(String(64))
     reading: Mapped[Json | None]
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
+
+
+class UploadRow(Resource):
+    """An upload that can be resumed; `offset_bytes` of it are on the disk."""
+
+    __tablename__ = "uploads"
+
+    name: Mapped[str | None] = mapped_column(String(200))
+    key_id: Mapped[str | None] = mapped_column(String(64))
+    size_bytes: Mapped[int] = mapped_column(BigInteger)
+    offset_bytes: Mapped[int] = mapped_column(BigInteger)
+    sha256: Mapped[str | None] = mapped_column(String(64))
+    state: Mapped[UploadState]
+    used_by: Mapped[str | None] = mapped_column(String(200))
+    changed_at: Mapped[datetime] = mapped_column(index=True)
 
 
 class Answered(Resource):

@@ -10,6 +10,7 @@ from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.database import lock_files_of
 from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.uploads import use_up
 
 
 @contextmanager
@@ -17,6 +18,8 @@ def kept_upload(
     files: FileStore, received: Received, kind: JobKind, subject_id: str
 ) -> Iterator[Callable[[Session], None]]:
     """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
+
+    An upload that can be resumed is used up in the same transaction; its own name goes with the `leftovers`.
 
     When the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
     not touched. After it, only the commit is left to fail. A full disk is the database's own answer: there are no rows,
@@ -29,6 +32,7 @@ def kept_upload(
         nonlocal named
         lock_files_of(session, subject_id)
         named = True
+        use_up(session, received, kind, subject_id)
         files.keep_upload(received, kind, subject_id)
 
     try:

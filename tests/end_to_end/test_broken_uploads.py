@@ -1,0 +1,83 @@
+"""Uploads over lines that break, against a real server: what it keeps is bit-exact, or nothing."""
+
+import os
+import signal
+import socket
+import time
+from random import Random
+
+import pytest
+from live_service import Service
+
+pytestmark = pytest.mark.slow
+
+BREAKS = 200
+
+
+def connect(service: Service) -> socket.socket:
+    return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=30)
+
+
+def head(method: str, service: Service, path: str, offset: int, length: int) -> bytes:
+    host = f"{service.client.base_url.host}:{service.client.base_url.port}"
+    lines = (f"{method} {path} HTTP/1.1", f"Host: {host}", f"Upload-Offset: {offset}", f"Content-Length: {length}")
+    return "\r\n".join((*lines, "\r\n")).encode()
+
+
+def begin(service: Service, content: bytes) -> str:
+    return f"/v1/uploads/{service.post('/v1/uploads', json={'size_bytes': len(content)})['id']}"
+
+
+def offset_of(service: Service, path: str) -> int:
+    """Once the part that broke off has been ended."""
+    return int(service.client.head(path).headers["Upload-Offset"])
+
+
+def stored(service: Service, path: str, scanner_id: str) -> bytes:
+    upload_id = path.rpartition("/")[2]
+    scan = service.post("/v1/scans", params={"scanner_id": scanner_id, "data": "counts", "upload_id": upload_id})
+    return (service.data / "uploads/scans" / scan["id"] / "original").read_bytes()
+
+
+def test_a_part_is_cut_off_at_200_random_bytes_and_the_file_is_bit_exact(tmp_path, offline, serve):
+    random = Random(15)  # noqa: S311 - no secret
+    content = random.randbytes(400_000)
+    with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
+        scanner_id, path, known = service.create_scanner(), begin(service, content), 0
+        for cut in sorted(random.sample(range(1, len(content)), BREAKS)):
+            with connect(service) as line:
+                line.sendall(head("PATCH", service, path, known, len(content) - known) + content[known:cut])
+                if cut % 2:  # a reset, and not an end, for every other one
+                    line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
+            now = offset_of(service, path)
+            assert known <= now <= cut
+            known = now
+        while True:  # the last broken part may not have ended yet
+            answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
+            if answer.status_code == 200:
+                break
+            assert (answer.status_code, answer.json()["code"]) in {(409, "upload-busy"), (409, "wrong-offset")}
+            known = offset_of(service, path)
+        assert stored(service, path, scanner_id) == content
+        assert list((service.data / "incoming").iterdir()) == []
+
+
+def test_a_killed_service_goes_on_where_its_disk_is_and_leaves_nothing_else(tmp_path, offline, serve):
+    content = Random(16).randbytes(300_000)  # noqa: S311
+    with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
+        scanner_id, path = service.create_scanner(), begin(service, content)
+        service.client.patch(path, content=content[:100_000], headers={"Upload-Offset": "0"})
+        with connect(service) as line, connect(service) as raw:
+            line.sendall(head("PATCH", service, path, 100_000, 200_000) + content[100_000:150_000])
+            query = f"scanner_id={scanner_id}&data=counts"
+            raw.sendall(head("POST", service, f"/v1/scans?{query}", 0, 200_000) + content[:100_000])
+            while not list((service.data / "incoming").iterdir()):
+                time.sleep(0.05)
+            os.kill(service.process_id, signal.SIGKILL)
+    with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
+        assert list((service.data / "incoming").iterdir()) == []
+        known = offset_of(service, path)
+        assert 100_000 <= known <= 150_000
+        answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
+        assert answer.status_code == 200, answer.text
+        assert stored(service, path, scanner_id) == content

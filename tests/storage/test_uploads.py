@@ -1,0 +1,119 @@
+"""Uploads that can be resumed, on each database."""
+
+import hashlib
+from typing import Any
+
+import pytest
+
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
+from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.storage.arriving import AsSent
+from sawmill_worker.storage.errors import Conflict, Damaged, NotFound
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
+from sawmill_worker.vocabulary import DataKind
+
+CONTENT = b"0123456789"
+QUOTA = UploadQuota(3, 25, 40)
+
+
+def create(store: Store, **given: Any) -> Upload:
+    return store.uploads.create(UploadAsk(size_bytes=len(CONTENT), **given), QUOTA)
+
+
+def send(store: Store, upload: Upload, first: int, end: int) -> Upload:
+    part = store.uploads.begin_part(upload.id, first)
+    part.take(AsSent(), CONTENT[first:end], commits=True)
+    part.finish(AsSent())
+    return store.uploads.get(upload.id)
+
+
+def test_parts_become_a_file_that_is_used_once_with_the_scan_that_is_made_of_it(store, scanner):
+    upload = create(store, sha256=hashlib.sha256(CONTENT).hexdigest())
+    assert store.uploads.promised_bytes() == 10
+    assert send(store, upload, 0, 4).offset_bytes == 4
+    with pytest.raises(Conflict, match="4 of 10 bytes have come"):
+        store.uploads.received(upload.id)
+    with pytest.raises(WrongOffset, match="goes on at 4, not at 3"):
+        store.uploads.begin_part(upload.id, 3)
+    assert send(store, upload, 4, 10).state is UploadState.COMPLETE
+    assert store.uploads.promised_bytes() == 0
+    with pytest.raises(NotFound):
+        store.scans.accept(
+            ScanSpec(scanner_id="nowhere", data=DataKind.COUNTS), received := store.uploads.received(upload.id)
+        )
+    assert not received.path.exists()
+    both = [store.uploads.received(upload.id) for _ in range(2)]
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    scan = store.scans.accept(spec, both[0])
+    assert (scan.size_bytes, scan.sha256) == (10, upload.sha256)
+    with pytest.raises(Conflict, match="has been used"):
+        store.scans.accept(spec, both[1])
+    assert store.uploads.get(upload.id).used_by == f"/v1/scans/{scan.id}"
+    with pytest.raises(Conflict, match=f"has become /v1/scans/{scan.id}"):
+        store.uploads.received(upload.id)
+    assert list((store.files.folder / "incoming").iterdir()) == []
+
+
+def test_one_part_comes_at_a_time_and_what_was_not_counted_never_came(store):
+    upload = create(store)
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), b"dam", commits=False)
+    with pytest.raises(Conflict, match="another part"):
+        store.uploads.begin_part(upload.id, 0)
+    part.break_off(commits=False)
+    send(store, upload, 0, 3)
+    with pytest.raises(Conflict, match="lacks 7 of 10 bytes, but the part has 8"):
+        store.uploads.begin_part(upload.id, 3, part_bytes=8)
+    too_long = store.uploads.begin_part(upload.id, 3)
+    with pytest.raises(Conflict, match="more comes than the 10 bytes"):
+        too_long.take(AsSent(), bytes(8), commits=True)
+    too_long.close()
+    assert send(store, upload, 3, 10).sha256 == hashlib.sha256(CONTENT).hexdigest()
+
+
+def test_a_file_that_is_another_one_than_declared_goes(store):
+    upload = create(store, sha256="0" * 64)
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=True)
+    with pytest.raises(Damaged, match="send it again"):
+        part.finish(AsSent())
+    part.close()
+    with pytest.raises(NotFound):
+        store.uploads.get(upload.id)
+    assert not store.files.unfinished(upload.id).exists()
+
+
+def test_a_deleted_upload_takes_no_more(store):
+    upload = create(store)
+    part = store.uploads.begin_part(upload.id, 0)
+    store.uploads.delete(upload.id)
+    part.take(AsSent(), CONTENT, commits=False)
+    with pytest.raises(NotFound):
+        part.finish(AsSent())
+    part.close()
+
+
+def test_what_a_key_and_all_may_leave_waiting_is_bounded(store):
+    with acting_as(Actor("one", "one")):
+        uploads = [create(store) for _ in range(2)]
+        with pytest.raises(Conflict, match="uploads of one may have 25 bytes before they are used, and 20 are taken"):
+            create(store)
+    with acting_as(Actor("two", "two")):
+        for _ in range(2):
+            create(store)
+    with acting_as(Actor("three", "three")), pytest.raises(Conflict, match="all keys may have 40 bytes"):
+        create(store)
+    store.uploads.delete(uploads[0].id)
+    with acting_as(Actor("three", "three")):
+        create(store)
+
+
+def test_an_upload_that_stands_still_for_a_day_goes(clocked_store, clock):
+    still, going_on = create(clocked_store), create(clocked_store)
+    clock.advance(hours=23)
+    send(clocked_store, going_on, 0, 3)
+    clock.advance(hours=2)
+    assert list(clocked_store.uploads.remove_expired()) == [still.id]
+    assert clocked_store.uploads.get(going_on.id).offset_bytes == 3

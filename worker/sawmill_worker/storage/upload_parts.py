@@ -1,0 +1,153 @@
+"""One part of an upload that can be resumed: written, flushed, and only then counted in its row."""
+
+import fcntl
+import hashlib
+import os
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from sqlalchemy import delete, update
+
+from sawmill_worker.contracts.uploads import Upload, UploadState
+from sawmill_worker.storage.arriving import STEP_BYTES, Content, check_free
+from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.errors import Conflict, Damaged, NotFound, disk_full_reported
+from sawmill_worker.storage.tables import UploadRow
+
+# A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
+_STEP_S = 1.0
+
+
+class Part:
+    """The file of an upload, locked: by the system, so that it is free again however its writer ends.
+
+    Parameters
+    ----------
+    path
+        Of the file, which is made if it is missing.
+
+    Raises
+    ------
+    Conflict
+        Another part of it is coming.
+    """
+
+    def __init__(self, path: Path, upload_id: str, database: Database) -> None:
+        self._path, self._id, self._database = path, upload_id, database
+        # Who is cancelled closes the file while a thread may still write to it.
+        self._writing = threading.Lock()
+        self._closed = False
+        with disk_full_reported("the upload"):
+            self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._file)
+            msg = f"another part of upload {upload_id!r} is coming: wait for its end, and ask for the offset"
+            raise Conflict("upload-busy", msg) from None
+
+    def begin(self, upload: Upload, *, reserve_bytes: int = 0) -> None:
+        """Go on where the row says.
+
+        Raises
+        ------
+        Conflict
+            The file has lost what the row says has come.
+        """
+        self._upload, self._reserve_bytes = upload, reserve_bytes
+        self._committed = self._written = upload.offset_bytes
+        self._committed_s = time.monotonic()
+        if os.fstat(self._file).st_size < upload.offset_bytes:
+            raise Conflict("upload-lost", f"the bytes of upload {self._id!r} are gone: delete it, and send them again")
+        os.ftruncate(self._file, upload.offset_bytes)
+        os.lseek(self._file, upload.offset_bytes, os.SEEK_SET)
+
+    def take(self, content: Content, part: bytes, *, commits: bool) -> None:
+        """Write on, and count now and then what is durable, where it counts before the part has come whole.
+
+        Raises
+        ------
+        Conflict, NotFound, StorageFull
+            The file would become too long, has been deleted, or there is no room for it.
+        """
+        for chunk in content.take(part):
+            if self._written + len(chunk) > self._upload.size_bytes:
+                msg = f"more comes than the {self._upload.size_bytes} bytes that upload {self._id!r} was declared with"
+                raise Conflict("upload-too-long", msg)
+            self._write(chunk)
+        due = self._written - self._committed >= STEP_BYTES or time.monotonic() - self._committed_s > _STEP_S
+        if commits and due:
+            check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
+            self.commit()
+
+    def commit(self) -> None:
+        """Make what has come durable, then count it."""
+        with self._open(), disk_full_reported("the upload"):
+            os.fdatasync(self._file)
+        self._change(offset_bytes=self._written)
+        self._committed, self._committed_s = self._written, time.monotonic()
+
+    def finish(self, content: Content) -> None:
+        """End the part; the last one makes the upload complete.
+
+        Raises
+        ------
+        Damaged
+            The file is another one than declared: nothing of it is kept.
+        """
+        content.end()
+        self.commit()
+        if self._committed == self._upload.size_bytes:
+            self._complete()
+        self.close()
+
+    def break_off(self, *, commits: bool) -> None:
+        """End a part that did not come whole; what has come counts, unless it was to be checked as a whole."""
+        try:
+            if commits:
+                self.commit()
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Let others write."""
+        with self._open():
+            self._closed = True
+            os.close(self._file)
+
+    @contextmanager
+    def _open(self) -> Iterator[None]:
+        with self._writing:
+            if self._closed:
+                raise Conflict("upload-busy", f"this part of upload {self._id!r} was ended: ask for the offset")
+            yield
+
+    def _write(self, chunk: bytes) -> None:
+        with self._open(), disk_full_reported("the upload"):
+            left = memoryview(chunk)
+            while left:
+                left = left[os.write(self._file, left) :]
+        self._written += len(chunk)
+
+    def _complete(self) -> None:
+        """Sum up what lies on the disk: the parts may have come to several processes."""
+        with self._path.open("rb") as file:
+            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+        if self._upload.sha256 not in {None, sha256}:
+            with self._database.write() as session:
+                session.execute(delete(UploadRow).where(UploadRow.id == self._id))
+            self._path.unlink(missing_ok=True)
+            msg = f"the file that came has the sha256 {sha256}, not {self._upload.sha256}: send it again"
+            raise Damaged(msg)
+        self._change(sha256=sha256, state=UploadState.COMPLETE)
+
+    def _change(self, **values: object) -> None:
+        """Change the row, which is as this part knows it or gone."""
+        mine = (UploadRow.id == self._id, UploadRow.offset_bytes == self._committed)
+        with self._database.write() as session:
+            changed = session.execute(update(UploadRow).where(*mine).values(changed_at=self._database.now(), **values))
+        if changed.rowcount != 1:  # type: ignore[attr-defined]
+            raise NotFound("upload", self._id)
