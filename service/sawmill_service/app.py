@@ -13,9 +13,11 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from sawmill_service.access import Access, check_scope
 from sawmill_service.admission import Admission
 from sawmill_service.dependencies import Wake
+from sawmill_service.digests import Digests
 from sawmill_service.event_feed import EventFeed
 from sawmill_service.forms import check_csrf
 from sawmill_service.gate import Gate, ProtectiveHeaders
+from sawmill_service.heads import Heads
 from sawmill_service.lingering import EarlyAnswers
 from sawmill_service.measures import Measures
 from sawmill_service.observer import Observer
@@ -133,6 +135,7 @@ def create_app(
     )
     app.state.metrics = _metrics(store)
     app.state.stopping = Stopping()
+    app.state.digests = Digests()
     app.state.event_feed = EventFeed(store.events, settings.event_poll_s)
     app.state.job_ends = JobEnds(app.state.event_feed, app.state.stopping, settings.event_poll_s)
     install(app)
@@ -141,6 +144,7 @@ def create_app(
     app.mount("/static", console.WholeFiles(directory=console.STATIC))
     app.mount("/console", console.WholeFiles(directory=Path(fastapi_offline.__file__).parent / "static"))
     # The last one added is the outermost.
+    app.add_middleware(Heads)
     app.add_middleware(
         SlowBodies,
         silence_s=settings.client_silence_s,

@@ -1,13 +1,14 @@
 """Answers that are arrays: NPY files, sent piece by piece, and a bound on what all of them together hold in memory."""
 
 import threading
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Hashable, Mapping
 
 from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.answers import is_known
+from sawmill_service.answers import describing, is_known, not_modified, span_of
+from sawmill_service.digests import Digests, tag_of
 from sawmill_service.rates import too_many
 
 # Of all arrays that are being read or sent: four slices of 4096 x 4096.
@@ -60,14 +61,14 @@ _ALL = HeldBytes()
 
 
 def array(
-    request: Request, tag: str, size: int, read: Callable[[], tuple[bytes, Mapping[str, str]]], *, save_as: str
+    request: Request, made_of: Hashable, size: int, read: Callable[[], tuple[bytes, Mapping[str, str]]], *, save_as: str
 ) -> Response:
     """An NPY file, read only for a client that does not hold it.
 
     Parameters
     ----------
-    tag
-        Its entity tag.
+    made_of
+        Everything that it depends on.
     size
         Bytes of what is read for it.
     read
@@ -75,27 +76,42 @@ def array(
     save_as
         The name under which a browser saves it.
     """
-    if is_known(request, tag):
-        return Response(status_code=304, headers={"ETag": tag})
+    digests: Digests = request.app.state.digests
+    key = (request.url.path, repr(made_of))
+    digest = digests.known(key)
+    if digest is not None and is_known(request, tag_of(digest)):
+        return not_modified(tag_of(digest))
     _ALL.take(size)
     try:
         content, headers = read()
+        digest = digests.note(key, content, keep=False)
+        if is_known(request, tag_of(digest)):
+            return _given_back(size, not_modified(tag_of(digest)))
+        own = describing(digest, "attachment", save_as)
+        span = span_of(request, len(content), own["ETag"])
     except BaseException:
         _ALL.give_back(size)
         raise
     # What is sent may be smaller than what was read.
     held = min(size, len(content))
     _ALL.give_back(size - held)
-    length, disposition = str(len(content)), f'attachment; filename="{save_as}"'
-    own = {"ETag": tag, "Content-Length": length, "Content-Disposition": disposition}
-    return _Sent(content, {**headers, **own}, counted=held)
+    if span is None:
+        return _Sent(content, 200, {**headers, **own, "Content-Length": str(len(content))}, counted=held)
+    part, own["Content-Range"] = content[span], f"bytes {span.start}-{span.stop - 1}/{len(content)}"
+    return _Sent(part, 206, {**headers, **own, "Content-Length": str(len(part))}, counted=held)
+
+
+def _given_back(size: int, answer: Response) -> Response:
+    """An answer without the array that was read for it."""
+    _ALL.give_back(size)
+    return answer
 
 
 class _Sent(StreamingResponse):
     """Its bytes are counted until the client has them, or is gone."""
 
-    def __init__(self, content: bytes, headers: Mapping[str, str], *, counted: int) -> None:
-        super().__init__(_pieces(content), media_type=Npy.media_type, headers=headers)
+    def __init__(self, content: bytes, status: int, headers: Mapping[str, str], *, counted: int) -> None:
+        super().__init__(_pieces(content), status, media_type=Npy.media_type, headers=headers)
         self._counted = counted
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

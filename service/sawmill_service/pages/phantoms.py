@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from markupsafe import Markup
 from pydantic import Field, JsonValue, ValidationError
 
-from sawmill_service.answers import Paging, Svg, etag, file, picture
+from sawmill_service.answers import Paging, Svg, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.phantom_plans import plan_views
@@ -125,7 +125,7 @@ def outline(phantom_id: Identifier, request: Request, store: TheStore) -> Respon
     drawing = store.phantoms.get(phantom_id).drawing
     if drawing is None:
         raise NotFound("drawing", phantom_id)
-    return picture(request, etag("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
+    return picture(request, ("outline", drawing), lambda: outline_svg(drawing), answer=Svg)
 
 
 @router.get(PHANTOMS + "/{phantom_id}/picture.png")

@@ -30,7 +30,6 @@ class Activate(Given):
 BY_HAND = Activate()
 
 
-@router.head("/{calibration_id}/report.png", include_in_schema=False)
 @router.get("/{calibration_id}/report.png", response_class=Png, summary="Get the report picture")
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
@@ -40,14 +39,12 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
 
-@router.head("/{calibration_id}/overlay.png", include_in_schema=False)
 @router.get("/{calibration_id}/overlay.png", response_class=Png, summary="Get the phantom with its outline")
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
-@router.head("/{calibration_id}/log-before.png", include_in_schema=False)
 @router.get("/{calibration_id}/log-before.png", response_class=Png, summary="Get the log before the calibration")
 def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """A log of the same scan with the calibration that was active then; without one, with nothing shifted or tilted.
@@ -57,14 +54,12 @@ def get_log_before(calibration_id: Identifier, request: Request, store: TheStore
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
 
 
-@router.head("/{calibration_id}/log-after.png", include_in_schema=False)
 @router.get("/{calibration_id}/log-after.png", response_class=Png, summary="Get the log with the calibration")
 def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """A log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
-@router.head("/{calibration_id}/result.h5", include_in_schema=False)
 @router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""

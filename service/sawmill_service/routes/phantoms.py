@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
-from sawmill_service.answers import AskedPriority, Paging, Svg, accept, etag, picture
+from sawmill_service.answers import AskedPriority, Paging, Svg, accept, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
@@ -124,8 +124,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
     if drawing is None:
         detail = f"phantom {phantom_id!r} is {phantom.state} and has no drawing"
         raise Refused(409, "phantom-without-drawing", detail)
-    tag = etag(drawing)
-    return picture(request, tag, lambda: phantom_svg(drawing), answer=Svg)
+    return picture(request, drawing.model_dump_json(), lambda: phantom_svg(drawing), answer=Svg)
 
 
 @router.post(

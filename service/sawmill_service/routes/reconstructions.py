@@ -11,7 +11,7 @@ from typing import Annotated, Self
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, Field, model_validator
 
-from sawmill_service.answers import Hdf5, Png, etag, file, picture
+from sawmill_service.answers import Hdf5, Png, file, picture
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
@@ -150,7 +150,7 @@ def get_slice(
             color_map=query.color_map,
         )
 
-    return picture(request, etag(reconstruction_id, index, query), draw)
+    return picture(request, (reconstruction_id, index, query), draw)
 
 
 @router.get(
@@ -179,7 +179,7 @@ def get_mosaic(
             color_map=query.color_map,
         )
 
-    return picture(request, etag(reconstruction_id, "mosaic", query, window), draw)
+    return picture(request, (reconstruction_id, "mosaic", query, window), draw)
 
 
 @router.get(
@@ -210,7 +210,7 @@ def get_side_view(
             color_map=query.color_map,
         )
 
-    return picture(request, etag(reconstruction_id, "side", query), draw)
+    return picture(request, (reconstruction_id, "side", query), draw)
 
 
 @router.get(
@@ -225,10 +225,9 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
 
     result_of(store, reconstruction_id)
     columns = volume_reader.alpha_curve(store.files.volume(reconstruction_id))
-    return picture(request, etag(reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
+    return picture(request, (reconstruction_id, "alpha-curve"), lambda: drawn_alpha_curve(columns))
 
 
-@router.head("/{reconstruction_id}/volume.h5", include_in_schema=False)
 @router.get(
     "/{reconstruction_id}/volume.h5",
     response_class=Hdf5,

@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
-from sawmill_service.answers import AskedPriority, Dated, Png, accept, etag, file, picture
+from sawmill_service.answers import AskedPriority, Dated, Png, accept, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
@@ -157,4 +157,4 @@ def _sinogram(request: Request, store: Store, scan: Scan, row: int) -> Response:
             sinogram.data, angles_deg=sinogram.angles_deg, pitch_mm=sinogram.pitch_mm, unit="line integral"
         )
 
-    return picture(request, etag(scan.id, scan.sha256, row), draw)
+    return picture(request, (scan.id, scan.sha256, row), draw)

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import Field
 
-from sawmill_service.answers import Png, etag, file
+from sawmill_service.answers import Png, file
 from sawmill_service.arrays import Npy, array
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import volume_thumbnail
@@ -102,7 +102,7 @@ def get_slice_array(
 
     name = f"reconstruction-{reconstruction_id}-slice-{index}.npy"
     size_bytes = _FLOAT32_BYTES * size[0] * size[1]
-    return array(request, etag(reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name)
+    return array(request, (reconstruction_id, index, factor, "npy"), size_bytes, read, save_as=name)
 
 
 @router.get(
@@ -129,7 +129,7 @@ def get_side_array(
 
     name = f"reconstruction-{reconstruction_id}-side-along-{query.along}.npy"
     size_bytes = _FLOAT32_BYTES * slices * max(size)
-    return array(request, etag(reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name)
+    return array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name)
 
 
 @router.get(f"{folder}/thumbnail.png", response_class=Png, summary="Get a reconstruction as a small picture")

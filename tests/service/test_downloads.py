@@ -1,0 +1,83 @@
+"""Downloads as programs meet them: tags and digests of the bytes, ranges, names, and HEAD wherever GET is."""
+
+import hashlib
+from base64 import b64encode
+from collections import defaultdict
+
+import pytest
+
+LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
+FILES = {
+    f"{LOG}/slices/1.png": "inline",
+    f"{LOG}/slices/1.npy": "attachment",
+    f"{LOG}/volume.h5": "attachment",
+    f"{LOG}/thumbnail.png": "inline",
+    f"{FOUND}/result.h5": "attachment",
+    "/v1/phantoms/l-shape/drawing.svg": "inline",
+    "/v1/scans/example/preview": "inline",
+}
+# Of a path's parameters.
+ANY = defaultdict(lambda: "example", index="0")
+# Differs from answer to answer, or is of the way alone.
+OWN = {"x-request-id", "date"}
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_a_download_is_known_by_its_bytes(seeded, path):
+    whole = seeded.get(path)
+    digest = hashlib.sha256(whole.content).digest()
+    headers = whole.headers
+    assert headers["ETag"] == f'"{digest.hex()}"'
+    assert headers["Repr-Digest"] == f"sha-256=:{b64encode(digest).decode()}:"
+    assert (headers["Accept-Ranges"], headers["Cache-Control"]) == ("bytes", "private, no-cache")
+    assert int(headers["Content-Length"]) == len(whole.content)
+    assert headers["Content-Disposition"].startswith(f'{FILES[path]}; filename="')
+    assert "example" in headers["Content-Disposition"] or "l-shape" in headers["Content-Disposition"]
+
+    held = seeded.get(path, headers={"If-None-Match": headers["ETag"]})
+    assert (held.status_code, held.content, held.headers["ETag"]) == (304, b"", headers["ETag"])
+
+    part = seeded.get(path, headers={"Range": "bytes=3-12", "If-Range": headers["ETag"]})
+    assert (part.status_code, part.content) == (206, whole.content[3:13])
+    assert part.headers["Content-Range"] == f"bytes 3-12/{len(whole.content)}"
+    assert part.headers["Repr-Digest"] == headers["Repr-Digest"]
+    assert seeded.get(path, headers={"Range": "bytes=-5"}).content == whole.content[-5:]
+    other = seeded.get(path, headers={"Range": "bytes=3-12", "If-Range": '"of-before"'})
+    assert (other.status_code, other.content) == (200, whole.content)
+    beyond = seeded.get(path, headers={"Range": f"bytes={len(whole.content)}-"})
+    assert (beyond.status_code, beyond.headers["Content-Range"]) == (416, f"bytes */{len(whole.content)}")
+    assert seeded.get(path, headers={"Range": "bytes=5-3"}).status_code == 400
+
+
+def test_a_picture_is_drawn_once_for_head_and_get(seeded, monkeypatch):
+    path = f"{LOG}/slices/2.png"
+    head = seeded.request("HEAD", path)
+    monkeypatch.setattr("sawmill_worker.pictures.images.image_png", None)
+    assert seeded.get(path).headers["ETag"] == head.headers["ETag"]
+
+
+def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(seeded, store, monkeypatch):
+    monkeypatch.setattr("sawmill_service.digests._NOTED_FROM_BYTES", 1)
+    first = seeded.get(f"{LOG}/volume.h5").headers["ETag"]
+    path = store.files.volume("example")
+    note = path.with_name(f".{path.name}.sha256")
+    assert note.read_text().startswith(first.strip('"'))
+    path.write_bytes(b"another one")
+    assert seeded.get(f"{LOG}/volume.h5").headers["ETag"] == f'"{hashlib.sha256(b"another one").hexdigest()}"'
+
+
+def test_head_has_the_headers_of_get_wherever_get_is(seeded):
+    for path, operations in seeded.app.openapi()["paths"].items():
+        if "get" not in operations:
+            continue
+        address = path.format_map(ANY)
+        head = seeded.request("HEAD", address, headers={"Range": "bytes=0-1"}, timeout=20)
+        assert head.content == b"", path
+        if path == "/v1/events":
+            assert (head.status_code, head.headers["Content-Type"]) == (200, "text/event-stream; charset=utf-8")
+            continue
+        got = seeded.get(address, timeout=20)
+        assert head.status_code == got.status_code, path
+        expected = {name: value for name, value in got.headers.items() if name not in OWN}
+        if path != "/metrics":  # counts these requests
+            assert {name: value for name, value in head.headers.items() if name not in OWN} == expected, path
