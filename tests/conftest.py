@@ -35,6 +35,9 @@ TOGETHER = "test_live_service.py"
 # Of half a minute each, alone on a machine.
 LONG = {
     "test_a_calibration_is_done_while_a_long_reconstruction_runs",
+    "test_a_first_calibration_does_not_wait_for_the_examples",
+    "test_an_accepted_job_waits_for_room_and_the_worker_stays",
+    "test_every_kind_of_job_does_its_work_with_its_own_files_alone",
     "test_jobs_under_kills_are_each_done_once_and_right",
     "test_the_command_line_block_works",
     "test_the_demo_leaves_a_page_of_pictures_and_figures",
@@ -43,6 +46,7 @@ LONG = {
     "test_the_services_start_and_their_health_checks_tell_the_truth",
     "test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone",
     "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
+    "test_workers_that_are_stopped_lose_nothing",
 }
 
 
