@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -86,6 +86,10 @@ bench-memory: install-dev
 
 bench-http: install-dev
 	@$(BIN)/python benchmarks/http_latency.py
+
+# OPTIONS: --gb 4, --part-mb 64, --only raw parts.
+bench-upload: install-dev
+	@$(BIN)/python benchmarks/big_upload.py $(OPTIONS)
 
 bench-viewer: install-dev
 	@$(BIN)/python benchmarks/viewer.py

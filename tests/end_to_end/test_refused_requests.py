@@ -25,6 +25,11 @@ def live(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator
         yield service
 
 
+@pytest.fixture(scope="module")
+def scanner_id(live: Service) -> str:
+    return live.create_scanner()
+
+
 def connect(service: Service) -> socket.socket:
     return socket.create_connection((service.client.base_url.host, service.client.base_url.port), timeout=20)
 
@@ -102,6 +107,41 @@ def test_a_client_that_waits_for_the_go_ahead_sends_nothing(live):
         connection.sendall(POST + b"Expect: 100-continue\r\nContent-Length: %d\r\n\r\n" % SENT)
         status, headers, _ = read_answer(connection)
     assert (status, headers["connection"]) == (413, "close")
+
+
+@pytest.mark.parametrize(
+    ("path", "media_type", "length", "status", "code"),
+    [
+        ("/v1/scans?scanner_id=nobody&data=counts", "application/octet-stream", SENT, 404, "scanner-not-found"),
+        ("/v1/scans?scanner_id={scanner}&data=counts", "text/html", SENT, 415, "unsupported-media-type"),
+        ("/v1/scans?scanner_id={scanner}&data=counts", "application/octet-stream", 10**12, 413, "body-too-large"),
+        ("/v1/scans?scanner_id={scanner}", "application/octet-stream", SENT, 422, "invalid-request"),
+        ("/v1/phantoms/pictures?name=ell&width_mm=400", "text/html", 1000, 415, "unsupported-media-type"),
+        ("/v1/inspections", "text/html", SENT, 415, "unsupported-media-type"),
+    ],
+)
+def test_an_upload_that_its_head_refuses_gets_no_go_ahead(live, scanner_id, path, media_type, length, status, code):
+    head = (
+        f"POST {path.format(scanner=scanner_id)} HTTP/1.1",
+        "Host: 127.0.0.1",
+        "Expect: 100-continue",
+        f"Content-Type: {media_type}",
+        f"Content-Length: {length}",
+    )
+    with connect(live) as connection:
+        connection.sendall("\r\n".join((*head, "\r\n")).encode())
+        answered, _, problem = read_answer(connection)
+    assert (answered, problem["code"]) == (status, code)
+
+
+def test_an_upload_that_its_head_allows_gets_the_go_ahead(live, scanner_id):
+    target = f"/v1/scans?scanner_id={scanner_id}&data=counts".encode()
+    with connect(live) as connection:
+        connection.sendall(b"POST " + target + b" HTTP/1.1\r\n" + HOST)
+        connection.sendall(b"Expect: 100-continue\r\nContent-Length: 4\r\n\r\n")
+        assert connection.recv(2**10).startswith(b"HTTP/1.1 100 Continue\r\n")
+        connection.sendall(b"file")
+        assert connection.recv(2**16).startswith(b"HTTP/1.1 202 Accepted\r\n")
 
 
 def test_a_client_that_never_ends_is_cut_off(live):
