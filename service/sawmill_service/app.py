@@ -12,6 +12,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from sawmill_service.access import Access, check_scope
 from sawmill_service.admission import Admission
+from sawmill_service.allowed_methods import check_method
 from sawmill_service.dependencies import Wake
 from sawmill_service.digests import Digests
 from sawmill_service.event_feed import EventFeed
@@ -181,7 +182,7 @@ def _all_routes() -> list[BaseRoute]:
     """One for every application of this process: FastAPI spends half a second on making them."""
     every = APIRouter(
         generate_unique_id_function=lambda route: route.name,
-        dependencies=[Depends(check_scope), Depends(check_csrf), Depends(check_query)],
+        dependencies=[Depends(check_method), Depends(check_scope), Depends(check_csrf), Depends(check_query)],
     )
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         every.include_router(router)

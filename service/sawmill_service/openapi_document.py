@@ -1,24 +1,27 @@
-"""The OpenAPI document: FastAPI's own, with problems as the default answer and an example for every operation."""
+"""The OpenAPI document: FastAPI's own, with every answer listed and an example for every operation."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from fastapi import FastAPI
 
 from sawmill_service.access import OPEN_PATHS, needed_scope
+from sawmill_service.allowed_methods import methods_by_pattern
+from sawmill_service.described_answers import BINARY, HEADERS, describe_answers
 from sawmill_service.openapi_words import complete
 from sawmill_service.problem_types import PATH as PROBLEMS
-from sawmill_service.problems import MEDIA_TYPE, Problem
+from sawmill_service.problems import Problem
+from sawmill_service.refusals import CODES_KEY, list_refusals
 
 TRY = "x-try"
 SECURITY_SCHEMES = {
     "key": {"type": "http", "scheme": "bearer", "description": "A key; the scope that it needs stands beside it."},
     "password": {"type": "http", "scheme": "basic", "description": "The same key as the password, with any user."},
 }
-BINARY = {"type": "string", "format": "binary"}
 
 
 def trying(**values: Any) -> dict[str, Any]:  # noqa: ANN401 - any JSON value
@@ -52,6 +55,11 @@ class Application(FastAPI):
         if self.openapi_schema is None:
             self.openapi_schema = _finish(super().openapi())
         return self.openapi_schema
+
+    @cached_property
+    def methods_by_pattern(self) -> Mapping[str, set[str]]:
+        """The methods of each pattern of paths, once all routes are there."""
+        return methods_by_pattern(self)
 
     @cached_property
     def openapi_json(self) -> bytes:
@@ -111,21 +119,18 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
     schemas.update(problem.pop("$defs"))
     schemas["Problem"] = problem
     _name_by_title(document, schemas)
-    components["responses"] = {
-        "Problem": {
-            "description": "What went wrong, as a problem of RFC 9457.",
-            "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
-        }
-    }
+    components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
     complete(schemas, _parameters(document))
     for path, method, operation in _operations(document):
         _describe_access(method.upper(), path, operation)
-        operation["responses"].pop("422", None)
-        operation["responses"]["default"] = {"$ref": "#/components/responses/Problem"}
-        _describe_streams(operation)
         _describe_repeats(operation)
+        _drop_generated_refusal(operation["responses"])
+        list_refusals(method.upper(), path, operation)
+        describe_answers(operation)
+        _describe_parameters(operation)
         _give_examples(operation, operation.pop(TRY, {}))
+    components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
     return document
 
 
@@ -154,18 +159,41 @@ def _parameters(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
     return (parameter for *_, operation in _operations(document) for parameter in operation.get("parameters", []))
 
 
+def _shared_refusals(answers: Iterable[dict[str, Any]]) -> dict[str, Any]:
+    """Take the commonest answer of each status that refuses out of all operations, and leave references to it."""
+    refusals = [(answer, status) for answer in answers for status in answer if status >= "400"]
+    shared = {}
+    for status in sorted({status for _, status in refusals}):
+        same = [answer for answer, its_status in refusals if its_status == status]
+        commonest = max((answer[status] for answer in same), key=[answer[status] for answer in same].count)
+        name = HTTPStatus(int(status)).phrase.title().replace(" ", "")
+        shared[name] = commonest
+        for answer in same:
+            if answer[status] == commonest:
+                answer[status] = {"$ref": f"#/components/responses/{name}"}
+    return shared
+
+
 def _describe_access(method: str, path: str, operation: dict[str, Any]) -> None:
     """Which key it needs; a service that stands open on loopback needs none."""
     needed = None if path in OPEN_PATHS or path.startswith(PROBLEMS) else needed_scope(method, path)
     operation["security"] = [] if needed is None else [{}, *({scheme: [needed]} for scheme in SECURITY_SCHEMES)]
 
 
-def _describe_streams(operation: dict[str, Any]) -> None:
-    """FastAPI describes server-sent events in the words of OpenAPI 3.2, which a 3.1 document may not hold."""
-    for response in operation["responses"].values():
-        for media in response.get("content", {}).values():
-            if media.pop("itemSchema", None) is not None:
-                media["schema"] = {"type": "string"}
+def _drop_generated_refusal(responses: dict[str, Any]) -> None:
+    """FastAPI's own description of a refused value is of a shape that this service does not answer."""
+    if CODES_KEY not in responses.get("422", {}):
+        responses.pop("422", None)
+
+
+def _describe_parameters(operation: dict[str, Any]) -> None:
+    """A parameter that is left out is null; none can be given as that."""
+    for parameter in operation.get("parameters", []):
+        schema = parameter["schema"]
+        given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+        if len(given) == 1:
+            del schema["anyOf"]
+            parameter["schema"] = given[0] | schema
 
 
 def _describe_repeats(operation: dict[str, Any]) -> None:

@@ -14,9 +14,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from starlette.datastructures import Headers
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.routing import compile_path
 from structlog.contextvars import get_contextvars
 
+from sawmill_service.allowed_methods import allowed_methods
 from sawmill_service.problem_types import CODE_PATTERN, describe_code, title_of, type_of
 from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
@@ -233,23 +233,12 @@ def _on_http(request: Request, error: Exception) -> JSONResponse:
     if status == HTTPStatus.NOT_FOUND:
         code, detail = "unknown-path", f"there is nothing at {path}; /docs lists what there is"
     elif status == HTTPStatus.METHOD_NOT_ALLOWED:
-        allowed = _documented_methods(request) or (refused.headers or {})["Allow"]
+        allowed = allowed_methods(request)
         code, detail = "method-not-allowed", f"{request.method} is not for {path}, which takes {allowed}"
         return problem_response(path, status, code, detail, headers={"Allow": allowed})
     else:
         code, detail = "bad-request", refused.detail  # as FastAPI raises it of a body that it cannot parse
     return problem_response(path, status, code, detail, headers=refused.headers)
-
-
-def _documented_methods(request: Request) -> str:
-    """Of all operations at this path: Starlette names those of the first route alone."""
-    documented = {
-        method.upper()
-        for template, operations in request.app.openapi()["paths"].items()
-        if compile_path(template)[0].match(request.url.path)
-        for method in operations
-    }
-    return ", ".join(sorted(documented))
 
 
 def _on_stored(request: Request, error: Exception) -> JSONResponse:

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from documented import check_documented
 
 from sawmill_service.openapi_document import write
 from sawmill_worker.contracts.keys import KeyAsk, Scope
@@ -27,6 +28,7 @@ def test_the_committed_example_request_works(seeded, store, path):
     asked = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")
     answer = seeded.request(example["method"], asked, **options)
     assert answer.status_code < 300, answer.text
+    check_documented(answer)
 
 
 def texts(folder: Path) -> dict[str, str]:

@@ -9,6 +9,7 @@ from pydantic import create_model
 from sawmill_service.answers import AskedPriority, Dated, accept
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import Responses, refuses, refuses_ask
 from sawmill_service.repeats import repeatable
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Contract, Identifier, Page
@@ -55,21 +56,33 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
-        asking = _described(f"ask_{declared.noun}", one, declared.to_ask)
+        asking = _described(f"ask_{declared.noun}", one, declared.to_ask, refuses_ask(declared))
         router.add_api_route(declared.asked_at or folder, repeatable(ask), methods=["POST"], status_code=202, **asking)
-    router.add_api_route(folder, list_all, **_described(f"list_{declared.kind.plural}", many, declared.to_list))
     router.add_api_route(
-        f"{folder}/{{{declared.noun}_id}}", get, **_described(f"get_{declared.noun}", one, declared.to_get)
+        folder,
+        list_all,
+        **_described(f"list_{declared.kind.plural}", many, declared.to_list, refuses("invalid-cursor")),
+    )
+    router.add_api_route(
+        f"{folder}/{{{declared.noun}_id}}",
+        get,
+        **_described(f"get_{declared.noun}", one, declared.to_get, refuses(f"{declared.noun}-not-found")),
     )
     return router
 
 
-def _described(name: str, response_model: Any, operation: Operation) -> dict[str, Any]:  # noqa: ANN401 - a type
+def _described(
+    name: str,
+    response_model: Any,  # noqa: ANN401 - a type
+    operation: Operation,
+    responses: Responses,
+) -> dict[str, Any]:
     return {
         "name": name,
         "response_model": response_model,
         "summary": operation.summary,
         "description": operation.description,
+        "responses": responses,
         "openapi_extra": trying(**operation.example),
     }
 

@@ -8,6 +8,8 @@ from fastapi.responses import StreamingResponse
 
 from sawmill_service.answers import NumberedPaging
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import SAVED
+from sawmill_service.refusals import refuses
 from sawmill_worker.contracts.audit import AuditEntry
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.storage.store import Store
@@ -21,13 +23,13 @@ class JsonLines(StreamingResponse):
     media_type = "application/jsonl"
 
 
-@router.get("/v1/audit", summary="List who did what, newest first")
+@router.get("/v1/audit", summary="List who did what, newest first", responses=refuses("invalid-cursor"))
 def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> Page[AuditEntry]:
     """Activations, roll-backs, deletions, changes of scanners and schedules, cancelled jobs, keys and logins."""
     return store.audit.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/v1/audit.jsonl", summary="Get the whole audit as a file", response_class=JsonLines)
+@router.get("/v1/audit.jsonl", summary="Get the whole audit as a file", response_class=JsonLines, responses=SAVED)
 def get_audit_file(store: TheStore) -> JsonLines:
     """Every entry, the oldest first, one JSON object a line."""
     return JsonLines(_lines(store), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"'})

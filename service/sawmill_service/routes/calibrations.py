@@ -5,9 +5,11 @@ from pydantic import Field
 
 from sawmill_service.answers import Hdf5, Png, file
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import stored
 from sawmill_service.drawing import CalibrationPicture, calibration_picture
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
+from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Name
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
@@ -30,7 +32,12 @@ class Activate(Given):
 BY_HAND = Activate()
 
 
-@router.get("/{calibration_id}/report.png", response_class=Png, summary="Get the report picture")
+@router.get(
+    "/{calibration_id}/report.png",
+    response_class=Png,
+    summary="Get the report picture",
+    responses=stored("calibration-not-found", "calibration-without-result"),
+)
 def get_report(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The verdict and the numbers, the phantom found, a log before and after, and how it is known, on one page.
 
@@ -39,13 +46,23 @@ def get_report(calibration_id: Identifier, request: Request, store: TheStore) ->
     return _picture(request, store, calibration_id, CalibrationPicture.REPORT)
 
 
-@router.get("/{calibration_id}/overlay.png", response_class=Png, summary="Get the phantom with its outline")
+@router.get(
+    "/{calibration_id}/overlay.png",
+    response_class=Png,
+    summary="Get the phantom with its outline",
+    responses=stored("calibration-not-found", "calibration-without-result"),
+)
 def get_overlay(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """The phantom reconstructed with the theta found, and its drawing over it; drawn on the first request and kept."""
     return _picture(request, store, calibration_id, CalibrationPicture.OVERLAY)
 
 
-@router.get("/{calibration_id}/log-before.png", response_class=Png, summary="Get the log before the calibration")
+@router.get(
+    "/{calibration_id}/log-before.png",
+    response_class=Png,
+    summary="Get the log before the calibration",
+    responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
+)
 def get_log_before(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """A log of the same scan with the calibration that was active then; without one, with nothing shifted or tilted.
 
@@ -54,13 +71,23 @@ def get_log_before(calibration_id: Identifier, request: Request, store: TheStore
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_BEFORE)
 
 
-@router.get("/{calibration_id}/log-after.png", response_class=Png, summary="Get the log with the calibration")
+@router.get(
+    "/{calibration_id}/log-after.png",
+    response_class=Png,
+    summary="Get the log with the calibration",
+    responses=stored("calibration-not-found", "calibration-without-result", "no-log"),
+)
 def get_log_after(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """A log of the same scan with this calibration. 404 where the scan shows no log beside the phantom."""
     return _picture(request, store, calibration_id, CalibrationPicture.LOG_AFTER)
 
 
-@router.get("/{calibration_id}/result.h5", response_class=Hdf5, summary="Get the calibration as HDF5")
+@router.get(
+    "/{calibration_id}/result.h5",
+    response_class=Hdf5,
+    summary="Get the calibration as HDF5",
+    responses=stored("calibration-not-found", "calibration-without-result", "result-h5-not-found"),
+)
 def get_calibration_file(calibration_id: Identifier, request: Request, store: TheStore) -> Response:
     """Every number, with the sinogram, the model's and the residual."""
     succeeded(store, calibration_id, "result.h5")
@@ -72,6 +99,7 @@ def get_calibration_file(calibration_id: Identifier, request: Request, store: Th
     "/{calibration_id}/activate",
     summary="Make a calibration the active one",
     openapi_extra=trying(body={"reason": "checked by hand"}),
+    responses=refuses("calibration-not-found", "calibration-without-result"),
 )
 @repeatable
 def activate_calibration(calibration_id: Identifier, store: TheStore, activate: Activate = BY_HAND) -> StoredScanner:

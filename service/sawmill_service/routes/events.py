@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import AsyncIterator
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
@@ -11,9 +11,11 @@ from pydantic import Field
 
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
+from sawmill_service.described_answers import events
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.storage.errors import StorageUnavailable
 
@@ -34,19 +36,15 @@ data: {"number": 42, "at": "2026-03-02T05:31:04Z", "what": "succeeded", "scanner
 id: 42
 
 """
-DESCRIBED: dict[int | str, dict[str, Any]] = {
-    200: {
-        "description": "Server-sent events: each event of the service under its kind, as in `what`, with the `Event` "
-        "as JSON and its number as the id; `alive` with the number through which the client has seen all of them; "
-        "`closing` before the service ends the stream.",
-        "content": {
-            "text/event-stream": {
-                "example": EXAMPLE,
-                "x-event-data": {"$ref": "#/components/schemas/Event"},
-            }
-        },
-    }
-}
+_SEEN = {"type": "object", "properties": {"number": {"type": "integer"}}, "required": ["number"]}
+_EVENT = {"$ref": "#/components/schemas/Event"}
+DESCRIBED = events(
+    "Server-sent events: each event of the service under its kind, as in `what`, with the `Event` as JSON and its "
+    "number as the id; `alive` with the number through which the client has seen all of them; `closing` before the "
+    "service ends the stream.",
+    EXAMPLE,
+    {"alive": _SEEN, "closing": _SEEN, **dict.fromkeys(EventKind, _EVENT)},
+)
 
 router = APIRouter(prefix="/v1/events", tags=["events"])
 
@@ -114,10 +112,10 @@ async def stream_events(
                 break
         sign = _alive(number)
         try:
-            number, events = await feed.after(number, query.scanner_id)
+            number, followed = await feed.after(number, query.scanner_id)
         except StorageUnavailable:
-            events, sign = (), ServerSentEvent(comment="the database does not answer")
-        for event in events:
+            followed, sign = (), ServerSentEvent(comment="the database does not answer")
+        for event in followed:
             heard_at_s = now_s
             yield ServerSentEvent(data=event, event=event.what, id=str(event.number))
         if now_s - heard_at_s > ALIVE_S:

@@ -10,6 +10,8 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
+from sawmill_service.described_answers import events
+from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
@@ -19,6 +21,24 @@ from sawmill_worker.storage.errors import Conflict, StorageUnavailable
 from sawmill_worker.storage.store import Store
 
 SHORTEST_PAUSE_S = 0.02
+
+EXAMPLE = """\
+event: job
+data: {"id": "example", "kind": "calibrate", "state": "running", "progress": {"fraction": 0.4, "stage": "search"}}
+id: 0
+
+event: end
+data: "succeeded"
+id: 1
+
+"""
+_JOB, _STATE = ({"$ref": f"#/components/schemas/{name}"} for name in ("Job", "JobState"))
+DESCRIBED = events(
+    "Server-sent events: `job` with the job as JSON at every change, then `end` with its final state; `closing` "
+    "with its state when the service stops before that.",
+    EXAMPLE,
+    {"job": _JOB, "end": _STATE, "closing": _STATE},
+)
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
@@ -30,7 +50,7 @@ class JobFilter(Paging):
     state: JobState | None = None
 
 
-@router.get("", summary="List jobs, newest first")
+@router.get("", summary="List jobs, newest first", responses=refuses("invalid-cursor"))
 def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job]:
     """All of them, or those of one kind, or in one state."""
     return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
@@ -43,7 +63,7 @@ def _job(job_id: Identifier, store: TheStore) -> Job:
 TheJob = Annotated[Job, Depends(_job)]
 
 
-@router.get("/{job_id}", summary="Get a job")
+@router.get("/{job_id}", summary="Get a job", responses=refuses("job-not-found"))
 async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
     """State, place in the queue, progress, and why it failed if it did; with `wait` as soon as it has ended."""
     return await waiting.read(lambda: store.jobs.get(job_id))
@@ -53,8 +73,7 @@ async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> J
     "/{job_id}/events",
     response_class=EventSourceResponse,
     summary="Stream a job's progress",
-    response_description="Server-sent events: `job` with the job as JSON at every change, then `end`; "
-    "`closing` when the service stops before that.",
+    responses=DESCRIBED | refuses("job-not-found"),
 )
 async def stream_job(
     job: TheJob, store: TheStore, settings: TheSettings, stopping: TheStopping
@@ -96,13 +115,13 @@ def _pause_s(waited_s: float, longest_s: float) -> float:
     return min(longest_s, max(SHORTEST_PAUSE_S, 0.1 * waited_s))
 
 
-@router.get("/{job_id}/history", summary="Each attempt at a job and its fate")
+@router.get("/{job_id}/history", summary="Each attempt at a job and its fate", responses=refuses("job-not-found"))
 def job_history(job_id: Identifier, store: TheStore) -> JobHistory:
     """When each attempt started, on which worker, and how it ended: `lost`, `put-off`, `given-back` or for good."""
     return JobHistory(events=store.events.of_job(job_id))
 
 
-@router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job")
+@router.post("/{job_id}/cancel", status_code=202, summary="Cancel a job", responses=refuses("job-not-found"))
 @repeatable
 def cancel_job(job_id: Identifier, store: TheStore, settings: TheSettings, response: Response) -> Job:
     """A queued job ends at once, a running one within seconds; an ended one is answered as it is."""

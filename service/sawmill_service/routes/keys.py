@@ -5,6 +5,7 @@ from pydantic import Field
 
 from sawmill_service.dependencies import TheCaller, TheStore
 from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Contract, Identifier, Name
 from sawmill_worker.contracts.keys import Key, KeyAsk, KeyRotation, Keys, NewKey, Scope
@@ -35,6 +36,7 @@ def get_own_key(caller: TheCaller) -> OwnKey:
     status_code=201,
     summary="Make a key",
     openapi_extra=trying(body={"name": "scanner software of line 2", "scope": "submit"}),
+    responses=refuses("key-expired", "secret-not-repeated"),
 )
 @repeatable
 def create_key(ask: KeyAsk, store: TheStore, response: Response) -> NewKey:
@@ -49,7 +51,12 @@ def list_keys(store: TheStore) -> Keys:
     return store.keys.all()
 
 
-@router.post("/{key_id}/rotate", summary="Replace a key's secret", openapi_extra=trying(body={"grace_s": 3600}))
+@router.post(
+    "/{key_id}/rotate",
+    summary="Replace a key's secret",
+    openapi_extra=trying(body={"grace_s": 3600}),
+    responses=refuses("key-not-found", "key-ended", "secret-not-repeated"),
+)
 @repeatable
 def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation: KeyRotation = AT_ONCE) -> NewKey:
     """The old secret opens for the grace alone. The new one is in this answer and nowhere else."""
@@ -57,7 +64,7 @@ def rotate_key(key_id: Identifier, store: TheStore, response: Response, rotation
     return store.keys.rotate(key_id, grace_s=rotation.grace_s)
 
 
-@router.delete("/{key_id}", summary="Revoke a key")
+@router.delete("/{key_id}", summary="Revoke a key", responses=refuses("key-not-found"))
 def revoke_key(key_id: Identifier, store: TheStore) -> Key:
     """It opens nothing from now on, and stays listed."""
     return store.keys.revoke(key_id)

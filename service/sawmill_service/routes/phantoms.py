@@ -7,8 +7,10 @@ from fastapi.concurrency import run_in_threadpool
 
 from sawmill_service.answers import AskedPriority, Paging, Svg, accept, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.described_answers import LOCATED, drawn
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
+from sawmill_service.refusals import refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.uploads import UploadId, received_file
 from sawmill_service.waiting import TheWaiting
@@ -56,7 +58,7 @@ class PictureUpload(Queried, PhantomPicture):
         return PhantomPicture.model_validate(self.model_dump(exclude={"priority", "upload_id"}, exclude_unset=True))
 
 
-@router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE))
+@router.post("", status_code=201, summary="Draw a phantom", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
 @repeatable
 def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> StoredPhantom:
     """Polygons and discs in mm, the rotation centre at the origin. Ready at once."""
@@ -70,6 +72,7 @@ def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> 
     status_code=202,
     summary="Upload a phantom's picture",
     openapi_extra=trying_file("image/png", "/static/phantom.png"),
+    responses=refuses_upload(),
 )
 async def upload_phantom_picture(
     upload: Annotated[PictureUpload, Query()],
@@ -99,13 +102,18 @@ async def upload_phantom_picture(
     return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.upload_id is None)
 
 
-@router.get("", summary="List phantoms, newest first")
+@router.get("", summary="List phantoms, newest first", responses=refuses("invalid-cursor"))
 def list_phantoms(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredPhantom]:
     """The built-in ones are `l-shape` and `rectangle-with-hole`."""
     return store.phantoms.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{phantom_id}", summary="Get a phantom", openapi_extra=trying(phantom_id="l-shape"))
+@router.get(
+    "/{phantom_id}",
+    summary="Get a phantom",
+    openapi_extra=trying(phantom_id="l-shape"),
+    responses=refuses("phantom-not-found"),
+)
 async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiting) -> StoredPhantom:
     """Its outlines in mm; null while its picture is being traced, for the end of which `wait` waits."""
     return await waiting.read(lambda: store.phantoms.get(phantom_id))
@@ -116,6 +124,7 @@ async def get_phantom(phantom_id: Identifier, store: TheStore, waiting: TheWaiti
     response_class=Svg,
     summary="Draw a phantom to print at full size",
     openapi_extra=trying(phantom_id="l-shape"),
+    responses=drawn("phantom-not-found", "phantom-without-drawing"),
 )
 def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Response:
     """SVG in mm: outlines, holes, size, rotation centre and a scale bar. Down is +x, right is +y."""
@@ -132,6 +141,7 @@ def get_drawing(phantom_id: Identifier, request: Request, store: TheStore) -> Re
     status_code=201,
     summary="Measure a phantom anew",
     openapi_extra=trying(phantom_id="l-shape", body=MEASURED),
+    responses=LOCATED | refuses("phantom-not-found", "phantom-without-drawing", "measurement-of-another-phantom"),
 )
 @repeatable
 def measure_phantom(
@@ -151,6 +161,7 @@ def measure_phantom(
     status_code=204,
     summary="Delete an unused phantom",
     openapi_extra=trying(phantom_id="example-spare"),
+    responses=refuses("phantom-not-found", "phantom-built-in", "phantom-in-use"),
 )
 def delete_phantom(phantom_id: Identifier, store: TheStore) -> None:
     """Refused (409) for a built-in one, and while scans or calibrations refer to it."""

@@ -13,10 +13,12 @@ from pydantic import AfterValidator, Field, model_validator
 
 from sawmill_service.answers import Hdf5, Png, file, picture
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import drawn_alpha_curve
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
+from sawmill_service.refusals import OF_RESULT
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Identifier, parse_span
 from sawmill_worker.contracts.choices import Axis
@@ -116,6 +118,7 @@ class SideQuery(WindowQuery):
     response_class=Png,
     summary="Draw a slice",
     openapi_extra=trying(index=0, bits=8),
+    responses=drawn(*OF_RESULT, "slice-not-found", "no-deviation", "empty-window"),
 )
 def get_slice(
     reconstruction_id: Identifier,
@@ -158,6 +161,7 @@ def get_slice(
     response_class=Png,
     summary="Draw slices along the log",
     openapi_extra=trying(count=16),
+    responses=drawn(*OF_RESULT, "slice-not-found", "empty-window", "too-many-slices"),
 )
 def get_mosaic(
     reconstruction_id: Identifier, query: Annotated[MosaicQuery, Query()], request: Request, store: TheStore
@@ -187,6 +191,7 @@ def get_mosaic(
     response_class=Png,
     summary="Draw the log from the side",
     openapi_extra=trying(along="x"),
+    responses=drawn(*OF_RESULT, "no-side-view", "empty-window"),
 )
 def get_side_view(
     reconstruction_id: Identifier, query: Annotated[SideQuery, Query()], request: Request, store: TheStore
@@ -218,6 +223,7 @@ def get_side_view(
     response_class=Png,
     summary="Draw how alpha was chosen",
     openapi_extra=trying(reconstruction_id="example-sparse"),
+    responses=drawn(*OF_RESULT, "no-alpha-curve"),
 )
 def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """Of a reconstruction by `tikhonov`: the middle slice's L-curve, and generalised cross-validation where asked."""
@@ -232,7 +238,7 @@ def get_alpha_curve(reconstruction_id: Identifier, request: Request, store: TheS
     "/{reconstruction_id}/volume.h5",
     response_class=Hdf5,
     summary="Get the volume as HDF5",
-    responses={206: {"description": "The range asked for."}},
+    responses=stored(*OF_RESULT),
 )
 def get_volume(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """`/entry/reconstruction/data`, float32 (slice, x, y). `Range` requests are answered."""

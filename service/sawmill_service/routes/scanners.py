@@ -7,7 +7,9 @@ from pydantic import Field
 
 from sawmill_service.answers import NumberedPaging, Paging
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import LOCATED
 from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import GivenTime
@@ -36,7 +38,7 @@ EXAMPLE = {
 }
 
 
-@router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE))
+@router.post("", status_code=201, summary="Describe a scanner", openapi_extra=trying(body=EXAMPLE), responses=LOCATED)
 @repeatable
 def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> StoredScanner:
     """Known constants, search bounds, tolerances. Everything but name and constants has a default."""
@@ -45,13 +47,13 @@ def create_scanner(spec: ScannerAsk, store: TheStore, response: Response) -> Sto
     return scanner
 
 
-@router.get("", summary="List scanners, newest first")
+@router.get("", summary="List scanners, newest first", responses=refuses("invalid-cursor"))
 def list_scanners(paging: Annotated[Paging, Query()], store: TheStore) -> Page[StoredScanner]:
     """Each with its active calibration."""
     return store.scanners.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{scanner_id}", summary="Get a scanner")
+@router.get("/{scanner_id}", summary="Get a scanner", responses=refuses("scanner-not-found"))
 def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     """The scanner and which calibration it uses."""
     return store.scanners.get(scanner_id)
@@ -61,6 +63,7 @@ def get_scanner(scanner_id: Identifier, store: TheStore) -> StoredScanner:
     "/{scanner_id}",
     summary="Replace a scanner's description",
     openapi_extra=trying(scanner_id="example-spare", body=EXAMPLE),
+    responses=refuses("scanner-not-found"),
 )
 def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -> StoredScanner:
     """Results that exist keep the constants they were made with."""
@@ -72,19 +75,26 @@ def replace_scanner(scanner_id: Identifier, spec: ScannerAsk, store: TheStore) -
     status_code=204,
     summary="Delete an unused scanner",
     openapi_extra=trying(scanner_id="example-spare"),
+    responses=refuses("scanner-not-found", "scanner-in-use"),
 )
 def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
     """Refused (409) while scans, results or schedules refer to it."""
     store.scanners.delete(scanner_id)
 
 
-@router.get("/{scanner_id}/history", summary="List which calibrations were active")
+@router.get(
+    "/{scanner_id}/history", summary="List which calibrations were active", responses=refuses("scanner-not-found")
+)
 def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
     """Newest first; the first one is active."""
     return store.scanners.history(scanner_id)
 
 
-@router.get("/{scanner_id}/measurements", summary="List what calibrations and drift checks measured")
+@router.get(
+    "/{scanner_id}/measurements",
+    summary="List what calibrations and drift checks measured",
+    responses=refuses("scanner-not-found", "invalid-cursor"),
+)
 def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
     """One entry for each that succeeded, newest first: what the rays, u_c and the tilt did over months."""
     return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)

@@ -8,9 +8,11 @@ from pydantic import Field
 
 from sawmill_service.answers import AskedPriority, Dated, Png, accept, file, picture
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
+from sawmill_service.refusals import OF_SCAN, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_service.waiting import TheWaiting
@@ -67,6 +69,10 @@ class SinogramQuery(Queried):
         name="a first scan",
         phantom_id="l-shape",
     ),
+    responses=refuses_upload(
+        *("scanner-not-found", "phantom-not-found", "phantom-refused"),
+        *("inspection-not-found", "inspection-expired", "two-files"),
+    ),
 )
 async def upload_scan(
     upload: Annotated[ScanUpload, Query()],
@@ -103,25 +109,31 @@ async def upload_scan(
     return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.sends_file)
 
 
-@router.get("", summary="List scans, newest first")
+@router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))
 def list_scans(query: Annotated[ScanFilter, Query()], store: TheStore) -> Page[Scan]:
     """All of them, or those of one scanner, in one state, or of a span of time."""
     return store.scans.page(**query.model_dump())
 
 
-@router.get("/{scan_id}", summary="Get a scan")
+@router.get("/{scan_id}", summary="Get a scan", responses=refuses("scan-not-found"))
 async def get_scan(scan_id: Identifier, store: TheStore, waiting: TheWaiting) -> Scan:
     """Its state, and what the file turned out to be; with `wait` as soon as it has been read."""
     return await waiting.read(lambda: store.scans.get(scan_id))
 
 
-@router.delete("/{scan_id}", status_code=204, summary="Delete a scan", openapi_extra=trying(scan_id="example-spare"))
+@router.delete(
+    "/{scan_id}",
+    status_code=204,
+    summary="Delete a scan",
+    openapi_extra=trying(scan_id="example-spare"),
+    responses=refuses("scan-not-found", "scan-in-use"),
+)
 def delete_scan(scan_id: Identifier, store: TheStore) -> None:
     """Its files too; calibrations and reconstructions made from it stay. Refused (409) while a job needs it."""
     store.scans.delete(scan_id)
 
 
-@router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan")
+@router.get("/{scan_id}/preview", response_class=Png, summary="Preview a scan", responses=drawn(*OF_SCAN))
 def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle row's sinogram."""
     scan, shape = ready_scan(store, scan_id)
@@ -129,7 +141,11 @@ def preview_scan(scan_id: Identifier, request: Request, store: TheStore) -> Resp
 
 
 @router.get(
-    "/{scan_id}/sinogram.png", response_class=Png, summary="Draw one row's sinogram", openapi_extra=trying(row=0)
+    "/{scan_id}/sinogram.png",
+    response_class=Png,
+    summary="Draw one row's sinogram",
+    openapi_extra=trying(row=0),
+    responses=drawn(*OF_SCAN, "row-out-of-range"),
 )
 def get_sinogram(
     scan_id: Identifier, query: Annotated[SinogramQuery, Query()], request: Request, store: TheStore
@@ -139,7 +155,9 @@ def get_sinogram(
     return _sinogram(request, store, scan, query.row)
 
 
-@router.get("/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture")
+@router.get(
+    "/{scan_id}/thumbnail.png", response_class=Png, summary="Get a scan as a small picture", responses=stored(*OF_SCAN)
+)
 def get_scan_thumbnail(scan_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle row's sinogram as a square of 160 pixels, for lists."""
     scan, shape = ready_scan(store, scan_id)

@@ -6,7 +6,9 @@ from fastapi import APIRouter, Query, Response
 
 from sawmill_service.answers import Paging
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import LOCATED
 from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRun
@@ -16,7 +18,13 @@ router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
 EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
 
 
-@router.post("", status_code=201, summary="Schedule a scanner's recalibration", openapi_extra=trying(body=EXAMPLE))
+@router.post(
+    "",
+    status_code=201,
+    summary="Schedule a scanner's recalibration",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=LOCATED | refuses("scanner-not-found", "invalid-cron"),
+)
 @repeatable
 def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
     """At each due time the newest phantom scan that no calibration has used yet is calibrated."""
@@ -25,19 +33,24 @@ def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> S
     return schedule
 
 
-@router.get("", summary="List schedules, newest first")
+@router.get("", summary="List schedules, newest first", responses=refuses("invalid-cursor"))
 def list_schedules(paging: Annotated[Paging, Query()], store: TheStore) -> Page[Schedule]:
     """Each with its next due time and its last run."""
     return store.schedules.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/{schedule_id}", summary="Get a schedule")
+@router.get("/{schedule_id}", summary="Get a schedule", responses=refuses("schedule-not-found"))
 def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
     """The schedule, when it is due next, and its last outcome."""
     return store.schedules.get(schedule_id)
 
 
-@router.put("/{schedule_id}", summary="Replace a schedule", openapi_extra=trying(body=EXAMPLE))
+@router.put(
+    "/{schedule_id}",
+    summary="Replace a schedule",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron"),
+)
 def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore) -> Schedule:
     """The next due time is counted from now."""
     return store.schedules.update(schedule_id, spec)
@@ -48,13 +61,14 @@ def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore
     status_code=204,
     summary="Delete a schedule",
     openapi_extra=trying(schedule_id="example-spare"),
+    responses=refuses("schedule-not-found"),
 )
 def delete_schedule(schedule_id: Identifier, store: TheStore) -> None:
     """Calibrations that it asked for stay."""
     store.schedules.delete(schedule_id)
 
 
-@router.get("/{schedule_id}/runs", summary="List a schedule's outcomes")
+@router.get("/{schedule_id}/runs", summary="List a schedule's outcomes", responses=refuses("schedule-not-found"))
 def schedule_runs(schedule_id: Identifier, store: TheStore) -> list[ScheduleRun]:
     """One entry a due time, newest first."""
     return store.schedules.runs(schedule_id)

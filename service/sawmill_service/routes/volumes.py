@@ -13,9 +13,11 @@ from pydantic import Field
 from sawmill_service.answers import Png, file
 from sawmill_service.arrays import Npy, array
 from sawmill_service.dependencies import TheStore
+from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import volume_thumbnail
 from sawmill_service.finished import check_slice, result_of
 from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import OF_RESULT
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.choices import Axis
 from sawmill_worker.contracts.given import Queried
@@ -68,7 +70,7 @@ class SideArrayQuery(Queried):
     f"{folder}/slices/{{index}}.npy",
     response_class=Npy,
     summary="Get a slice as an array",
-    responses={200: {"headers": _HEADERS}},
+    responses=drawn(*OF_RESULT, "slice-not-found", headers=_HEADERS),
     openapi_extra=trying(index=0, max_size=512),
 )
 def get_slice_array(
@@ -109,7 +111,7 @@ def get_slice_array(
     f"{folder}/side.npy",
     response_class=Npy,
     summary="Get the side view as an array",
-    responses={200: {"headers": {"X-Unit": _HEADERS["X-Unit"]}}},
+    responses=drawn(*OF_RESULT, "no-side-view", headers={"X-Unit": _HEADERS["X-Unit"]}),
     openapi_extra=trying(along="x"),
 )
 def get_side_array(
@@ -132,7 +134,12 @@ def get_side_array(
     return array(request, (reconstruction_id, "side", query, "npy"), size_bytes, read, save_as=name)
 
 
-@router.get(f"{folder}/thumbnail.png", response_class=Png, summary="Get a reconstruction as a small picture")
+@router.get(
+    f"{folder}/thumbnail.png",
+    response_class=Png,
+    summary="Get a reconstruction as a small picture",
+    responses=stored(*OF_RESULT),
+)
 def get_reconstruction_thumbnail(reconstruction_id: Identifier, request: Request, store: TheStore) -> Response:
     """The middle slice, 160 pixels a side, for lists."""
     result = result_of(store, reconstruction_id)

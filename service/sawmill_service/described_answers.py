@@ -1,0 +1,105 @@
+"""How the OpenAPI document describes what succeeds: files as binary, the headers of every answer, streams of events."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from sawmill_service.problems import MEDIA_TYPE
+from sawmill_service.refusals import OF_FILES, Responses, refuses
+
+BINARY = {"type": "string", "format": "binary"}
+
+_TEXT = {"type": "string"}
+HEADERS: dict[str, dict[str, Any]] = {
+    "Accept-Ranges": {"description": "`bytes`: parts can be asked for.", "schema": _TEXT},
+    "Content-Disposition": {"description": "The name to save the file under.", "schema": _TEXT},
+    "Content-Range": {"description": "Which bytes of how many, as in `bytes 0-1023/4096`.", "schema": _TEXT},
+    "ETag": {"description": "Stands for these bytes: send it back as `If-None-Match` or `If-Range`.", "schema": _TEXT},
+    "Location": {"description": "The path of what was made.", "schema": {"type": "string", "format": "uri-reference"}},
+    "Retry-After": {"description": "Seconds until it is worth asking.", "schema": {"type": "integer", "minimum": 0}},
+    "WWW-Authenticate": {"description": "How a key is brought: Basic and Bearer.", "schema": _TEXT},
+    "X-Request-Id": {"description": "Names this request in the service's log.", "schema": _TEXT},
+}
+for _name in HEADERS.keys() - {"Content-Disposition"}:
+    HEADERS[_name]["required"] = True
+# By status, where every answer of that status has them.
+_BY_STATUS = {
+    "202": ("Location", "Retry-After"),
+    "206": ("Content-Range",),
+    "304": ("ETag",),
+    "401": ("WWW-Authenticate",),
+    "416": ("Content-Range",),
+    "429": ("Retry-After",),
+    "503": ("Retry-After",),
+}
+_OF_FILES = ("Content-Disposition", "ETag")
+_UNCHANGED = "You hold these bytes already, as `If-None-Match` says."
+
+LOCATED: Responses = {201: {"headers": {"Location": {}}}}
+"""Of what is made at once: `Location` leads to it."""
+SAVED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
+"""Of what is written out for the request, to be saved as a file."""
+
+
+def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
+    """Of a picture or an array that is made for the request: 304 for a client that holds it.
+
+    Parameters
+    ----------
+    codes
+        The refusals that are the operation's own.
+    headers
+        Described as OpenAPI has them, beside those of every file.
+    """
+    named = _named(*_OF_FILES) | (headers or {})
+    return {200: {"headers": named}, 304: {"description": _UNCHANGED}, **refuses(*codes)}
+
+
+def stored(*codes: str) -> Responses:
+    """As `drawn`, of a stored file: it is also sent in ranges."""
+    whole = {"headers": _named(*_OF_FILES, "Accept-Ranges")}
+    return {**drawn(*OF_FILES, *codes), 200: whole, 206: {"description": "The range asked for."} | whole}
+
+
+def events(description: str, example: str, data: Mapping[str, dict[str, Any]]) -> Responses:
+    """Of a stream of events, which OpenAPI 3.1 can only describe as a text.
+
+    Parameters
+    ----------
+    description
+        When which event comes.
+    example
+        The text of a short stream.
+    data
+        An event's name -> the JSON schema of its data.
+    """
+    shape = {"schema": {"type": "string", "description": description}, "example": example, "x-event-data": dict(data)}
+    return {200: {"description": description, "content": {"text/event-stream": shape}}}
+
+
+def describe_answers(operation: dict[str, Any]) -> None:
+    """Complete an operation's answers: binary bodies, and headers."""
+    responses = operation["responses"]
+    if "206" in responses:
+        responses["206"]["content"] = responses["200"]["content"]
+    for status, response in responses.items():
+        for media_type, media in response.get("content", {}).items():
+            # FastAPI's words for events are those of OpenAPI 3.2, which a 3.1 document may not hold.
+            media.pop("itemSchema", None)
+            if status < "300" and _is_binary(media_type):
+                media["schema"] = BINARY
+        own = response.get("headers", {})
+        named = {*own, *_BY_STATUS.get(status, ()), "X-Request-Id"}
+        response["headers"] = {name: own.get(name) or _reference(name) for name in sorted(named)}
+
+
+def _named(*headers: str) -> dict[str, Any]:
+    """Headers whose description is looked up later."""
+    return {name: {} for name in headers}
+
+
+def _is_binary(media_type: str) -> bool:
+    return not media_type.startswith("text/") and media_type not in {"application/json", MEDIA_TYPE}
+
+
+def _reference(name: str) -> dict[str, str]:
+    return {"$ref": f"#/components/headers/{name}"}

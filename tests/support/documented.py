@@ -1,0 +1,61 @@
+"""Whether an answer is one that the OpenAPI document lists for its operation."""
+
+import json
+from functools import cache
+from http import HTTPStatus
+from pathlib import Path
+from typing import Any
+
+import httpx
+from starlette.routing import compile_path
+
+# Of requests that no operation describes: another method, or a path that has another one's form by accident.
+_UNKNOWN = {"unknown-path", "method-not-allowed"}
+
+
+@cache
+def committed() -> dict[str, Any]:
+    """The document as it is committed, which a test compares with the service's own: making it anew takes a second."""
+    document: dict[str, Any] = json.loads((Path(__file__).parents[2] / "openapi/openapi.json").read_text())
+    return document
+
+
+def check_documented(answer: httpx.Response) -> None:
+    """Fail for a status, a code of a problem, a media type or a missing header that is not documented."""
+    document = committed()
+    operation = _operation(document, answer.request.method.lower(), answer.request.url.path)
+    if operation is None or answer.status_code == HTTPStatus.SEE_OTHER:
+        return
+    asked = f"{answer.request.method} {answer.request.url.path}"
+    media_type = answer.headers.get("content-type", "").partition(";")[0]
+    code = answer.json().get("code") if media_type == "application/problem+json" else None
+    if code in _UNKNOWN:
+        return
+    listed = operation["responses"].get(str(answer.status_code))
+    assert listed is not None, f"{asked}: {answer.status_code} {code} is not listed"
+    response = _resolved(document, listed)
+    if code is not None:
+        assert code in response["x-problem-codes"], f"{asked}: {answer.status_code} {code} is not listed: `refuses`"
+    if answer.content:
+        known = {*response.get("content", {}), *(["text/html"] if code is None else [])}
+        assert media_type in known, f"{asked}: {media_type} is not listed among {sorted(known)}"
+    for name, header in response["headers"].items():
+        if _resolved(document, header).get("required"):
+            assert name in answer.headers, f"{asked}: {answer.status_code} comes without {name}"
+
+
+def _operation(document: dict[str, Any], method: str, path: str) -> dict[str, Any] | None:
+    """That of the path without parameters, where there are two."""
+    for pattern in [path, *document["paths"]]:
+        item = document["paths"].get(pattern, {})
+        if method in item and compile_path(pattern)[0].match(path):
+            found: dict[str, Any] = item[method]
+            return found
+    return None
+
+
+def _resolved(document: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    """What a reference refers to."""
+    for name in part.get("$ref", "").split("/")[1:]:
+        document = document[name]
+    return document if "$ref" in part else part
