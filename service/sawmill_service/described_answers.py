@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from sawmill_service.problems import MEDIA_TYPE
-from sawmill_service.refusals import OF_FILES, Responses, refuses
+from sawmill_service.refusals import OF_RANGES, Responses, refuses
 
 BINARY = {"type": "string", "format": "binary"}
 
@@ -15,12 +15,19 @@ HEADERS: dict[str, dict[str, Any]] = {
     "Content-Range": {"description": "Which bytes of how many, as in `bytes 0-1023/4096`.", "schema": _TEXT},
     "ETag": {"description": "Stands for these bytes: send it back as `If-None-Match` or `If-Range`.", "schema": _TEXT},
     "Location": {"description": "The path of what was made.", "schema": {"type": "string", "format": "uri-reference"}},
+    "Repr-Digest": {"description": "The sha256 of the whole file's bytes, as RFC 9530 writes it.", "schema": _TEXT},
     "Retry-After": {"description": "Seconds until it is worth asking.", "schema": {"type": "integer", "minimum": 0}},
+    "Upload-Complete": {"description": "`?1` when all bytes have come, else `?0`.", "schema": _TEXT},
+    "Upload-Length": {"description": "Bytes of the whole file.", "schema": {"type": "integer", "minimum": 1}},
+    "Upload-Offset": {
+        "description": "Bytes that are kept: where the next part begins.",
+        "schema": {"type": "integer", "minimum": 0},
+    },
     "WWW-Authenticate": {"description": "How a key is brought: Basic and Bearer.", "schema": _TEXT},
     "X-Request-Id": {"description": "Names this request in the service's log.", "schema": _TEXT},
 }
-for _name in HEADERS.keys() - {"Content-Disposition"}:
-    HEADERS[_name]["required"] = True
+for _header in HEADERS.values():
+    _header["required"] = True
 # By status, where every answer of that status has them.
 _BY_STATUS = {
     "202": ("Location", "Retry-After"),
@@ -31,13 +38,18 @@ _BY_STATUS = {
     "429": ("Retry-After",),
     "503": ("Retry-After",),
 }
-_OF_FILES = ("Content-Disposition", "ETag")
+_OF_FILES = ("Accept-Ranges", "Content-Disposition", "ETag", "Repr-Digest")
 _UNCHANGED = "You hold these bytes already, as `If-None-Match` says."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
 """Of what is made at once: `Location` leads to it."""
 SAVED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
 """Of what is written out for the request, to be saved as a file."""
+
+
+def offset_answered(status: int = 200, *names: str) -> Responses:
+    """Of an upload in parts: the headers of its offset, and others by name."""
+    return {status: {"headers": _named("Upload-Complete", "Upload-Length", "Upload-Offset", *names)}}
 
 
 def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
@@ -50,14 +62,18 @@ def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
     headers
         Described as OpenAPI has them, beside those of every file.
     """
-    named = _named(*_OF_FILES) | (headers or {})
-    return {200: {"headers": named}, 304: {"description": _UNCHANGED}, **refuses(*codes)}
+    whole = {"headers": _named(*_OF_FILES) | (headers or {})}
+    return {
+        200: whole,
+        206: {"description": "The range asked for."} | whole,
+        304: {"description": _UNCHANGED},
+        **refuses(*OF_RANGES, *codes),
+    }
 
 
 def stored(*codes: str) -> Responses:
-    """As `drawn`, of a stored file: it is also sent in ranges."""
-    whole = {"headers": _named(*_OF_FILES, "Accept-Ranges")}
-    return {**drawn(*OF_FILES, *codes), 200: whole, 206: {"description": "The range asked for."} | whole}
+    """As `drawn`, of a stored file, which may have been removed."""
+    return drawn("file-missing", *codes)
 
 
 def events(description: str, example: str, data: Mapping[str, dict[str, Any]]) -> Responses:

@@ -10,8 +10,10 @@ from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
 from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.described_answers import offset_answered
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
+from sawmill_service.refusals import refuses, refuses_upload
 from sawmill_service.repeats import repeatable
 from sawmill_service.sent_content import BYTES, SentContent
 from sawmill_service.settings import ServiceSettings
@@ -37,6 +39,7 @@ Offset = Annotated[
     "",
     status_code=201,
     summary="Begin an upload that can be resumed",
+    responses=offset_answered(201, "Location") | refuses("upload-too-large", "upload-quota"),
     openapi_extra=trying(body={"size_bytes": 65536, "name": "mill.h5"}),
 )
 @repeatable
@@ -50,26 +53,24 @@ def create_upload(ask: UploadAsk, store: TheStore, settings: TheSettings, respon
     return _with_headers(response, upload)
 
 
-@router.get("/{upload_id}", summary="Get an upload", openapi_extra=trying(upload_id="example"))
-def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Upload:
-    """What has come of it, and what was made of it."""
-    return _with_headers(response, store.uploads.get(upload_id))
-
-
-@router.head(
+@router.get(
     "/{upload_id}",
-    status_code=204,
-    summary="Get an upload's offset",
+    summary="Get an upload",
+    responses=offset_answered() | refuses("upload-not-found"),
     openapi_extra=trying(upload_id="example"),
 )
-def head_upload(upload_id: Identifier, store: TheStore, response: Response) -> None:
-    """In headers alone: `Upload-Offset` and `Upload-Length` in bytes, `Upload-Complete`."""
-    _with_headers(response, store.uploads.get(upload_id))
+def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Upload:
+    """What has come of it, and what was made of it; `HEAD` is answered with the same headers alone."""
+    return _with_headers(response, store.uploads.get(upload_id))
 
 
 @router.patch(
     "/{upload_id}",
     summary="Send a part of an upload",
+    responses=offset_answered()
+    | refuses_upload(
+        *("upload-not-found", "upload-busy", "upload-complete", "upload-too-long", "upload-used", "wrong-offset")
+    ),
     openapi_extra=trying_file(BYTES, "/examples/phantom-scan.npz", upload_id="example"),
 )
 async def send_part(
@@ -86,7 +87,11 @@ async def send_part(
 
 
 @router.delete(
-    "/{upload_id}", status_code=204, summary="Delete an upload", openapi_extra=trying(upload_id="example-spare")
+    "/{upload_id}",
+    status_code=204,
+    summary="Delete an upload",
+    responses=refuses("upload-not-found"),
+    openapi_extra=trying(upload_id="example-spare"),
 )
 def delete_upload(upload_id: Identifier, store: TheStore) -> None:
     """What has come of it too; what was made of it stays."""
