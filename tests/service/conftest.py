@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 import results
 from plain_logs import log_plainly
+from postgres_server import PostgresServer
 
 from sawmill_service.app import create_app
 from sawmill_service.openapi_document import Application
@@ -111,6 +112,16 @@ def store(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Store]:
     opened = Store(StorageSettings(data_folder=tmp_path / "data", database_url=None))
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def postgresql_store(postgres: PostgresServer, tmp_path: Path) -> Iterator[Store]:
+    """A store with the examples on PostgreSQL."""
+    with postgres.database() as url:
+        opened = Store.open(StorageSettings(data_folder=tmp_path / "beside-postgresql", database_url=url))
+        seed(opened, FakeWorker(opened))
+        yield opened
+        opened.close()
 
 
 @pytest.fixture

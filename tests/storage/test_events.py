@@ -10,9 +10,14 @@ from sqlalchemy.orm import Session
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.contracts.uploads import UploadAsk
+from sawmill_worker.storage.arriving import AsSent
+from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.uploads import UploadQuota
 
 pytestmark = pytest.mark.slow
 
@@ -108,6 +113,47 @@ def test_scanners_and_schedules_that_change_and_due_times_that_pass_are_announce
         {"due_at": "2026-03-03T05:30:00+00:00", "reason": "there was no new scan of a phantom"},
     ]
     assert {event.scanner_id for event in events} == {scanner.id}
+
+
+def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store, clock, reader):
+    quota = UploadQuota(5, 100, 100)
+    other, stands_still = (
+        store.uploads.create(UploadAsk(size_bytes=4, sha256=sha256), quota) for sha256 in ("0" * 64, None)
+    )
+    part = store.uploads.begin_part(other.id, 0)
+    part.take(AsSent(), b"scan", commits=True)
+    with pytest.raises(Damaged):
+        part.finish(AsSent())
+    clock.advance(days=2)
+    store.uploads.remove_expired()
+    assert [(event.what.value, event.subject_id, event.detail) for event in reader.read()[2:]] == [
+        ("upload-deleted", other.id, {"reason": "the file that came has another sha256"}),
+        ("upload-deleted", stands_still.id, {"reason": "expired"}),
+    ]
+
+
+def test_a_job_that_runs_is_asked_to_stop_and_that_is_no_fate_of_its_attempt(store, upload, reader):
+    running = upload(store).job_id
+    store.jobs.claim("test")
+    for _ in range(2):
+        store.jobs.request_cancel(running)
+    asked = reader.read()[2:]
+    assert [(event.what.value, event.subject, event.job_id) for event in asked] == [
+        ("cancel-requested", "scan", running)
+    ]
+    assert [event.what.value for event in store.events.of_job(running)] == ["started"]
+
+
+def test_a_change_that_fails_is_not_announced(store, reader, monkeypatch):
+    key = store.keys.create(KeyAsk(name="gate", scope=Scope.READ))
+    monkeypatch.setattr("sawmill_worker.storage.keys._with_secret", lambda *_: 1 / 0)
+    for change in (
+        lambda: store.keys.rotate(key.id),
+        lambda: store.keys.create(KeyAsk(name="other", scope=Scope.READ)),
+    ):
+        with pytest.raises(ZeroDivisionError):
+            change()
+    assert words(reader.read()) == [("key-created", "key", None)]
 
 
 def test_events_behind_a_number_are_those_of_one_scanner_or_of_all(store, scanner, reader):

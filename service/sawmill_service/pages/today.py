@@ -20,7 +20,20 @@ SPAN = timedelta(days=30)
 # A lost connection is mended within a second, and the stream speaks every five seconds where nothing happens.
 LOST_MS, SILENT_MS = 4_000, 12_000
 _WORST_FIRST = ("bad", "watch", "idle", "good")
-_OF_CLOCKS = {EventKind.CLOCK_OFF, EventKind.CLOCK_STEPPED}
+# What no row of a scanner shows.
+_NOT_SHOWN = {
+    EventKind.CLOCK_OFF,
+    EventKind.CLOCK_STEPPED,
+    EventKind.CANCEL_REQUESTED,
+    EventKind.INSPECTION_DELETED,
+    EventKind.UPLOAD_CREATED,
+    EventKind.UPLOAD_COMPLETE,
+    EventKind.UPLOAD_USED,
+    EventKind.UPLOAD_DELETED,
+    EventKind.KEY_CREATED,
+    EventKind.KEY_ROTATED,
+    EventKind.KEY_REVOKED,
+}
 
 router = APIRouter(include_in_schema=False)
 
@@ -54,7 +67,7 @@ class Board:
 def today(page: ThePage, store: TheStore) -> HTMLResponse:
     """The whole page; its script follows the events behind the number that was read before the rows."""
     number = store.events.reader().number
-    kinds = " ".join(kind for kind in EventKind if kind not in _OF_CLOCKS)
+    kinds = " ".join(kind for kind in EventKind if kind not in _NOT_SHOWN)
     return page.answer(
         "today.html", board=_board(page, store), number=number, kinds=kinds, lost_ms=LOST_MS, silent_ms=SILENT_MS
     )

@@ -92,7 +92,7 @@ async def stream_events(
     access: TheAccess,
     last_event_id: LastEventId = None,
 ) -> AsyncIterator[ServerSentEvent]:
-    """Jobs, scans, calibrations, scanners and schedules, from when they change on.
+    """Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
     `alive` comes at once and then every five seconds in which nothing happened. While the database does not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or `duration_s` has

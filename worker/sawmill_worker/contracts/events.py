@@ -18,6 +18,7 @@ class EventKind(StrEnum):
     LOST = "lost"
     PUT_OFF = "put-off"
     GIVEN_BACK = "given-back"
+    CANCEL_REQUESTED = "cancel-requested"
     CANCELLED = "cancelled"
     SCANNER_CREATED = "scanner-created"
     SCANNER_CHANGED = "scanner-changed"
@@ -35,6 +36,14 @@ class EventKind(StrEnum):
     SCHEDULE_CHANGED = "schedule-changed"
     SCHEDULE_DELETED = "schedule-deleted"
     SCHEDULE_MISSED = "schedule-missed"
+    INSPECTION_DELETED = "inspection-deleted"
+    UPLOAD_CREATED = "upload-created"
+    UPLOAD_COMPLETE = "upload-complete"
+    UPLOAD_USED = "upload-used"
+    UPLOAD_DELETED = "upload-deleted"
+    KEY_CREATED = "key-created"
+    KEY_ROTATED = "key-rotated"
+    KEY_REVOKED = "key-revoked"
     CLOCK_STEPPED = "clock-stepped"
     CLOCK_OFF = "clock-off"
 
@@ -49,6 +58,7 @@ class Event(Contract):
     what: EventKind = Field(
         description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
+        "`cancel-requested`: its worker was asked to stop; "
         "`schedule-missed`: a due time passed without a calibration; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
         examples=["succeeded"],
@@ -59,7 +69,7 @@ class Event(Contract):
     subject: str | None = Field(
         None,
         description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
-        "`drift` or `schedule`.",
+        "`drift`, `inspection`, `schedule`, `upload` or `key`.",
         examples=["calibration"],
     )
     subject_id: Identifier | None = Field(
@@ -77,7 +87,8 @@ class Event(Contract):
     detail: dict[str, Any] | None = Field(
         None,
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `reason` of "
-        "an activation, a refusal or a missed due time, which is `due_at`; or seconds of the clock.",
+        "an activation, a refusal or a missed due time, which is `due_at`; `used_by`, the address of what was made of "
+        "an upload, or the `reason` of its end; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

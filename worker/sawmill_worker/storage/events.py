@@ -19,6 +19,7 @@ from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
 PEAK_MEMORY = "peak_memory_bytes"
 # Among which a worker's last is looked for: a busy machine writes about as many in ten minutes.
 _NEWEST = 2000
+_OF_NO_ATTEMPT = (EventKind.QUEUED, EventKind.CANCEL_REQUESTED)
 
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
@@ -31,6 +32,13 @@ def record_queued(session: Session, job: JobRow, scanner_id: str | None) -> None
     _add(session, job.created_at, EventKind.QUEUED, job, scanner_id)
 
 
+def record_cancel_requested(session: Session, now: datetime, job: JobRow) -> None:
+    """Add that the worker of a job is asked to stop; its attempt goes on until it has, so this is no fate of it."""
+    scanner_id = scanner_of(session, job.kind, job.subject_id)
+    noun = declaration_of(job.kind).noun
+    announce(session, now, EventKind.CANCEL_REQUESTED, noun, job.subject_id, scanner_id=scanner_id, job_id=job.id)
+
+
 def announce(
     session: Session,
     now: datetime,
@@ -39,9 +47,10 @@ def announce(
     subject_id: str,
     *,
     scanner_id: str | None = None,
+    job_id: str | None = None,
     detail: dict[str, Any] | None = None,
 ) -> None:
-    """Add what happens to anything but a job.
+    """Add what happens to anything but an attempt at a job.
 
     Parameters
     ----------
@@ -53,11 +62,21 @@ def announce(
         To what: `scan` and its id.
     scanner_id
         The scanner that it concerns.
+    job_id
+        The job that it concerns.
     detail
         More about it, of few words: events are sent to whoever follows them.
     """
     session.add(
-        EventRow(at=now, what=what, scanner_id=scanner_id, subject=subject, subject_id=subject_id, detail=detail)
+        EventRow(
+            at=now,
+            what=what,
+            scanner_id=scanner_id,
+            subject=subject,
+            subject_id=subject_id,
+            job_id=job_id,
+            detail=detail,
+        )
     )
 
 
@@ -102,7 +121,7 @@ class Events:
         """What happened to a job's attempts, the oldest first, or `NotFound`."""
         with self._database.read() as session:
             found(session, JobRow, "job", job_id)
-            of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what != EventKind.QUEUED)
+            of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what.not_in(_OF_NO_ATTEMPT))
             return [read_event(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
 
     def following(

@@ -1,6 +1,7 @@
 """Inspections: uploads that are looked at before they become scans."""
 
 from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.inspections import DECLARATION, InspectedFile, Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.storage.arriving import Received
@@ -8,6 +9,7 @@ from sawmill_worker.storage.asked import Asked, found_asked, queue_asked
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import new_id
 from sawmill_worker.storage.uploading import kept_upload
@@ -54,7 +56,7 @@ class Inspections(Asked[InspectedFile, Inspection]):
         with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
             now = self._database.now()
             row = queue_asked(session, self._declared, file, now, identifier=identifier, priority=priority)
-            keep(session)
+            keep(session, now)
             return self._read(row)
 
     def received_again(self, identifier: str) -> Received:
@@ -86,7 +88,9 @@ class Inspections(Asked[InspectedFile, Inspection]):
                 msg = f"job {row.job_id!r} still inspects the file of {identifier!r}; cancel it or wait for it"
                 raise Conflict("inspection-in-use", msg)
             known = {"sha256": row.options["sha256"]}
-            write_audit(session, self._database.now(), AuditAction.INSPECTION_DELETED, identifier, known)
+            now = self._database.now()
+            write_audit(session, now, AuditAction.INSPECTION_DELETED, identifier, known)
+            announce(session, now, EventKind.INSPECTION_DELETED, "inspection", identifier)
             session.delete(row)
         self._files.remove(self._files.results(JobKind.INSPECT, identifier))
         self._files.remove_upload(JobKind.INSPECT, identifier)

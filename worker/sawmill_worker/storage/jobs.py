@@ -23,7 +23,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, Jo
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, after_commit, lock_files_of
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
-from sawmill_worker.storage.events import PEAK_MEMORY, record
+from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_requested
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
@@ -157,7 +157,10 @@ class Jobs:
                 raise Conflict("job-ended", f"job {job_id!r} has {row.state} already and cannot be cancelled")
             if not row.cancel_requested:
                 of = {"kind": row.kind, "subject_id": row.subject_id}
-                write_audit(session, self._database.now(), AuditAction.JOB_CANCELLED, job_id, of)
+                now = self._database.now()
+                write_audit(session, now, AuditAction.JOB_CANCELLED, job_id, of)
+                if row.state is JobState.RUNNING:
+                    record_cancel_requested(session, now, row)
             row.cancel_requested = True
             if row.state is JobState.QUEUED:
                 self._cancel(session, row)

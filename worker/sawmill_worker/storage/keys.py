@@ -11,11 +11,13 @@ from sqlalchemy import ColumnElement, and_, or_, select, update
 from sqlalchemy.orm import QueryableAttribute, Session
 
 from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.keys import Key, KeyAsk, Keys, NewKey
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict, Invalid
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id
 from sawmill_worker.storage.tables import KeyRow
 
@@ -55,6 +57,7 @@ class KeyStore:
         with self._database.write() as session:
             session.add(row)
             write_audit(session, now, AuditAction.KEY_CREATED, row.id, ask.model_dump(mode="json"))
+            _announce(session, now, EventKind.KEY_CREATED, row.id)
             session.flush()
             return _with_secret(row, secret)
 
@@ -81,6 +84,7 @@ class KeyStore:
             row.previous_hash, row.previous_until = row.secret_hash, now + timedelta(seconds=grace_s)
             row.secret_hash, row.rotated_at = hash_of(secret), now
             write_audit(session, now, AuditAction.KEY_ROTATED, key_id, {"name": row.name, "grace_s": grace_s})
+            _announce(session, now, EventKind.KEY_ROTATED, key_id)
             return _with_secret(row, secret)
 
     def revoke(self, key_id: str) -> Key:
@@ -97,6 +101,7 @@ class KeyStore:
             if row.revoked_at is None:
                 row.revoked_at = now
                 write_audit(session, now, AuditAction.KEY_REVOKED, key_id, {"name": row.name})
+                _announce(session, now, EventKind.KEY_REVOKED, key_id)
             return _read(row)
 
     def good(self, secret_hash: str) -> Key | None:
@@ -118,6 +123,11 @@ class KeyStore:
         """Whether there is a key that opens something."""
         with self._database.read() as session:
             return _any_good(session, self._database.now())
+
+
+def _announce(session: Session, now: datetime, what: EventKind, key_id: str) -> None:
+    """Tell followers, who need not be administrators, no more than the id."""
+    announce(session, now, what, "key", key_id)
 
 
 def _any_good(session: Session, now: datetime) -> bool:

@@ -142,7 +142,7 @@ class Phantoms:
             )
             session.add(row)
             session.flush()
-            keep(session)
+            keep(session, row.created_at)
         return _read(row)
 
     def get(self, phantom_id: str) -> StoredPhantom:

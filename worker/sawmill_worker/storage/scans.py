@@ -85,7 +85,7 @@ class Scans:
             )
             session.add(row)
             session.flush()
-            keep(session)
+            keep(session, row.created_at)
         return _read(row)
 
     def check(self, spec: ScanSpec) -> None:

@@ -7,14 +7,18 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from pathlib import Path
 
 from sqlalchemy import delete, update
+from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.uploads import Upload, UploadState
 from sawmill_worker.storage.arriving import STEP_BYTES, Content, check_free
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict, Damaged, NotFound, disk_full_reported
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.tables import UploadRow
 
 # A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
@@ -87,7 +91,8 @@ class Part:
         """Make what has come durable, then count it."""
         with self._open(), disk_full_reported("the upload"):
             os.fdatasync(self._file)
-        self._change(offset_bytes=self._written)
+        with self._database.write() as session:
+            self._change(session, offset_bytes=self._written)
         self._committed, self._committed_s = self._written, time.monotonic()
 
     def finish(self, content: Content) -> None:
@@ -139,15 +144,24 @@ class Part:
         if self._upload.sha256 not in {None, sha256}:
             with self._database.write() as session:
                 session.execute(delete(UploadRow).where(UploadRow.id == self._id))
+                announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
             self._path.unlink(missing_ok=True)
             msg = f"the file that came has the sha256 {sha256}, not {self._upload.sha256}: send it again"
             raise Damaged(msg)
-        self._change(sha256=sha256, state=UploadState.COMPLETE)
-
-    def _change(self, **values: object) -> None:
-        """Change the row, which is as this part knows it or gone."""
-        mine = (UploadRow.id == self._id, UploadRow.offset_bytes == self._committed)
         with self._database.write() as session:
-            changed = session.execute(update(UploadRow).where(*mine).values(changed_at=self._database.now(), **values))
+            now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
+            announce(session, now, EventKind.UPLOAD_COMPLETE, "upload", self._id)
+
+    def _change(self, session: Session, **values: object) -> datetime:
+        """Change the row, which is as this part knows it or gone; when."""
+        now = self._database.now()
+        mine = (UploadRow.id == self._id, UploadRow.offset_bytes == self._committed)
+        changed = session.execute(update(UploadRow).where(*mine).values(changed_at=now, **values))
         if changed.rowcount != 1:  # type: ignore[attr-defined]
             raise NotFound("upload", self._id)
+        return now
+
+
+def announce_deleted(session: Session, now: datetime, upload_id: str, reason: str) -> None:
+    """Tell followers that an upload has gone, and why."""
+    announce(session, now, EventKind.UPLOAD_DELETED, "upload", upload_id, detail={"reason": reason})

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 
 from sqlalchemy.orm import Session
 
@@ -16,7 +17,7 @@ from sawmill_worker.storage.uploads import use_up
 @contextmanager
 def kept_upload(
     files: FileStore, received: Received, kind: JobKind, subject_id: str
-) -> Iterator[Callable[[Session], None]]:
+) -> Iterator[Callable[[Session, datetime], None]]:
     """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
 
     An upload that can be resumed is used up in the same transaction; its own name goes with the `leftovers`.
@@ -28,11 +29,11 @@ def kept_upload(
     """
     named = False
 
-    def keep(session: Session) -> None:
+    def keep(session: Session, now: datetime) -> None:
         nonlocal named
         lock_files_of(session, subject_id)
         named = True
-        use_up(session, received, kind, subject_id)
+        use_up(session, now, received, kind, subject_id)
         files.keep_upload(received, kind, subject_id)
 
     try:

@@ -2,20 +2,23 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.uploads import UPLOAD_KEPT, Upload, UploadAsk, UploadState
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, new_id, refuse_taken
 from sawmill_worker.storage.tables import UploadRow
-from sawmill_worker.storage.upload_parts import Part
+from sawmill_worker.storage.upload_parts import Part, announce_deleted
 
 _QUOTA_LOCK = "uploads"
 
@@ -67,6 +70,7 @@ class Uploads:
             refuse_taken(session, UploadRow, "upload", row.id)
             _check_quota(session, row, quota)
             session.add(row)
+            announce(session, now, EventKind.UPLOAD_CREATED, "upload", row.id)
             return _read(row)
 
     def get(self, upload_id: str) -> Upload:
@@ -134,11 +138,11 @@ class Uploads:
         NotFound
             There is none.
         """
-        self._remove(UploadRow.id == upload_id, or_else=NotFound("upload", upload_id))
+        self._remove(UploadRow.id == upload_id, "deleted", or_else=NotFound("upload", upload_id))
 
     def remove_expired(self) -> Sequence[str]:
         """Remove those that have stood still for a day; their ids."""
-        return self._remove(UploadRow.changed_at < self._database.now() - UPLOAD_KEPT)
+        return self._remove(UploadRow.changed_at < self._database.now() - UPLOAD_KEPT, "expired")
 
     def _awaited(self, upload_id: str, offset_bytes: int, part_bytes: int) -> Upload:
         upload = self.get(upload_id)
@@ -154,9 +158,11 @@ class Uploads:
             raise Conflict("upload-too-long", msg)
         return upload
 
-    def _remove(self, chosen: ColumnElement[bool], *, or_else: NotFound | None = None) -> Sequence[str]:
+    def _remove(self, chosen: ColumnElement[bool], reason: str, *, or_else: NotFound | None = None) -> Sequence[str]:
         with self._database.write() as session:
             removed = session.scalars(delete(UploadRow).where(chosen).returning(UploadRow.id)).all()
+            for upload_id in removed:
+                announce_deleted(session, self._database.now(), upload_id, reason)
         if or_else is not None and not removed:
             raise or_else
         for upload_id in removed:
@@ -175,7 +181,7 @@ class WrongOffset(Conflict):
         self.expected_bytes = upload.offset_bytes
 
 
-def use_up(session: Session, received: Received, kind: JobKind, subject_id: str) -> None:
+def use_up(session: Session, now: datetime, received: Received, kind: JobKind, subject_id: str) -> None:
     """Note within the transaction that makes a resource what became of the upload; nothing where it was none.
 
     Raises
@@ -186,11 +192,13 @@ def use_up(session: Session, received: Received, kind: JobKind, subject_id: str)
     if received.upload_id is None:
         return
     complete = (UploadRow.id == received.upload_id, UploadRow.state == UploadState.COMPLETE)
-    used = {"state": UploadState.USED, "used_by": f"/v1/{kind.plural}/{subject_id}"}
+    used_by = f"/v1/{kind.plural}/{subject_id}"
+    used = {"state": UploadState.USED, "used_by": used_by}
     if session.execute(update(UploadRow).where(*complete).values(used)).rowcount != 1:  # type: ignore[attr-defined]
         raise Conflict(
             "upload-used", f"upload {received.upload_id!r} has been used or deleted meanwhile: send it again"
         )
+    announce(session, now, EventKind.UPLOAD_USED, "upload", received.upload_id, detail={"used_by": used_by})
 
 
 def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
