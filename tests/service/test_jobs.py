@@ -31,13 +31,24 @@ def test_jobs_are_listed_by_kind_and_state(seeded, job_id):
     assert {job["kind"] for job in seeded.get("/v1/jobs?kind=ingest").json()["items"]} == {"ingest"}
 
 
-def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id):
+def test_the_stream_carries_each_change_and_then_ends(seeded, store, worker, job_id, monkeypatch):
+    known, fractions = store.jobs.get, []
+
+    def get(job_id: str):
+        job = known(job_id)
+        fractions.append(job.progress and job.progress.fraction)
+        return job
+
+    monkeypatch.setattr(store.jobs, "get", get)
+
     def work():
         claim = worker.claim()
         for step in (0.25, 0.5):
-            time.sleep(0.2)
             store.jobs.heartbeat(claim, Progress(fraction=step, stage="search", generation=3))
-        time.sleep(0.2)
+            # The next change comes after the stream has read this one.
+            deadline = time.monotonic() + 15.0
+            while step not in fractions and time.monotonic() < deadline:
+                time.sleep(0.005)
         store.jobs.fail(claim, Failure(kind=FailureKind.INPUT, code="phantom-not-found", detail="no phantom here"))
 
     working = threading.Thread(target=work)
