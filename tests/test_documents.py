@@ -44,6 +44,7 @@ pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[1]
 README, TOUR = ROOT / "README.md", ROOT / "docs/tour.md"
 FIRST_CALIBRATION = ROOT / "docs/first-calibration.md"
+PROGRAMS = ROOT / "docs/rest.md"
 HEART = "The heart of it, with curl"
 DOCUMENTS = [README, ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").glob("*.md"))]
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
@@ -322,6 +323,7 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks(FIRST_CALIBRATION.read_text(), "sh"),
         *blocks((ROOT / "docs/http.md").read_text(), "sh"),
         *blocks((ROOT / "docs/export.md").read_text(), "sh"),
+        *blocks(PROGRAMS.read_text(), "sh"),  # by test_generated_client.py
         *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
