@@ -1,4 +1,4 @@
-"""The programs of docs/rest.md, which do the whole job with the generated client and with curl."""
+"""The generated client is the contract's, and the programs of docs/rest.md do the whole job with it and with curl."""
 
 import json
 import os
@@ -19,6 +19,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/rest.md"
+COMMITTED = ROOT / "openapi/clients/python"
 DOCUMENTED = "http://127.0.0.1:8000"
 SIMULATED = ("log-with-phantom", "--theta", "146.1deg,714.7,319.9,43.7,15.7deg", "--views", "90", "--rows", "4")
 # Operations that answer a file and that the page does without; the rest comes from the page's own program.
@@ -55,6 +56,23 @@ def client_folder(tmp_path_factory):
     done = subprocess.run([sys.executable, generator, folder], capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"the generator leaves out a part of the contract:\n{done.stdout}{done.stderr}"
     return folder
+
+
+def files_of(folder: Path) -> dict[str, bytes]:
+    """What git would hold of a client: what an installation leaves in its folder is none of it."""
+    left = {"__pycache__", "build", "sawmill_calibration_client.egg-info"}
+    paths = [path for path in folder.rglob("*") if path.is_file() and not left & {*path.relative_to(folder).parts}]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
+
+
+def test_the_committed_client_is_that_of_the_contract(client_folder):
+    committed, generated = files_of(COMMITTED), files_of(client_folder)
+    names = committed.keys() | generated.keys()
+    different = sorted(name for name in names if committed.get(name) != generated.get(name))
+    assert not different, (
+        "openapi/clients/python is not what openapi/openapi.json leads to: run `make clients`, read what it changes as "
+        f"a program of somebody else meets it, and commit it with the contract. Different: {different[:20]}"
+    )
 
 
 def run(command: list[str], folder: Path, **environment: str) -> str:
