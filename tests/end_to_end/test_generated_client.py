@@ -1,6 +1,5 @@
 """The generated client is the contract's, and the programs of docs/rest.md do the whole job with it and with curl."""
 
-import json
 import os
 import re
 import subprocess
@@ -114,7 +113,7 @@ def test_the_page_s_programs_do_the_whole_job(tmp_path, offline, serve, client_f
         check_files(folder)
     assert "pass\n" in printed
     assert "there is no scan 'no-such-scan'" in printed
-    assert json.loads((tmp_path / "problem.json").read_text())["code"] == "scan-not-found"
+    assert '"code":"scan-not-found"' in (tmp_path / "problem.json").read_text()
     assert said.startswith("pass 3")
     assert "404 scan-not-found there is no scan 'no-such-scan'" in said
     assert f"{2 * (tmp_path / 'mill.h5').stat().st_size} bytes in scans" in said  # once whole, once in parts
