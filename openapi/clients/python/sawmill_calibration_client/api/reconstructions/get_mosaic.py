@@ -1,0 +1,348 @@
+from http import HTTPStatus
+from io import BytesIO
+from typing import Any, cast
+from urllib.parse import quote
+
+import httpx
+
+from ... import errors
+from ...client import AuthenticatedClient, Client
+from ...models.color_map import ColorMap
+from ...models.problem import Problem
+from ...types import UNSET, File, Response, Unset
+
+
+def _get_kwargs(
+    reconstruction_id: str,
+    *,
+    window_low: float | Unset = UNSET,
+    window_high: float | Unset = UNSET,
+    color_map: ColorMap | Unset = UNSET,
+    count: int | Unset = UNSET,
+    slices: str | Unset = UNSET,
+    scale_bar: bool | Unset = True,
+) -> dict[str, Any]:
+
+    params: dict[str, Any] = {}
+
+    params["window_low"] = window_low
+
+    params["window_high"] = window_high
+
+    json_color_map: str | Unset = UNSET
+    if not isinstance(color_map, Unset):
+        json_color_map = color_map.value
+
+    params["color_map"] = json_color_map
+
+    params["count"] = count
+
+    params["slices"] = slices
+
+    params["scale_bar"] = scale_bar
+
+    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
+
+    _kwargs: dict[str, Any] = {
+        "method": "get",
+        "url": "/v1/reconstructions/{reconstruction_id}/mosaic.png".format(
+            reconstruction_id=quote(str(reconstruction_id), safe=""),
+        ),
+        "params": params,
+    }
+
+    return _kwargs
+
+
+def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Any | File | Problem | None:
+    if response.status_code == 200:
+        response_200 = File(payload=BytesIO(response.content))
+
+        return response_200
+
+    if response.status_code == 304:
+        response_304 = cast(Any, None)
+        return response_304
+
+    if response.status_code == 400:
+        response_400 = Problem.from_dict(response.json())
+
+        return response_400
+
+    if response.status_code == 401:
+        response_401 = Problem.from_dict(response.json())
+
+        return response_401
+
+    if response.status_code == 403:
+        response_403 = Problem.from_dict(response.json())
+
+        return response_403
+
+    if response.status_code == 404:
+        response_404 = Problem.from_dict(response.json())
+
+        return response_404
+
+    if response.status_code == 409:
+        response_409 = Problem.from_dict(response.json())
+
+        return response_409
+
+    if response.status_code == 413:
+        response_413 = Problem.from_dict(response.json())
+
+        return response_413
+
+    if response.status_code == 421:
+        response_421 = Problem.from_dict(response.json())
+
+        return response_421
+
+    if response.status_code == 422:
+        response_422 = Problem.from_dict(response.json())
+
+        return response_422
+
+    if response.status_code == 429:
+        response_429 = Problem.from_dict(response.json())
+
+        return response_429
+
+    if response.status_code == 431:
+        response_431 = Problem.from_dict(response.json())
+
+        return response_431
+
+    if response.status_code == 500:
+        response_500 = Problem.from_dict(response.json())
+
+        return response_500
+
+    if response.status_code == 503:
+        response_503 = Problem.from_dict(response.json())
+
+        return response_503
+
+    if response.status_code == 507:
+        response_507 = Problem.from_dict(response.json())
+
+        return response_507
+
+    if client.raise_on_unexpected_status:
+        raise errors.UnexpectedStatus(response.status_code, response.content)
+    else:
+        return None
+
+
+def _build_response(
+    *, client: AuthenticatedClient | Client, response: httpx.Response
+) -> Response[Any | File | Problem]:
+    return Response(
+        status_code=HTTPStatus(response.status_code),
+        content=response.content,
+        headers=response.headers,
+        parsed=_parse_response(client=client, response=response),
+    )
+
+
+def sync_detailed(
+    reconstruction_id: str,
+    *,
+    client: AuthenticatedClient,
+    window_low: float | Unset = UNSET,
+    window_high: float | Unset = UNSET,
+    color_map: ColorMap | Unset = UNSET,
+    count: int | Unset = UNSET,
+    slices: str | Unset = UNSET,
+    scale_bar: bool | Unset = True,
+) -> Response[Any | File | Problem]:
+    """Draw slices along the log
+
+     Slices in reading order with their heights, all in one window; large ones are averaged down to 256
+    pixels.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        window_low (float | Unset): Value at the dark end, in the volume's unit; null: its low
+            end.
+        window_high (float | Unset): Value at the bright end, in the volume's unit; null: its high
+            end.
+        color_map (ColorMap | Unset): How a picture shows values, from low to high.
+        count (int | Unset): Number of slices, evenly along the log; null: 16, or all where there
+            are fewer.
+        slices (str | Unset): Slices A:B or A:B:STEP instead, at most 64.
+        scale_bar (bool | Unset): False leaves the scale bar out. Default: True.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Any | File | Problem]
+    """
+
+    kwargs = _get_kwargs(
+        reconstruction_id=reconstruction_id,
+        window_low=window_low,
+        window_high=window_high,
+        color_map=color_map,
+        count=count,
+        slices=slices,
+        scale_bar=scale_bar,
+    )
+
+    response = client.get_httpx_client().request(
+        **kwargs,
+    )
+
+    return _build_response(client=client, response=response)
+
+
+def sync(
+    reconstruction_id: str,
+    *,
+    client: AuthenticatedClient,
+    window_low: float | Unset = UNSET,
+    window_high: float | Unset = UNSET,
+    color_map: ColorMap | Unset = UNSET,
+    count: int | Unset = UNSET,
+    slices: str | Unset = UNSET,
+    scale_bar: bool | Unset = True,
+) -> Any | File | Problem | None:
+    """Draw slices along the log
+
+     Slices in reading order with their heights, all in one window; large ones are averaged down to 256
+    pixels.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        window_low (float | Unset): Value at the dark end, in the volume's unit; null: its low
+            end.
+        window_high (float | Unset): Value at the bright end, in the volume's unit; null: its high
+            end.
+        color_map (ColorMap | Unset): How a picture shows values, from low to high.
+        count (int | Unset): Number of slices, evenly along the log; null: 16, or all where there
+            are fewer.
+        slices (str | Unset): Slices A:B or A:B:STEP instead, at most 64.
+        scale_bar (bool | Unset): False leaves the scale bar out. Default: True.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Any | File | Problem
+    """
+
+    return sync_detailed(
+        reconstruction_id=reconstruction_id,
+        client=client,
+        window_low=window_low,
+        window_high=window_high,
+        color_map=color_map,
+        count=count,
+        slices=slices,
+        scale_bar=scale_bar,
+    ).parsed
+
+
+async def asyncio_detailed(
+    reconstruction_id: str,
+    *,
+    client: AuthenticatedClient,
+    window_low: float | Unset = UNSET,
+    window_high: float | Unset = UNSET,
+    color_map: ColorMap | Unset = UNSET,
+    count: int | Unset = UNSET,
+    slices: str | Unset = UNSET,
+    scale_bar: bool | Unset = True,
+) -> Response[Any | File | Problem]:
+    """Draw slices along the log
+
+     Slices in reading order with their heights, all in one window; large ones are averaged down to 256
+    pixels.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        window_low (float | Unset): Value at the dark end, in the volume's unit; null: its low
+            end.
+        window_high (float | Unset): Value at the bright end, in the volume's unit; null: its high
+            end.
+        color_map (ColorMap | Unset): How a picture shows values, from low to high.
+        count (int | Unset): Number of slices, evenly along the log; null: 16, or all where there
+            are fewer.
+        slices (str | Unset): Slices A:B or A:B:STEP instead, at most 64.
+        scale_bar (bool | Unset): False leaves the scale bar out. Default: True.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Any | File | Problem]
+    """
+
+    kwargs = _get_kwargs(
+        reconstruction_id=reconstruction_id,
+        window_low=window_low,
+        window_high=window_high,
+        color_map=color_map,
+        count=count,
+        slices=slices,
+        scale_bar=scale_bar,
+    )
+
+    response = await client.get_async_httpx_client().request(**kwargs)
+
+    return _build_response(client=client, response=response)
+
+
+async def asyncio(
+    reconstruction_id: str,
+    *,
+    client: AuthenticatedClient,
+    window_low: float | Unset = UNSET,
+    window_high: float | Unset = UNSET,
+    color_map: ColorMap | Unset = UNSET,
+    count: int | Unset = UNSET,
+    slices: str | Unset = UNSET,
+    scale_bar: bool | Unset = True,
+) -> Any | File | Problem | None:
+    """Draw slices along the log
+
+     Slices in reading order with their heights, all in one window; large ones are averaged down to 256
+    pixels.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        window_low (float | Unset): Value at the dark end, in the volume's unit; null: its low
+            end.
+        window_high (float | Unset): Value at the bright end, in the volume's unit; null: its high
+            end.
+        color_map (ColorMap | Unset): How a picture shows values, from low to high.
+        count (int | Unset): Number of slices, evenly along the log; null: 16, or all where there
+            are fewer.
+        slices (str | Unset): Slices A:B or A:B:STEP instead, at most 64.
+        scale_bar (bool | Unset): False leaves the scale bar out. Default: True.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Any | File | Problem
+    """
+
+    return (
+        await asyncio_detailed(
+            reconstruction_id=reconstruction_id,
+            client=client,
+            window_low=window_low,
+            window_high=window_high,
+            color_map=color_map,
+            count=count,
+            slices=slices,
+            scale_bar=scale_bar,
+        )
+    ).parsed

@@ -1,0 +1,274 @@
+from http import HTTPStatus
+from io import BytesIO
+from typing import Any, cast
+from urllib.parse import quote
+
+import httpx
+
+from ... import errors
+from ...client import AuthenticatedClient, Client
+from ...models.problem import Problem
+from ...types import UNSET, File, Response, Unset
+
+
+def _get_kwargs(
+    reconstruction_id: str,
+    index: int,
+    *,
+    max_size: int | Unset = UNSET,
+) -> dict[str, Any]:
+
+    params: dict[str, Any] = {}
+
+    params["max_size"] = max_size
+
+    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
+
+    _kwargs: dict[str, Any] = {
+        "method": "get",
+        "url": "/v1/reconstructions/{reconstruction_id}/slices/{index}.npy".format(
+            reconstruction_id=quote(str(reconstruction_id), safe=""),
+            index=quote(str(index), safe=""),
+        ),
+        "params": params,
+    }
+
+    return _kwargs
+
+
+def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Response) -> Any | File | Problem | None:
+    if response.status_code == 200:
+        response_200 = File(payload=BytesIO(response.content))
+
+        return response_200
+
+    if response.status_code == 304:
+        response_304 = cast(Any, None)
+        return response_304
+
+    if response.status_code == 400:
+        response_400 = Problem.from_dict(response.json())
+
+        return response_400
+
+    if response.status_code == 401:
+        response_401 = Problem.from_dict(response.json())
+
+        return response_401
+
+    if response.status_code == 403:
+        response_403 = Problem.from_dict(response.json())
+
+        return response_403
+
+    if response.status_code == 404:
+        response_404 = Problem.from_dict(response.json())
+
+        return response_404
+
+    if response.status_code == 409:
+        response_409 = Problem.from_dict(response.json())
+
+        return response_409
+
+    if response.status_code == 413:
+        response_413 = Problem.from_dict(response.json())
+
+        return response_413
+
+    if response.status_code == 421:
+        response_421 = Problem.from_dict(response.json())
+
+        return response_421
+
+    if response.status_code == 422:
+        response_422 = Problem.from_dict(response.json())
+
+        return response_422
+
+    if response.status_code == 429:
+        response_429 = Problem.from_dict(response.json())
+
+        return response_429
+
+    if response.status_code == 431:
+        response_431 = Problem.from_dict(response.json())
+
+        return response_431
+
+    if response.status_code == 500:
+        response_500 = Problem.from_dict(response.json())
+
+        return response_500
+
+    if response.status_code == 503:
+        response_503 = Problem.from_dict(response.json())
+
+        return response_503
+
+    if response.status_code == 507:
+        response_507 = Problem.from_dict(response.json())
+
+        return response_507
+
+    if client.raise_on_unexpected_status:
+        raise errors.UnexpectedStatus(response.status_code, response.content)
+    else:
+        return None
+
+
+def _build_response(
+    *, client: AuthenticatedClient | Client, response: httpx.Response
+) -> Response[Any | File | Problem]:
+    return Response(
+        status_code=HTTPStatus(response.status_code),
+        content=response.content,
+        headers=response.headers,
+        parsed=_parse_response(client=client, response=response),
+    )
+
+
+def sync_detailed(
+    reconstruction_id: str,
+    index: int,
+    *,
+    client: AuthenticatedClient,
+    max_size: int | Unset = UNSET,
+) -> Response[Any | File | Problem]:
+    """Get a slice as an array
+
+     float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        index (int): Slice, from 0.
+        max_size (int | Unset): Most pixels along a side: a larger slice is averaged over the
+            fewest whole pixels, 2 x 2 or 3 x 3 and so on, with which it fits. Null: as it was
+            computed.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Any | File | Problem]
+    """
+
+    kwargs = _get_kwargs(
+        reconstruction_id=reconstruction_id,
+        index=index,
+        max_size=max_size,
+    )
+
+    response = client.get_httpx_client().request(
+        **kwargs,
+    )
+
+    return _build_response(client=client, response=response)
+
+
+def sync(
+    reconstruction_id: str,
+    index: int,
+    *,
+    client: AuthenticatedClient,
+    max_size: int | Unset = UNSET,
+) -> Any | File | Problem | None:
+    """Get a slice as an array
+
+     float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        index (int): Slice, from 0.
+        max_size (int | Unset): Most pixels along a side: a larger slice is averaged over the
+            fewest whole pixels, 2 x 2 or 3 x 3 and so on, with which it fits. Null: as it was
+            computed.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Any | File | Problem
+    """
+
+    return sync_detailed(
+        reconstruction_id=reconstruction_id,
+        index=index,
+        client=client,
+        max_size=max_size,
+    ).parsed
+
+
+async def asyncio_detailed(
+    reconstruction_id: str,
+    index: int,
+    *,
+    client: AuthenticatedClient,
+    max_size: int | Unset = UNSET,
+) -> Response[Any | File | Problem]:
+    """Get a slice as an array
+
+     float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        index (int): Slice, from 0.
+        max_size (int | Unset): Most pixels along a side: a larger slice is averaged over the
+            fewest whole pixels, 2 x 2 or 3 x 3 and so on, with which it fits. Null: as it was
+            computed.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Response[Any | File | Problem]
+    """
+
+    kwargs = _get_kwargs(
+        reconstruction_id=reconstruction_id,
+        index=index,
+        max_size=max_size,
+    )
+
+    response = await client.get_async_httpx_client().request(**kwargs)
+
+    return _build_response(client=client, response=response)
+
+
+async def asyncio(
+    reconstruction_id: str,
+    index: int,
+    *,
+    client: AuthenticatedClient,
+    max_size: int | Unset = UNSET,
+) -> Any | File | Problem | None:
+    """Get a slice as an array
+
+     float32 (x, y), an NPY file: a row is +x, a column +y, as in the pictures.
+
+    Args:
+        reconstruction_id (str): Lower-case letters, digits and hyphens.
+        index (int): Slice, from 0.
+        max_size (int | Unset): Most pixels along a side: a larger slice is averaged over the
+            fewest whole pixels, 2 x 2 or 3 x 3 and so on, with which it fits. Null: as it was
+            computed.
+
+    Raises:
+        errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
+        httpx.TimeoutException: If the request takes longer than Client.timeout.
+
+    Returns:
+        Any | File | Problem
+    """
+
+    return (
+        await asyncio_detailed(
+            reconstruction_id=reconstruction_id,
+            index=index,
+            client=client,
+            max_size=max_size,
+        )
+    ).parsed

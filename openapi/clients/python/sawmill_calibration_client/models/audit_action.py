@@ -1,0 +1,24 @@
+from enum import StrEnum
+
+
+class AuditAction(StrEnum):
+    CALIBRATION_ACTIVATED = "calibration-activated"
+    CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
+    INSPECTION_DELETED = "inspection-deleted"
+    JOB_CANCELLED = "job-cancelled"
+    KEY_CREATED = "key-created"
+    KEY_REVOKED = "key-revoked"
+    KEY_ROTATED = "key-rotated"
+    LOGGED_IN = "logged-in"
+    LOGGED_OUT = "logged-out"
+    PHANTOM_DELETED = "phantom-deleted"
+    SCANNER_CHANGED = "scanner-changed"
+    SCANNER_CREATED = "scanner-created"
+    SCANNER_DELETED = "scanner-deleted"
+    SCAN_DELETED = "scan-deleted"
+    SCHEDULE_CHANGED = "schedule-changed"
+    SCHEDULE_CREATED = "schedule-created"
+    SCHEDULE_DELETED = "schedule-deleted"
+
+    def __str__(self) -> str:
+        return str(self.value)

@@ -1,0 +1,354 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from attrs import define as _attrs_define
+
+from ..models.rotation import Rotation
+from ..types import UNSET, Unset
+
+if TYPE_CHECKING:
+    from ..models.detector_deviation import DetectorDeviation
+    from ..models.detector_geometry import DetectorGeometry
+    from ..models.scanner_constants import ScannerConstants
+    from ..models.turn_disturbance import TurnDisturbance
+
+
+T = TypeVar("T", bound="DriftResult")
+
+
+@_attrs_define
+class DriftResult:
+    """The answer: what moved, how surely, and what cannot be seen."""
+
+    calibrated: DetectorGeometry
+    """ The part of the geometry that pairs of opposite rays show. """
+    change: DetectorGeometry
+    """ The part of the geometry that pairs of opposite rays show. """
+    change_standard_deviation: DetectorDeviation
+    """ A standard deviation of each, or how many of them; null for the distance where the scan does not show it.
+    """
+    covariance: list[list[float]]
+    """ Covariance of what was measured, (cor_column_mm, tilt_rad, source_to_detector_mm), in the products of their
+    units. """
+    input_sha256: str
+    """ SHA-256 of the scan's file, in hexadecimal digits. """
+    measured: DetectorGeometry
+    """ The part of the geometry that pairs of opposite rays show. """
+    moved: bool
+    """ Whether any change is beyond three standard deviations. """
+    not_seen: list[str]
+    """ What no scan without a phantom can show. """
+    radius_mm: float
+    """ Of the disc in which rays are compared. In mm. """
+    ray_change_mm: float
+    """ RMS distance between the rays inside the log's disc, up to a common scale, with what this scan cannot see
+    unchanged; a distance of the detector that has not significantly changed is held too. """
+    ray_change_uncertainty_mm: float
+    """ RMS ray distance that the errors alone bring about. In mm. """
+    reason: str
+    """ A likely cause and what to do, in one sentence. """
+    relative_residual: float
+    """ What opposite rays differ by, against what changes with the view, no unit. """
+    rotation: Rotation
+    """ Which way the view angles count: as the scan gives them, or the other way (phi becomes -phi). """
+    rotation_decided: bool
+    """ False: a log too round and centred to tell; the calibration's is kept. """
+    rotation_ratio: float
+    """ How many times worse they agree in the other sense, no unit. """
+    rows: list[int]
+    """ First row and the one after the last. """
+    scanner: ScannerConstants
+    """ What is known of a scanner without calibrating it. """
+    significance: DetectorDeviation
+    """ A standard deviation of each, or how many of them; null for the distance where the scan does not show it.
+    """
+    software_version: str
+    """ Version of the software that computed it. """
+    standard_deviation: DetectorDeviation
+    """ A standard deviation of each, or how many of them; null for the distance where the scan does not show it.
+    """
+    time_s: float
+    """ Seconds that the computation took. """
+    tolerance_mm: float
+    """ RMS ray distance up to which nothing moved. In mm. """
+    views: int
+    """ Number of views of the scan. """
+    within_tolerance: bool | None
+    """ Null: the scan is too uncertain to say. """
+    adjustments: list[str] | Unset = UNSET
+    """ What was done to the scan before it was used, a sentence each. """
+    disturbances: list[TurnDisturbance] | Unset = UNSET
+    """ What disturbs the turn beyond chance. What is not found widens the standard deviations. """
+    scale_change_percent: float | None | Unset = UNSET
+    """ Change of the image's size, which the ray change leaves out. Null: from an earlier version. In per cent. """
+    scale_change_uncertainty_percent: float | None | Unset = UNSET
+    """ Of the change of scale, 95 %. """
+
+    def to_dict(self) -> dict[str, Any]:
+        calibrated = self.calibrated.to_dict()
+
+        change = self.change.to_dict()
+
+        change_standard_deviation = self.change_standard_deviation.to_dict()
+
+        covariance = []
+        for covariance_item_data in self.covariance:
+            covariance_item = covariance_item_data
+
+            covariance.append(covariance_item)
+
+        input_sha256 = self.input_sha256
+
+        measured = self.measured.to_dict()
+
+        moved = self.moved
+
+        not_seen = self.not_seen
+
+        radius_mm = self.radius_mm
+
+        ray_change_mm = self.ray_change_mm
+
+        ray_change_uncertainty_mm = self.ray_change_uncertainty_mm
+
+        reason = self.reason
+
+        relative_residual = self.relative_residual
+
+        rotation = self.rotation.value
+
+        rotation_decided = self.rotation_decided
+
+        rotation_ratio = self.rotation_ratio
+
+        rows = []
+        for rows_item_data in self.rows:
+            rows_item: int
+            rows_item = rows_item_data
+            rows.append(rows_item)
+
+        scanner = self.scanner.to_dict()
+
+        significance = self.significance.to_dict()
+
+        software_version = self.software_version
+
+        standard_deviation = self.standard_deviation.to_dict()
+
+        time_s = self.time_s
+
+        tolerance_mm = self.tolerance_mm
+
+        views = self.views
+
+        within_tolerance: bool | None
+        within_tolerance = self.within_tolerance
+
+        adjustments: list[str] | Unset = UNSET
+        if not isinstance(self.adjustments, Unset):
+            adjustments = self.adjustments
+
+        disturbances: list[dict[str, Any]] | Unset = UNSET
+        if not isinstance(self.disturbances, Unset):
+            disturbances = []
+            for disturbances_item_data in self.disturbances:
+                disturbances_item = disturbances_item_data.to_dict()
+                disturbances.append(disturbances_item)
+
+        scale_change_percent: float | None | Unset
+        if isinstance(self.scale_change_percent, Unset):
+            scale_change_percent = UNSET
+        else:
+            scale_change_percent = self.scale_change_percent
+
+        scale_change_uncertainty_percent: float | None | Unset
+        if isinstance(self.scale_change_uncertainty_percent, Unset):
+            scale_change_uncertainty_percent = UNSET
+        else:
+            scale_change_uncertainty_percent = self.scale_change_uncertainty_percent
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "calibrated": calibrated,
+                "change": change,
+                "change_standard_deviation": change_standard_deviation,
+                "covariance": covariance,
+                "input_sha256": input_sha256,
+                "measured": measured,
+                "moved": moved,
+                "not_seen": not_seen,
+                "radius_mm": radius_mm,
+                "ray_change_mm": ray_change_mm,
+                "ray_change_uncertainty_mm": ray_change_uncertainty_mm,
+                "reason": reason,
+                "relative_residual": relative_residual,
+                "rotation": rotation,
+                "rotation_decided": rotation_decided,
+                "rotation_ratio": rotation_ratio,
+                "rows": rows,
+                "scanner": scanner,
+                "significance": significance,
+                "software_version": software_version,
+                "standard_deviation": standard_deviation,
+                "time_s": time_s,
+                "tolerance_mm": tolerance_mm,
+                "views": views,
+                "within_tolerance": within_tolerance,
+            }
+        )
+        if adjustments is not UNSET:
+            field_dict["adjustments"] = adjustments
+        if disturbances is not UNSET:
+            field_dict["disturbances"] = disturbances
+        if scale_change_percent is not UNSET:
+            field_dict["scale_change_percent"] = scale_change_percent
+        if scale_change_uncertainty_percent is not UNSET:
+            field_dict["scale_change_uncertainty_percent"] = scale_change_uncertainty_percent
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.detector_deviation import DetectorDeviation  # noqa: PLC0415
+        from ..models.detector_geometry import DetectorGeometry  # noqa: PLC0415
+        from ..models.scanner_constants import ScannerConstants  # noqa: PLC0415
+        from ..models.turn_disturbance import TurnDisturbance  # noqa: PLC0415
+
+        d = dict(src_dict)
+        calibrated = DetectorGeometry.from_dict(d.pop("calibrated"))
+
+        change = DetectorGeometry.from_dict(d.pop("change"))
+
+        change_standard_deviation = DetectorDeviation.from_dict(d.pop("change_standard_deviation"))
+
+        covariance = []
+        _covariance = d.pop("covariance")
+        for covariance_item_data in _covariance:
+            covariance_item = cast(list[float], covariance_item_data)
+
+            covariance.append(covariance_item)
+
+        input_sha256 = d.pop("input_sha256")
+
+        measured = DetectorGeometry.from_dict(d.pop("measured"))
+
+        moved = d.pop("moved")
+
+        not_seen = cast(list[str], d.pop("not_seen"))
+
+        radius_mm = d.pop("radius_mm")
+
+        ray_change_mm = d.pop("ray_change_mm")
+
+        ray_change_uncertainty_mm = d.pop("ray_change_uncertainty_mm")
+
+        reason = d.pop("reason")
+
+        relative_residual = d.pop("relative_residual")
+
+        rotation = Rotation(d.pop("rotation"))
+
+        rotation_decided = d.pop("rotation_decided")
+
+        rotation_ratio = d.pop("rotation_ratio")
+
+        rows = []
+        _rows = d.pop("rows")
+        for rows_item_data in _rows:
+
+            def _parse_rows_item(data: object) -> int:
+                return cast(int, data)
+
+            rows_item = _parse_rows_item(rows_item_data)
+
+            rows.append(rows_item)
+
+        scanner = ScannerConstants.from_dict(d.pop("scanner"))
+
+        significance = DetectorDeviation.from_dict(d.pop("significance"))
+
+        software_version = d.pop("software_version")
+
+        standard_deviation = DetectorDeviation.from_dict(d.pop("standard_deviation"))
+
+        time_s = d.pop("time_s")
+
+        tolerance_mm = d.pop("tolerance_mm")
+
+        views = d.pop("views")
+
+        def _parse_within_tolerance(data: object) -> bool | None:
+            if data is None:
+                return data
+            return cast(bool | None, data)
+
+        within_tolerance = _parse_within_tolerance(d.pop("within_tolerance"))
+
+        adjustments = cast(list[str], d.pop("adjustments", UNSET))
+
+        _disturbances = d.pop("disturbances", UNSET)
+        disturbances: list[TurnDisturbance] | Unset = UNSET
+        if _disturbances is not UNSET:
+            disturbances = []
+            for disturbances_item_data in _disturbances:
+                disturbances_item = TurnDisturbance.from_dict(disturbances_item_data)
+
+                disturbances.append(disturbances_item)
+
+        def _parse_scale_change_percent(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        scale_change_percent = _parse_scale_change_percent(d.pop("scale_change_percent", UNSET))
+
+        def _parse_scale_change_uncertainty_percent(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        scale_change_uncertainty_percent = _parse_scale_change_uncertainty_percent(
+            d.pop("scale_change_uncertainty_percent", UNSET)
+        )
+
+        drift_result = cls(
+            calibrated=calibrated,
+            change=change,
+            change_standard_deviation=change_standard_deviation,
+            covariance=covariance,
+            input_sha256=input_sha256,
+            measured=measured,
+            moved=moved,
+            not_seen=not_seen,
+            radius_mm=radius_mm,
+            ray_change_mm=ray_change_mm,
+            ray_change_uncertainty_mm=ray_change_uncertainty_mm,
+            reason=reason,
+            relative_residual=relative_residual,
+            rotation=rotation,
+            rotation_decided=rotation_decided,
+            rotation_ratio=rotation_ratio,
+            rows=rows,
+            scanner=scanner,
+            significance=significance,
+            software_version=software_version,
+            standard_deviation=standard_deviation,
+            time_s=time_s,
+            tolerance_mm=tolerance_mm,
+            views=views,
+            within_tolerance=within_tolerance,
+            adjustments=adjustments,
+            disturbances=disturbances,
+            scale_change_percent=scale_change_percent,
+            scale_change_uncertainty_percent=scale_change_uncertainty_percent,
+        )
+
+        return drift_result

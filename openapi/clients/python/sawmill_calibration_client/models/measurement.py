@@ -1,0 +1,329 @@
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from typing import Any, TypeVar, cast
+
+from attrs import define as _attrs_define
+
+from ..models.measurement_kind import MeasurementKind
+from ..models.verdict import Verdict
+
+T = TypeVar("T", bound="Measurement")
+
+
+@_attrs_define
+class Measurement:
+    """What one calibration or drift check that succeeded measured; null where it does not show a value."""
+
+    against_id: None | str
+    """ The calibration that every change is counted from: of a calibration the one that was active then, of a drift
+    check the one that it was asked to compare with. Null: there was none, and so no change. """
+    at: datetime.datetime
+    """ When its job ended. """
+    cor_column_change_mm: float | None
+    """ Change of u_c, mm. Null: no change. """
+    cor_column_mm: float
+    """ u_c, where the centre of rotation falls on the detector. In mm. """
+    gain: float | None
+    """ Factor between the phantom's model and the sinogram, in 1/mm. Null: a drift check has none. """
+    kind: MeasurementKind
+    """ What measured. """
+    number: int
+    """ Number of the measurement; it grows from measurement to measurement. """
+    ray_change_mm: float | None
+    """ RMS distance between the rays, up to a common scale, mm. Null: there was nothing to compare with. """
+    ray_change_tolerance_mm: float | None
+    """ What it was held against. Null: no change, or a calibration of an earlier version. In mm. """
+    ray_error_rms_mm: float | None
+    """ The predicted ray error, RMS, mm. Null: a drift check, or a calibration without error bars. """
+    ray_error_upper_95_mm: float | None
+    """ What the ray error stays below in 95 of 100 cases, mm. Null as before. """
+    rays_verdict: None | Verdict
+    """ Of a calibration alone, not of an earlier version. """
+    relative_residual: float
+    """ No unit. Of a calibration what its model leaves of the sinogram; of a drift check what opposite rays differ
+    by. The two cannot be compared. """
+    scale_change_percent: float | None
+    """ Change of the image's size, per cent. Null: no change, or not known. """
+    scale_uncertainty_percent: float | None
+    """ The image's millimetres are right to this with 95 %. """
+    scanner_id: str
+    """ Id of the scanner. """
+    source_distance_mm: float | None
+    """ R, distance from the source to the centre of rotation, mm. Null: a drift check does not see it. """
+    source_to_detector_mm: float
+    """ SDD; a drift check hardly sees it. In mm. """
+    subject_id: str
+    """ Id of the calibration, or of the drift check. """
+    tilt_change_deg: float | None
+    """ Change of tau, degrees. Null: no change. """
+    tilt_deg: float
+    """ tau, tilt of the detector against the ray through the centre of rotation. In degrees. """
+    verdict: None | Verdict
+    """ Of a calibration. Null: a drift check. """
+    within_tolerance: bool | None
+    """ Null: no change, or too uncertain to tell. """
+
+    def to_dict(self) -> dict[str, Any]:
+        against_id: None | str
+        against_id = self.against_id
+
+        at = self.at.isoformat()
+
+        cor_column_change_mm: float | None
+        cor_column_change_mm = self.cor_column_change_mm
+
+        cor_column_mm = self.cor_column_mm
+
+        gain: float | None
+        gain = self.gain
+
+        kind = self.kind.value
+
+        number = self.number
+
+        ray_change_mm: float | None
+        ray_change_mm = self.ray_change_mm
+
+        ray_change_tolerance_mm: float | None
+        ray_change_tolerance_mm = self.ray_change_tolerance_mm
+
+        ray_error_rms_mm: float | None
+        ray_error_rms_mm = self.ray_error_rms_mm
+
+        ray_error_upper_95_mm: float | None
+        ray_error_upper_95_mm = self.ray_error_upper_95_mm
+
+        rays_verdict: None | str
+        if isinstance(self.rays_verdict, Verdict):
+            rays_verdict = self.rays_verdict.value
+        else:
+            rays_verdict = self.rays_verdict
+
+        relative_residual = self.relative_residual
+
+        scale_change_percent: float | None
+        scale_change_percent = self.scale_change_percent
+
+        scale_uncertainty_percent: float | None
+        scale_uncertainty_percent = self.scale_uncertainty_percent
+
+        scanner_id = self.scanner_id
+
+        source_distance_mm: float | None
+        source_distance_mm = self.source_distance_mm
+
+        source_to_detector_mm = self.source_to_detector_mm
+
+        subject_id = self.subject_id
+
+        tilt_change_deg: float | None
+        tilt_change_deg = self.tilt_change_deg
+
+        tilt_deg = self.tilt_deg
+
+        verdict: None | str
+        if isinstance(self.verdict, Verdict):
+            verdict = self.verdict.value
+        else:
+            verdict = self.verdict
+
+        within_tolerance: bool | None
+        within_tolerance = self.within_tolerance
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "against_id": against_id,
+                "at": at,
+                "cor_column_change_mm": cor_column_change_mm,
+                "cor_column_mm": cor_column_mm,
+                "gain": gain,
+                "kind": kind,
+                "number": number,
+                "ray_change_mm": ray_change_mm,
+                "ray_change_tolerance_mm": ray_change_tolerance_mm,
+                "ray_error_rms_mm": ray_error_rms_mm,
+                "ray_error_upper_95_mm": ray_error_upper_95_mm,
+                "rays_verdict": rays_verdict,
+                "relative_residual": relative_residual,
+                "scale_change_percent": scale_change_percent,
+                "scale_uncertainty_percent": scale_uncertainty_percent,
+                "scanner_id": scanner_id,
+                "source_distance_mm": source_distance_mm,
+                "source_to_detector_mm": source_to_detector_mm,
+                "subject_id": subject_id,
+                "tilt_change_deg": tilt_change_deg,
+                "tilt_deg": tilt_deg,
+                "verdict": verdict,
+                "within_tolerance": within_tolerance,
+            }
+        )
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        d = dict(src_dict)
+
+        def _parse_against_id(data: object) -> None | str:
+            if data is None:
+                return data
+            return cast(None | str, data)
+
+        against_id = _parse_against_id(d.pop("against_id"))
+
+        at = datetime.datetime.fromisoformat(d.pop("at"))
+
+        def _parse_cor_column_change_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        cor_column_change_mm = _parse_cor_column_change_mm(d.pop("cor_column_change_mm"))
+
+        cor_column_mm = d.pop("cor_column_mm")
+
+        def _parse_gain(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        gain = _parse_gain(d.pop("gain"))
+
+        kind = MeasurementKind(d.pop("kind"))
+
+        number = d.pop("number")
+
+        def _parse_ray_change_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        ray_change_mm = _parse_ray_change_mm(d.pop("ray_change_mm"))
+
+        def _parse_ray_change_tolerance_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        ray_change_tolerance_mm = _parse_ray_change_tolerance_mm(d.pop("ray_change_tolerance_mm"))
+
+        def _parse_ray_error_rms_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        ray_error_rms_mm = _parse_ray_error_rms_mm(d.pop("ray_error_rms_mm"))
+
+        def _parse_ray_error_upper_95_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        ray_error_upper_95_mm = _parse_ray_error_upper_95_mm(d.pop("ray_error_upper_95_mm"))
+
+        def _parse_rays_verdict(data: object) -> None | Verdict:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                rays_verdict_type_0 = Verdict(data)
+
+                return rays_verdict_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | Verdict, data)
+
+        rays_verdict = _parse_rays_verdict(d.pop("rays_verdict"))
+
+        relative_residual = d.pop("relative_residual")
+
+        def _parse_scale_change_percent(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        scale_change_percent = _parse_scale_change_percent(d.pop("scale_change_percent"))
+
+        def _parse_scale_uncertainty_percent(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        scale_uncertainty_percent = _parse_scale_uncertainty_percent(d.pop("scale_uncertainty_percent"))
+
+        scanner_id = d.pop("scanner_id")
+
+        def _parse_source_distance_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        source_distance_mm = _parse_source_distance_mm(d.pop("source_distance_mm"))
+
+        source_to_detector_mm = d.pop("source_to_detector_mm")
+
+        subject_id = d.pop("subject_id")
+
+        def _parse_tilt_change_deg(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
+
+        tilt_change_deg = _parse_tilt_change_deg(d.pop("tilt_change_deg"))
+
+        tilt_deg = d.pop("tilt_deg")
+
+        def _parse_verdict(data: object) -> None | Verdict:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                verdict_type_0 = Verdict(data)
+
+                return verdict_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | Verdict, data)
+
+        verdict = _parse_verdict(d.pop("verdict"))
+
+        def _parse_within_tolerance(data: object) -> bool | None:
+            if data is None:
+                return data
+            return cast(bool | None, data)
+
+        within_tolerance = _parse_within_tolerance(d.pop("within_tolerance"))
+
+        measurement = cls(
+            against_id=against_id,
+            at=at,
+            cor_column_change_mm=cor_column_change_mm,
+            cor_column_mm=cor_column_mm,
+            gain=gain,
+            kind=kind,
+            number=number,
+            ray_change_mm=ray_change_mm,
+            ray_change_tolerance_mm=ray_change_tolerance_mm,
+            ray_error_rms_mm=ray_error_rms_mm,
+            ray_error_upper_95_mm=ray_error_upper_95_mm,
+            rays_verdict=rays_verdict,
+            relative_residual=relative_residual,
+            scale_change_percent=scale_change_percent,
+            scale_uncertainty_percent=scale_uncertainty_percent,
+            scanner_id=scanner_id,
+            source_distance_mm=source_distance_mm,
+            source_to_detector_mm=source_to_detector_mm,
+            subject_id=subject_id,
+            tilt_change_deg=tilt_change_deg,
+            tilt_deg=tilt_deg,
+            verdict=verdict,
+            within_tolerance=within_tolerance,
+        )
+
+        return measurement

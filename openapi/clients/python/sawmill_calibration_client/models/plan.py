@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import datetime
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from attrs import define as _attrs_define
+
+from ..models.job_state import JobState
+from ..types import UNSET, Unset
+
+if TYPE_CHECKING:
+    from ..models.failure import Failure
+    from ..models.plan_asked import PlanAsked
+    from ..models.plan_links import PlanLinks
+    from ..models.plan_result import PlanResult
+
+
+T = TypeVar("T", bound="Plan")
+
+
+@_attrs_define
+class Plan:
+    """A plan as it stands."""
+
+    created_at: datetime.datetime
+    """ When it was created, RFC 3339, UTC. """
+    id: str
+    """ The resource's id, which the service gives. """
+    job_id: str
+    """ Id of the job that computes it. """
+    options: PlanAsked
+    """ What was asked, as it is kept: an earlier version took what `PlanAsk` refuses. """
+    phantom_id: str
+    """ Id of the phantom. """
+    scanner_id: str
+    """ Id of the scanner. """
+    state: JobState
+    """ A job's life: queued, running, then one of the three ends. """
+    failure: Failure | None | Unset = UNSET
+    """ Why it failed. Null: it has not. """
+    links: None | PlanLinks | Unset = UNSET
+    """ Where it is, and what it refers to. """
+    result: None | PlanResult | Unset = UNSET
+    """ The answer. Null: there is none yet. """
+
+    def to_dict(self) -> dict[str, Any]:
+        from ..models.failure import Failure  # noqa: PLC0415
+        from ..models.plan_links import PlanLinks  # noqa: PLC0415
+        from ..models.plan_result import PlanResult  # noqa: PLC0415
+
+        created_at = self.created_at.isoformat()
+
+        id = self.id
+
+        job_id = self.job_id
+
+        options = self.options.to_dict()
+
+        phantom_id = self.phantom_id
+
+        scanner_id = self.scanner_id
+
+        state = self.state.value
+
+        failure: dict[str, Any] | None | Unset
+        if isinstance(self.failure, Unset):
+            failure = UNSET
+        elif isinstance(self.failure, Failure):
+            failure = self.failure.to_dict()
+        else:
+            failure = self.failure
+
+        links: dict[str, Any] | None | Unset
+        if isinstance(self.links, Unset):
+            links = UNSET
+        elif isinstance(self.links, PlanLinks):
+            links = self.links.to_dict()
+        else:
+            links = self.links
+
+        result: dict[str, Any] | None | Unset
+        if isinstance(self.result, Unset):
+            result = UNSET
+        elif isinstance(self.result, PlanResult):
+            result = self.result.to_dict()
+        else:
+            result = self.result
+
+        field_dict: dict[str, Any] = {}
+
+        field_dict.update(
+            {
+                "created_at": created_at,
+                "id": id,
+                "job_id": job_id,
+                "options": options,
+                "phantom_id": phantom_id,
+                "scanner_id": scanner_id,
+                "state": state,
+            }
+        )
+        if failure is not UNSET:
+            field_dict["failure"] = failure
+        if links is not UNSET:
+            field_dict["links"] = links
+        if result is not UNSET:
+            field_dict["result"] = result
+
+        return field_dict
+
+    @classmethod
+    def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.failure import Failure  # noqa: PLC0415
+        from ..models.plan_asked import PlanAsked  # noqa: PLC0415
+        from ..models.plan_links import PlanLinks  # noqa: PLC0415
+        from ..models.plan_result import PlanResult  # noqa: PLC0415
+
+        d = dict(src_dict)
+        created_at = datetime.datetime.fromisoformat(d.pop("created_at"))
+
+        id = d.pop("id")
+
+        job_id = d.pop("job_id")
+
+        options = PlanAsked.from_dict(d.pop("options"))
+
+        phantom_id = d.pop("phantom_id")
+
+        scanner_id = d.pop("scanner_id")
+
+        state = JobState(d.pop("state"))
+
+        def _parse_failure(data: object) -> Failure | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                failure_type_0 = Failure.from_dict(data)
+
+                return failure_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(Failure | None | Unset, data)
+
+        failure = _parse_failure(d.pop("failure", UNSET))
+
+        def _parse_links(data: object) -> None | PlanLinks | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                links_type_0 = PlanLinks.from_dict(data)
+
+                return links_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | PlanLinks | Unset, data)
+
+        links = _parse_links(d.pop("links", UNSET))
+
+        def _parse_result(data: object) -> None | PlanResult | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                result_type_0 = PlanResult.from_dict(data)
+
+                return result_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(None | PlanResult | Unset, data)
+
+        result = _parse_result(d.pop("result", UNSET))
+
+        plan = cls(
+            created_at=created_at,
+            id=id,
+            job_id=job_id,
+            options=options,
+            phantom_id=phantom_id,
+            scanner_id=scanner_id,
+            state=state,
+            failure=failure,
+            links=links,
+            result=result,
+        )
+
+        return plan

@@ -1,0 +1,10 @@
+from enum import StrEnum
+
+
+class WitnessTaken(StrEnum):
+    BOTH = "both"
+    LOG = "log"
+    PHANTOM = "phantom"
+
+    def __str__(self) -> str:
+        return str(self.value)
