@@ -46,6 +46,11 @@ def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Res
 
         return response_403
 
+    if response.status_code == 404:
+        response_404 = Problem.from_dict(response.json())
+
+        return response_404
+
     if response.status_code == 413:
         response_413 = Problem.from_dict(response.json())
 
@@ -108,7 +113,7 @@ def sync_detailed(
 ) -> Response[Problem | Upload]:
     """Get an upload
 
-     What has come of it, and what was made of it.
+     What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
@@ -139,7 +144,7 @@ def sync(
 ) -> Problem | Upload | None:
     """Get an upload
 
-     What has come of it, and what was made of it.
+     What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
@@ -165,7 +170,7 @@ async def asyncio_detailed(
 ) -> Response[Problem | Upload]:
     """Get an upload
 
-     What has come of it, and what was made of it.
+     What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
@@ -194,7 +199,7 @@ async def asyncio(
 ) -> Problem | Upload | None:
     """Get an upload
 
-     What has come of it, and what was made of it.
+     What has come of it, and what was made of it; `HEAD` is answered with the same headers alone.
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
