@@ -396,7 +396,8 @@ def test_the_table_of_routes_is_the_openapi_document_s():
         for path, item in paths.items()
         for method, operation in item.items()
     ]
-    documented = re.findall(r"^\| (?:GET|PUT|PATCH|POST|DELETE) \|.*$", (ROOT / "docs/http.md").read_text(), re.MULTILINE)
+    methods = r"^\| (?:GET|PUT|PATCH|POST|DELETE) \|.*$"
+    documented = re.findall(methods, (ROOT / "docs/http.md").read_text(), re.MULTILINE)
     assert documented == rows, "docs/http.md needs these rows:\n" + "\n".join(rows)
 
 
