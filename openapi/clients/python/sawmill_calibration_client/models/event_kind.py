@@ -5,10 +5,15 @@ class EventKind(StrEnum):
     CALIBRATION_ACTIVATED = "calibration-activated"
     CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
     CANCELLED = "cancelled"
+    CANCEL_REQUESTED = "cancel-requested"
     CLOCK_OFF = "clock-off"
     CLOCK_STEPPED = "clock-stepped"
     FAILED = "failed"
     GIVEN_BACK = "given-back"
+    INSPECTION_DELETED = "inspection-deleted"
+    KEY_CREATED = "key-created"
+    KEY_REVOKED = "key-revoked"
+    KEY_ROTATED = "key-rotated"
     LOST = "lost"
     PHANTOM_CREATED = "phantom-created"
     PHANTOM_DELETED = "phantom-deleted"
@@ -28,6 +33,10 @@ class EventKind(StrEnum):
     SCHEDULE_MISSED = "schedule-missed"
     STARTED = "started"
     SUCCEEDED = "succeeded"
+    UPLOAD_COMPLETE = "upload-complete"
+    UPLOAD_CREATED = "upload-created"
+    UPLOAD_DELETED = "upload-deleted"
+    UPLOAD_USED = "upload-used"
 
     def __str__(self) -> str:
         return str(self.value)

@@ -125,7 +125,7 @@ def sync_detailed(
 ) -> Response[Problem | str]:
     """Follow what happens
 
-     Jobs, scans, calibrations, scanners and schedules, from when they change on.
+     Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
@@ -175,7 +175,7 @@ def sync(
 ) -> Problem | str | None:
     """Follow what happens
 
-     Jobs, scans, calibrations, scanners and schedules, from when they change on.
+     Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
@@ -220,7 +220,7 @@ async def asyncio_detailed(
 ) -> Response[Problem | str]:
     """Follow what happens
 
-     Jobs, scans, calibrations, scanners and schedules, from when they change on.
+     Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
@@ -268,7 +268,7 @@ async def asyncio(
 ) -> Problem | str | None:
     """Follow what happens
 
-     Jobs, scans, calibrations, scanners and schedules, from when they change on.
+     Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
