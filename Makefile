@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -47,7 +47,7 @@ test: lint
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist worksteal --durations 15 --durations-min 0
 
 # Statistics over many seeds, and the wheel in an empty environment. Hours.
-study: bench study-calibration study-readers study-wheel
+study: bench study-calibration study-readers study-contract study-wheel
 
 # The tests that try a few seeds of each statistic, with as many as make it one: some minutes.
 study-calibration: install-dev
@@ -57,6 +57,10 @@ study-calibration: install-dev
 # Readers against edited files and HDF5 of any structure, 20 000 of each: half an hour.
 study-readers: install-dev
 	@SAWMILL_READER_EXAMPLES=20000 $(BIN)/python -m pytest --timeout 7200 tests/readers/test_properties.py
+
+# schemathesis with 50 fuzzed requests an operation, of all operations in every phase.
+study-contract: install-dev
+	@SAWMILL_CONTRACT_EXAMPLES=50 $(BIN)/python -m pytest --timeout 7200 tests/service/test_schemathesis.py
 
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py

@@ -39,6 +39,7 @@ LONG = {
     "test_an_accepted_job_waits_for_room_and_the_worker_stays",
     "test_every_kind_of_job_does_its_work_with_its_own_files_alone",
     "test_jobs_under_kills_are_each_done_once_and_right",
+    "test_schemathesis_finds_nothing",
     "test_the_command_line_block_works",
     "test_the_demo_leaves_a_page_of_pictures_and_figures",
     "test_the_published_log_with_nothing_given",

@@ -7,6 +7,7 @@ from fastapi import APIRouter, Path, Request, Response
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.problem_types import CODE_PATTERN, PATH, ProblemType, ProblemTypes, problem_types
 from sawmill_service.problems import Refused, is_navigation
+from sawmill_service.refusals import refuses
 
 router = APIRouter(tags=["operation"])
 _VARY = {"Vary": "Accept, Cookie"}
@@ -21,7 +22,9 @@ def list_problem_types(request: Request, page: ThePage, response: Response) -> R
     return ProblemTypes(items=list(problem_types().values()))
 
 
-@router.get(f"{PATH}{{code}}", summary="Get a kind of problem", response_model=ProblemType)
+@router.get(
+    f"{PATH}{{code}}", summary="Get a kind of problem", response_model=ProblemType, responses=refuses("unknown-path")
+)
 def get_problem_type(
     code: Annotated[
         str,

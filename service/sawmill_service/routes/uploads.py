@@ -71,7 +71,7 @@ def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Up
     | refuses_upload(
         *("upload-not-found", "upload-busy", "upload-complete", "upload-too-long", "upload-used", "wrong-offset")
     ),
-    openapi_extra=trying_file(BYTES, "/examples/phantom-scan.npz", upload_id="example"),
+    openapi_extra=trying_file(BYTES, "/examples/phantom-scan.npz", required=False, upload_id="example"),
 )
 async def send_part(
     upload_id: Identifier, request: Request, store: TheStore, response: Response, upload_offset: Offset = 0

@@ -24,7 +24,8 @@ from sawmill_worker.contracts.given import Queried
 from sawmill_worker.vocabulary import ColorMap
 
 _FLOAT32_BYTES = 4
-Color = tuple[int, int, int]
+# A list of three, and no tuple: not every generator of clients reads `prefixItems`.
+Color = Annotated[list[Annotated[int, Field(ge=0, le=255)]], Field(min_length=3, max_length=3)]
 
 router = APIRouter(tags=["reconstructions"])
 folder = "/v1/reconstructions/{reconstruction_id}"
@@ -152,4 +153,4 @@ def list_color_maps() -> dict[ColorMap, list[Color]]:
     """256 colours each (red, green, blue of 255), from a window's low end to its high end, as pictures have them."""
     from sawmill_worker.pictures.color_maps import color_table
 
-    return {name: [(red, green, blue) for red, green, blue in color_table(name).tolist()] for name in ColorMap}
+    return {name: color_table(name).tolist() for name in ColorMap}

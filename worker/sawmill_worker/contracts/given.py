@@ -10,6 +10,7 @@ from pydantic import (
     AfterValidator,
     AwareDatetime,
     BaseModel,
+    BeforeValidator,
     GetCoreSchemaHandler,
     ValidationError,
     model_validator,
@@ -22,6 +23,7 @@ from sawmill_worker.vocabulary import rewritten
 # Control characters, line separators, half surrogates, and those that reverse the direction of what follows them: a
 # name is one line that looks like what it is.
 _NOT_SHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_NUMBER = re.compile(r"[-+]?[\d_.]+(e[-+]?\d+)?", re.IGNORECASE)
 # Of a number whose field has no closer bounds.
 LARGEST_NUMBER = 10**12
 
@@ -51,6 +53,14 @@ def _hidden(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
         yield InitErrorDetails(type=kind, loc=place, input=given)
 
 
+def _no_number(given: object) -> object:
+    """Which pydantic would take for seconds since 1970, in a text too."""
+    if isinstance(given, int | float) or (isinstance(given, str) and _NUMBER.fullmatch(given.strip())):
+        msg = f"must be a time with its offset, as in 2026-03-01T00:00:00+02:00, and not the number {given}"
+        raise ValueError(msg)
+    return given
+
+
 def _in_utc(moment: datetime) -> datetime:
     try:
         return moment.astimezone(UTC)
@@ -59,7 +69,7 @@ def _in_utc(moment: datetime) -> datetime:
         raise ValueError(msg) from None
 
 
-GivenTime = Annotated[AwareDatetime, AfterValidator(_in_utc)]
+GivenTime = Annotated[AwareDatetime, BeforeValidator(_no_number), AfterValidator(_in_utc)]
 
 
 class Given(Contract):

@@ -1,0 +1,90 @@
+"""schemathesis finds nothing: what the OpenAPI document allows is taken, what it forbids refused, answers are listed.
+
+SAWMILL_CONTRACT_EXAMPLES asks for that many fuzzed requests an operation, of all operations in every phase (minutes).
+"""
+
+import json
+import os
+import re
+import tomllib
+import uuid
+from pathlib import Path
+
+import pytest
+import schemathesis
+from schemathesis.config import SchemathesisConfig
+from schemathesis.engine import Status, events, from_schema
+from schemathesis.generation import GenerationMode
+
+from sawmill_service.settings import ServiceSettings
+
+EXAMPLES = os.environ.get("SAWMILL_CONTRACT_EXAMPLES")
+# What one value says of another, or of what is stored: JSON schemas of single parameters and fields cannot tell it,
+# so a request that they allow may be refused with these sentences. Of any other refusal it is a failure.
+BEYOND_SCHEMAS = re.compile(
+    r"^rows is \S+, but scan "
+    r"|give count or slices, not both"
+    r"|window_low must be below window_high"
+    r"|standard_uncertainty_mm \S+ of measured_mm \S+ must be less than 10% of it"
+    r"|give a length within 10% of the drawing"
+    r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
+    r"|five fields, minute hour day month weekday in UTC, that come true at some time"
+)
+# The largest file is a setting.
+BEYOND_SCHEMAS_CODES = {"two-files", "upload-too-large"}
+
+
+@schemathesis.hook
+def before_call(_context, case, _kwargs):
+    """A key of its own for each request, as clients send: one key with two bodies is refused, as it must be."""
+    if "Idempotency-Key" in (case.headers or {}) and case.meta.generation.mode is GenerationMode.POSITIVE:
+        case.headers["Idempotency-Key"] = uuid.uuid4().hex
+
+
+@pytest.fixture
+def settings() -> ServiceSettings:
+    return ServiceSettings(max_upload_bytes=2**21, max_picture_bytes=50_000, max_json_bytes=20_000, event_poll_s=0.01)
+
+
+@pytest.mark.timeout(7200 if EXAMPLES else 300)
+def test_schemathesis_finds_nothing(seeded):
+    # Streams end at once.
+    seeded.app.state.stopping.begin()
+    schema = schemathesis.openapi.from_dict(json.loads(seeded.app.openapi_json), config=configuration())
+    schema.app = seeded.app
+    found, cases = set(), 0
+    for event in from_schema(schema).execute():
+        if isinstance(event, events.NonFatalError | events.FatalError):
+            found.add(repr(event))
+        if isinstance(event, events.ScenarioFinished):
+            cases += len(event.recorder.cases)
+            found.update(failures(event.recorder))
+    assert found == set()
+    assert cases > 1000
+
+
+def configuration():
+    document = tomllib.loads((Path(__file__).parent / "schemathesis.toml").read_text())
+    if EXAMPLES:
+        del document["operations"]
+        document["generation"]["max-examples"] = int(EXAMPLES)
+    return SchemathesisConfig.from_dict(document)
+
+
+def failures(recorder):
+    """One line each."""
+    for case_id, checks in recorder.checks.items():
+        sent = recorder.interactions[case_id]
+        for check in checks:
+            if check.status is not Status.SUCCESS and not is_beyond_schemas(check, sent.response):
+                yield (
+                    f"{recorder.label}: {check.name}: {check.failure_info and check.failure_info.failure.message}: "
+                    f"{sent.request.uri[:300]} {sent.request.body!r:.300} -> {sent.response.content[:300]}"
+                )
+
+
+def is_beyond_schemas(check, response):
+    if check.name != "positive_data_acceptance" or response.status_code not in {413, 422}:
+        return False
+    problem = response.json()
+    return problem["code"] in BEYOND_SCHEMAS_CODES or BEYOND_SCHEMAS.search(problem["detail"]) is not None
