@@ -19,11 +19,7 @@ class ListColorMapsResponseListColorMaps:
         for prop_name, prop in self.additional_properties.items():
             field_dict[prop_name] = []
             for additional_property_item_data in prop:
-                additional_property_item = []
-                for additional_property_item_item_data in additional_property_item_data:
-                    additional_property_item_item: int
-                    additional_property_item_item = additional_property_item_item_data
-                    additional_property_item.append(additional_property_item_item)
+                additional_property_item = additional_property_item_data
 
                 field_dict[prop_name].append(additional_property_item)
 
@@ -39,18 +35,7 @@ class ListColorMapsResponseListColorMaps:
             additional_property = []
             _additional_property = prop_dict
             for additional_property_item_data in _additional_property:
-                additional_property_item = []
-                _additional_property_item = additional_property_item_data
-                for additional_property_item_item_data in _additional_property_item:
-
-                    def _parse_additional_property_item_item(data: object) -> int:
-                        return cast(int, data)
-
-                    additional_property_item_item = _parse_additional_property_item_item(
-                        additional_property_item_item_data
-                    )
-
-                    additional_property_item.append(additional_property_item_item)
+                additional_property_item = cast(list[int], additional_property_item_data)
 
                 additional_property.append(additional_property_item)
 

@@ -8,13 +8,13 @@ from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
 from ...models.upload import Upload
-from ...types import File, Response, Unset
+from ...types import UNSET, File, Response, Unset
 
 
 def _get_kwargs(
     upload_id: str,
     *,
-    body: File,
+    body: File | Unset = UNSET,
     upload_offset: int | Unset = 0,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
@@ -28,7 +28,8 @@ def _get_kwargs(
         ),
     }
 
-    _kwargs["content"] = body.payload
+    if not isinstance(body, Unset):
+        _kwargs["content"] = body.payload
     headers["Content-Type"] = "application/octet-stream"
 
     _kwargs["headers"] = headers
@@ -135,7 +136,7 @@ def sync_detailed(
     upload_id: str,
     *,
     client: AuthenticatedClient,
-    body: File,
+    body: File | Unset = UNSET,
     upload_offset: int | Unset = 0,
 ) -> Response[Problem | Upload]:
     """Send a part of an upload
@@ -149,7 +150,7 @@ def sync_detailed(
         upload_id (str): Lower-case letters, digits and hyphens.
         upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
             gives. Default: 0.
-        body (File):
+        body (File | Unset):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -176,7 +177,7 @@ def sync(
     upload_id: str,
     *,
     client: AuthenticatedClient,
-    body: File,
+    body: File | Unset = UNSET,
     upload_offset: int | Unset = 0,
 ) -> Problem | Upload | None:
     """Send a part of an upload
@@ -190,7 +191,7 @@ def sync(
         upload_id (str): Lower-case letters, digits and hyphens.
         upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
             gives. Default: 0.
-        body (File):
+        body (File | Unset):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -212,7 +213,7 @@ async def asyncio_detailed(
     upload_id: str,
     *,
     client: AuthenticatedClient,
-    body: File,
+    body: File | Unset = UNSET,
     upload_offset: int | Unset = 0,
 ) -> Response[Problem | Upload]:
     """Send a part of an upload
@@ -226,7 +227,7 @@ async def asyncio_detailed(
         upload_id (str): Lower-case letters, digits and hyphens.
         upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
             gives. Default: 0.
-        body (File):
+        body (File | Unset):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -251,7 +252,7 @@ async def asyncio(
     upload_id: str,
     *,
     client: AuthenticatedClient,
-    body: File,
+    body: File | Unset = UNSET,
     upload_offset: int | Unset = 0,
 ) -> Problem | Upload | None:
     """Send a part of an upload
@@ -265,7 +266,7 @@ async def asyncio(
         upload_id (str): Lower-case letters, digits and hyphens.
         upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
             gives. Default: 0.
-        body (File):
+        body (File | Unset):
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
