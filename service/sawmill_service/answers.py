@@ -1,5 +1,6 @@
 """Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
 
+import hashlib
 import mimetypes
 import re
 from collections.abc import Callable, Hashable
@@ -128,7 +129,7 @@ def picture(
         Its kind.
     """
     digests: Digests = request.app.state.digests
-    key = (request.url.path, repr(drawn_from))
+    key = (request.url.path, hashlib.sha256(repr(drawn_from).encode()).digest())
     digest = digests.known(key)
     if digest is not None and is_known(request, tag_of(digest)):
         return not_modified(tag_of(digest))

@@ -1,5 +1,6 @@
 """Answers that are arrays: NPY files, sent piece by piece, and a bound on what all of them together hold in memory."""
 
+import hashlib
 import threading
 from collections.abc import AsyncIterator, Callable, Hashable, Mapping
 
@@ -77,7 +78,7 @@ def array(
         The name under which a browser saves it.
     """
     digests: Digests = request.app.state.digests
-    key = (request.url.path, repr(made_of))
+    key = (request.url.path, hashlib.sha256(repr(made_of).encode()).digest())
     digest = digests.known(key)
     if digest is not None and is_known(request, tag_of(digest)):
         return not_modified(tag_of(digest))

@@ -34,7 +34,8 @@ class Digests:
     """Digests by what was sent, the newest, and small contents with theirs."""
 
     def __init__(self) -> None:
-        self._lock, self._hashing = threading.Lock(), threading.Lock()
+        self._lock = threading.Lock()
+        self._hashing: dict[Hashable, threading.Lock] = {}
         self._digests: OrderedDict[Hashable, bytes] = OrderedDict()
         self._contents: OrderedDict[Hashable, bytes] = OrderedDict()
         self._kept_bytes = 0
@@ -67,11 +68,26 @@ class Digests:
         """The digest of a file as it was when `status` was taken; the first time takes as long as reading it."""
         key = (str(path), status.st_size, status.st_mtime_ns)
         if (digest := self.known(key)) is None:
-            with self._hashing:  # many that ask for one large file at once wait for one of them
-                digest = self.known(key) or _noted_or_computed(path, status)
+            if status.st_size >= _NOTED_FROM_BYTES:
+                return self._of_large_file(key, path, status)
+            digest = _computed(path)
             with self._lock:
                 self._note(key, digest)
         return digest
+
+    def _of_large_file(self, key: Hashable, path: Path, status: os.stat_result) -> bytes:
+        """Many that ask for one at once wait for one of them; those who ask for another file do not."""
+        with self._lock:
+            hashing = self._hashing.setdefault(key, threading.Lock())
+        try:
+            with hashing:
+                digest = self.known(key) or _noted_or_computed(path, status)
+                with self._lock:
+                    self._note(key, digest)
+                return digest
+        finally:
+            with self._lock:
+                self._hashing.pop(key, None)
 
     def _note(self, key: Hashable, digest: bytes) -> None:
         self._digests[key] = digest
@@ -80,8 +96,6 @@ class Digests:
 
 
 def _noted_or_computed(path: Path, status: os.stat_result) -> bytes:
-    if status.st_size < _NOTED_FROM_BYTES:
-        return _computed(path)
     note, stands_for = path.with_name(f".{path.name}.sha256"), f"{status.st_size} {status.st_mtime_ns}"
     try:
         digest, _, noted_for = note.read_text().partition(" ")

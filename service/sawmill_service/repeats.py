@@ -113,7 +113,8 @@ class Repeatable:
         if kept is None:
             return
         sent = kept.request.file_sha256 is not None and kept.request.request_sha256 == self.keyed.request_sha256
-        digest = await body_sha256(self.request) if sent else None
+        max_bytes = self.request.app.state.settings.max_upload_bytes
+        digest = await body_sha256(self.request, max_bytes=max_bytes) if sent else None
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)))
 
     def _kept(self, made: Contract) -> Answer:

@@ -22,6 +22,8 @@ _PAGE = re.compile(rb"\s*<(!doctype\s+html|html|\?xml)", re.IGNORECASE)
 _FORM = re.compile(rb"--[^\r\n]{1,70}\r\ncontent-disposition:\s*form-data", re.IGNORECASE)
 _PIECE_BYTES = 2**20
 # gzip packs a file of one value a thousandfold; measured counts and line integrals about twofold.
+# Each member costs time of its own, even an empty one; programs that write many give each thousands of bytes.
+_FREE_MEMBERS, _LEAST_MEMBER_BYTES = 100, 1024
 _MOST_RATIO, _FREE_BYTES = 100, 16 * 2**20
 
 
@@ -53,7 +55,7 @@ class SentContent:
 
     def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
         check_media_type(headers.get("content-type", ""))
-        encoding = headers.get("content-encoding", "identity").strip().lower()
+        encoding = (_all_lines(headers, "content-encoding") or "identity").strip().lower()
         if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
             detail = f"the body may come as it is{' or packed by gzip' if packed else ''}, not by {encoding[:100]!r}"
             accepted = {"Accept-Encoding": "gzip, identity" if packed else "identity"}
@@ -93,7 +95,7 @@ class Gunzip:
 
     def __init__(self) -> None:
         self._member: Any = None  # typeshed names no type for it
-        self._taken = self._given = 0
+        self._taken = self._given = self._members = 0
 
     def unpack(self, part: bytes) -> Iterable[bytes]:
         """What a part holds, in pieces.
@@ -116,11 +118,18 @@ class Gunzip:
             part = self._member.unused_data if self._member.eof else self._member.unconsumed_tail
             if self._member.eof:
                 self._member = None
+                self._count_member()
 
     def end(self) -> None:
         """Refuse what broke off."""
         if self._member is not None:
             raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
+
+    def _count_member(self) -> None:
+        self._members += 1
+        if self._members > _FREE_MEMBERS + self._taken // _LEAST_MEMBER_BYTES:
+            detail = f"the body is packed in {self._members} members, each of less than {_LEAST_MEMBER_BYTES} bytes"
+            raise Refused(400, "bad-encoding", f"{detail}: pack the file at once")
 
     def _count(self, size: int) -> None:
         self._given += size
@@ -153,7 +162,7 @@ def digests_of(headers: Headers) -> dict[str, bytes]:
     Refused
         400 `bad-digest`: it cannot be read.
     """
-    given = headers.get("content-digest")
+    given = _all_lines(headers, "content-digest")
     members = [] if given is None else [_MEMBER.fullmatch(member) for member in given.split(",")]
     found = dict[str, bytes]()
     for member in members:
@@ -162,6 +171,11 @@ def digests_of(headers: Headers) -> dict[str, bytes]:
         if member[1] in ALGORITHMS:
             found[member[1]] = _decoded(member[1], member[2])
     return found
+
+
+def _all_lines(headers: Headers, name: str) -> str | None:
+    """A header's value, of several lines all (RFC 9110, section 5.3)."""
+    return ",".join(headers.getlist(name)) or None
 
 
 def _decoded(name: str, text: str) -> bytes:

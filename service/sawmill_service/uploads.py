@@ -77,23 +77,30 @@ async def received_body(request: Request, store: Store, *, max_bytes: int) -> Re
     """
     content = SentContent(request.headers)
     await run_in_threadpool(store.check_room_for, declared_bytes(request))
+    reserve_bytes = await run_in_threadpool(store.reserved_bytes)
     return await store.files.receive_stream(
-        chunks(request), max_bytes=max_bytes, reserve_bytes=store.settings.disk_reserve_bytes, content=content
+        chunks(request), max_bytes=max_bytes, reserve_bytes=reserve_bytes, content=content
     )
 
 
-async def body_sha256(request: Request) -> str:
+async def body_sha256(request: Request, *, max_bytes: int) -> str:
     """Of the file in the body, which is kept nowhere; refused as by `received_body` where it cannot be read."""
+    size = 0
     content, digest = SentContent(request.headers), hashlib.sha256()
     async for part in in_parts(chunks(request)):
-        await run_in_threadpool(_add, digest, content.take(part))
+        size += await run_in_threadpool(_add, digest, content.take(part))
+        if size > max_bytes:
+            raise UploadTooLarge(max_bytes)
     content.end()
     return digest.hexdigest()
 
 
-def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> None:
+def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> int:
+    size = 0
     for piece in pieces:
         digest.update(piece)
+        size += len(piece)
+    return size
 
 
 def declared_bytes(request: Request) -> int:

@@ -1,7 +1,7 @@
 """Long polls: a request that waits for the end of a job holds no thread, and reads the database before and after."""
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Query, Request, Response
@@ -46,7 +46,9 @@ class JobEnds:
         self._watcher: asyncio.Task[None] | None = None
         self._begun: asyncio.Future[None]
 
-    async def read(self, read: Callable[[], Answer], wait_s: float) -> Answer:
+    async def read(
+        self, read: Callable[[], Answer], wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+    ) -> Answer:
         """An answer with its job ended, or as it is after a time.
 
         Parameters
@@ -55,6 +57,8 @@ class JobEnds:
             Gives the answer as it is now, a job or what a job works on; runs in a thread.
         wait_s
             0 does not wait.
+        left
+            Ends when the client has gone, which ends the wait.
 
         Raises
         ------
@@ -64,20 +68,24 @@ class JobEnds:
         answer = await run_in_threadpool(read)
         if wait_s <= 0.0 or not is_unfinished(answer):
             return answer
-        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S))
+        return await self._read_when_ended(read, _job_id(answer), min(wait_s, _LONGEST_S), left)
 
-    async def _read_when_ended(self, read: Callable[[], Answer], job_id: str, wait_s: float) -> Answer:
+    async def _read_when_ended(
+        self, read: Callable[[], Answer], job_id: str, wait_s: float, left: Callable[[], Coroutine[Any, Any, None]]
+    ) -> Answer:
         waiting, ended = self._waiting.setdefault(job_id, set()), asyncio.get_running_loop().create_future()
         waiting.add(ended)
+        gone = asyncio.create_task(left())
         try:
             await self._watch()
             # From here on no end is missed; one that came before shows in the answer.
             answer = await self._again(read)
             if is_unfinished(answer):
-                await asyncio.wait([ended], timeout=wait_s)
+                await asyncio.wait([ended, gone], timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
                 answer = await self._again(read)
             return answer
         finally:
+            gone.cancel()
             waiting.discard(ended)
             if not waiting:
                 self._waiting.pop(job_id, None)
@@ -146,14 +154,19 @@ class Waiting:
     ) -> None:
         self._ends: JobEnds = request.app.state.job_ends
         self._retry_after_s: int = request.app.state.settings.retry_after_s
-        self._response, self._wait_s = response, wait
+        self._request, self._response, self._wait_s = request, response, wait
 
     async def read(self, read: Callable[[], Answer]) -> Answer:
         """An answer after the wait, with `Retry-After` while its job has not ended."""
-        answer = await self._ends.read(read, self._wait_s)
+        answer = await self._ends.read(read, self._wait_s, self._left)
         if is_unfinished(answer):
             self._response.headers["Retry-After"] = str(self._retry_after_s)
         return answer
+
+    async def _left(self) -> None:
+        """Return when the client has gone; what it sends after the head is passed over."""
+        while (await self._request.receive())["type"] != "http.disconnect":
+            pass
 
 
 TheWaiting = Annotated[Waiting, Depends()]

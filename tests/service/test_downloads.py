@@ -3,8 +3,12 @@
 import hashlib
 from base64 import b64encode
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
 
 import pytest
+
+from sawmill_service import digests
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
 FILES = {
@@ -64,6 +68,27 @@ def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(see
     assert note.read_text().startswith(first.strip('"'))
     path.write_bytes(b"another one")
     assert seeded.get(f"{LOG}/volume.h5").headers["ETag"] == f'"{hashlib.sha256(b"another one").hexdigest()}"'
+
+
+def test_small_files_do_not_wait_for_the_digest_of_a_large_one(tmp_path, monkeypatch):
+    monkeypatch.setattr("sawmill_service.digests._NOTED_FROM_BYTES", 10)
+    small, large = tmp_path / "small", tmp_path / "large"
+    small.write_bytes(b"small")
+    large.write_bytes(bytes(10))
+    computed, go_on = digests._computed, Event()
+
+    def slowly(path):
+        assert path == small or go_on.wait(30)
+        return computed(path)
+
+    monkeypatch.setattr(digests, "_computed", slowly)
+    known = digests.Digests()
+    with ThreadPoolExecutor(2) as pool:
+        both = [pool.submit(known.of_file, large, large.stat()) for _ in range(2)]
+        assert known.of_file(small, small.stat()) == hashlib.sha256(b"small").digest()
+        assert not any(each.done() for each in both)
+        go_on.set()
+        assert {each.result() for each in both} == {hashlib.sha256(bytes(10)).digest()}
 
 
 def test_head_has_the_headers_of_get_wherever_get_is(seeded):

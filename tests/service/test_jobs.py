@@ -1,3 +1,4 @@
+import asyncio
 import json
 import threading
 import time
@@ -176,6 +177,36 @@ def test_a_wait_ends_when_the_service_stops(seeded, job_id):
     threading.Timer(0.3, seeded.app.state.stopping.begin).start()
     answer = seeded.get(f"/v1/jobs/{job_id}?wait=50", timeout=20)
     assert (answer.status_code, answer.json()["state"]) == (200, "queued")
+
+
+def test_a_wait_ends_when_the_client_goes(seeded, job_id):
+    """Else clients that gave up would hold the places of those who ask."""
+    messages, sent = [{"type": "http.disconnect"}, {"type": "http.request", "body": b""}], []
+    scope = {
+        "type": "http",
+        "http_version": "1.1",
+        "method": "GET",
+        "path": f"/v1/jobs/{job_id}",
+        "scheme": "http",
+        "query_string": b"wait=50",
+        "headers": [(b"host", b"127.0.0.1")],
+        "client": ("127.0.0.1", 50000),
+        "server": ("127.0.0.1", 80),
+    }
+
+    async def receive():
+        return messages.pop()
+
+    async def send(message):
+        sent.append(message)
+
+    async def ask():
+        async with asyncio.timeout(20):
+            await seeded.app(scope, receive, send)
+
+    asyncio.run(ask())
+    assert messages == []
+    assert sent
 
 
 def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):

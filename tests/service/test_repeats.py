@@ -1,5 +1,6 @@
 """`Idempotency-Key` over HTTP: a request that is sent again makes nothing again."""
 
+import gzip
 from datetime import timedelta
 
 import pytest
@@ -94,6 +95,9 @@ def test_another_file_under_the_same_key_is_refused_and_not_kept(seeded, store):
     refused = seeded.post(path, content=b"two scans", headers=named("once"))
     assert (refused.status_code, refused.json()["code"]) == (422, "idempotency-key-reused")
     assert seeded.post(path, content=b"", headers=named("once")).json()["code"] == "empty-body"
+    # Nor is more of it read than an upload may have (100 000 bytes here).
+    packed = {"Content-Encoding": "gzip", **named("once")}
+    assert seeded.post(path, content=gzip.compress(bytes(100_001)), headers=packed).status_code == 413
     assert numbers(store) == made
     assert len(list((store.files.folder / "uploads" / "scans").iterdir())) == 3
     store.jobs.request_cancel(first.json()["job_id"])

@@ -2,6 +2,7 @@
 
 import gzip
 import hashlib
+import shutil
 from base64 import b64encode
 
 import numpy as np
@@ -74,6 +75,26 @@ def test_a_digest_is_checked(seeded, store, name):
     assert good.status_code == 202
     bad = seeded.post(SCANS, content=b"scab", headers={"Content-Digest": digest(b"scan", name)})
     assert (bad.status_code, bad.json()["code"]) == (400, "digest-mismatch")
+    lines = [("Content-Digest", "unixsum=:AA==:"), ("Content-Digest", digest(b"scan", name))]
+    assert seeded.post(SCANS, content=b"scab", headers=lines).json()["code"] == "digest-mismatch"
+    assert incoming(store) == []
+
+
+def test_a_body_of_unknown_length_takes_no_room_that_an_upload_was_promised(seeded, store, monkeypatch):
+    promised = seeded.post("/v1/uploads", json={"size_bytes": 90_000}).json()["size_bytes"]
+    free = shutil.disk_usage(store.files.folder)
+    left = store.settings.disk_reserve_bytes + promised
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: free._replace(free=left + 10_000 if not sent else left - 1))
+    monkeypatch.setattr("sawmill_worker.storage.arriving.STEP_BYTES", 1000)
+    sent = []
+
+    async def body():
+        yield bytes(40_000)
+        sent.append(True)
+        yield bytes(40_000)
+
+    answer = seeded.post(SCANS, content=body())
+    assert (answer.status_code, answer.json()["code"]) == (507, "storage-full")
     assert incoming(store) == []
 
 
@@ -91,6 +112,8 @@ def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
         (gzip.compress(bytes(100_001)), 413, "upload-too-large"),
         (gzip.compress(b"scan")[:-1], 400, "bad-encoding"),
         (b"no gzip", 400, "bad-encoding"),
+        # Nothing in it counts as long, but each member costs time.
+        (gzip.compress(b"") * 200, 400, "bad-encoding"),
     ],
 )
 def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, packed, status, code):

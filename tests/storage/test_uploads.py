@@ -73,6 +73,27 @@ def test_one_part_comes_at_a_time_and_what_was_not_counted_never_came(store):
     assert send(store, upload, 3, 10).sha256 == hashlib.sha256(CONTENT).hexdigest()
 
 
+def test_a_part_that_breaks_after_its_last_byte_completes_the_upload(store):
+    upload = create(store)
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=True)
+    part.break_off(commits=True)
+    assert store.uploads.get(upload.id).sha256 == hashlib.sha256(CONTENT).hexdigest()
+
+
+def test_an_upload_whose_sum_was_not_ended_is_completed_by_an_empty_part(store):
+    upload = create(store)
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=True)
+    part.commit()
+    part.close()
+    with pytest.raises(Conflict, match="send an empty part"):
+        store.uploads.received(upload.id)
+    part = store.uploads.begin_part(upload.id, 10)
+    part.finish(AsSent())
+    assert store.uploads.get(upload.id).state is UploadState.COMPLETE
+
+
 def test_a_file_that_is_another_one_than_declared_goes(store):
     upload = create(store, sha256="0" * 64)
     part = store.uploads.begin_part(upload.id, 0)

@@ -1,6 +1,7 @@
 """/v1/uploads: files that come in parts, after the draft "Resumable Uploads for HTTP" of the IETF."""
 
 import asyncio
+from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Request, Response
@@ -27,6 +28,8 @@ from sawmill_worker.storage.upload_parts import Part
 from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
 
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
+# Summing up a large file takes as long as reading it; the threads that write others do not wait for that.
+_SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
 
 Offset = Annotated[
     int,
@@ -104,7 +107,7 @@ async def _receive(part: Part, request: Request, content: SentContent) -> None:
     try:
         async for piece in in_parts(request.stream()):
             await asyncio.to_thread(part.take, content, piece, commits=commits)
-        await asyncio.to_thread(part.finish, content)
+        await asyncio.get_running_loop().run_in_executor(_SUMS, part.finish, content)
     except (ClientDisconnect, HTTPException):  # the sender's
         await asyncio.to_thread(part.break_off, commits=commits)
         raise

@@ -4,6 +4,7 @@ import asyncio
 import hashlib
 import os
 import shutil
+import time
 from collections.abc import AsyncIterable, AsyncIterator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,8 @@ from sawmill_worker.storage.errors import StorageFull, UploadTooLarge, disk_full
 
 # What goes to a thread at once: as much for each upload is in memory twice at most.
 PART_BYTES = 256 * 2**10
+# On a slow line what has come goes there all the same.
+_PART_S = 1.0
 # Between two looks at the disk. What lies there then is flushed, so that no other write waits long for that.
 STEP_BYTES = 16 * 2**20
 
@@ -125,14 +128,15 @@ async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], c
 
 
 async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:
-    """The same bytes in parts of about `PART_BYTES`, the last one as it is."""
-    part = bytearray()
+    """The same bytes in parts of about `PART_BYTES`, or of what comes in a second; the last one as it is."""
+    part, given_s = bytearray(), time.monotonic()
     try:
         async for chunk in chunks:
             part += chunk
-            if len(part) >= PART_BYTES:
+            if len(part) >= PART_BYTES or (part and time.monotonic() - given_s > _PART_S):
                 yield bytes(part)
                 part.clear()
+                given_s = time.monotonic()
     except Exception:  # they broke off: what came before that is not lost
         yield bytes(part)
         raise

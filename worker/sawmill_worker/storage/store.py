@@ -150,8 +150,11 @@ class Store:
     def check_room_for(self, size_bytes: int) -> None:
         """Check that an upload of this size leaves the disk its reserve, or `StorageFull`."""
         needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
-        taken = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
-        self.files.check_room(taken + size_bytes, needed_by=needed_by)
+        self.files.check_room(self.reserved_bytes() + size_bytes, needed_by=needed_by)
+
+    def reserved_bytes(self) -> int:
+        """What must stay free: the disk's reserve, and room for the uploads that were begun."""
+        return self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
 
     def close(self) -> None:
         """Let go of the database's connections."""

@@ -23,6 +23,7 @@ from sawmill_worker.storage.tables import UploadRow
 
 # A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
 _STEP_S = 1.0
+_PIECE_BYTES = 2**20
 
 
 class Part:
@@ -105,8 +106,7 @@ class Part:
         """
         content.end()
         self.commit()
-        if self._committed == self._upload.size_bytes:
-            self._complete()
+        self._complete_if_whole()
         self.close()
 
     def break_off(self, *, commits: bool) -> None:
@@ -114,6 +114,7 @@ class Part:
         try:
             if commits:
                 self.commit()
+                self._complete_if_whole()
         finally:
             self.close()
 
@@ -137,10 +138,21 @@ class Part:
                 left = left[os.write(self._file, left) :]
         self._written += len(chunk)
 
-    def _complete(self) -> None:
-        """Sum up what lies on the disk: the parts may have come to several processes."""
+    def _complete_if_whole(self) -> None:
+        if self._committed == self._upload.size_bytes:
+            self._complete(self._sha256())
+
+    def _sha256(self) -> str:
+        """Of what lies on the disk: the parts may have come to several processes. Ends when the part is closed."""
+        computed = hashlib.sha256()
         with self._path.open("rb") as file:
-            sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            while piece := file.read(_PIECE_BYTES):
+                computed.update(piece)
+                with self._open():
+                    pass
+        return computed.hexdigest()
+
+    def _complete(self, sha256: str) -> None:
         if self._upload.sha256 not in {None, sha256}:
             with self._database.write() as session:
                 session.execute(delete(UploadRow).where(UploadRow.id == self._id))

@@ -218,6 +218,9 @@ def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
 def _not_usable(upload: Upload) -> Conflict:
     if upload.state is UploadState.USED:
         return Conflict("upload-used", f"upload {upload.id!r} has become {upload.used_by}: send the file again")
+    if upload.offset_bytes == upload.size_bytes:
+        msg = f"upload {upload.id!r} has come whole and was not yet summed up: send an empty part at its end"
+        return Conflict("upload-incomplete", msg)
     msg = f"of upload {upload.id!r} {upload.offset_bytes} of {upload.size_bytes} bytes have come: send the rest first"
     return Conflict("upload-incomplete", msg)
 
