@@ -68,7 +68,7 @@ def test_a_browser_keeps_its_language_and_colours(client):
         ("/nothing/here", 404, "There is nothing here"),
         ("/v1/scanners/none", 404, "there is no scanner &#39;none&#39;"),
         ("/v1/scanners?limit=0", 422, "Something was not right"),
-        ("/v1/calibrations/none/report.png", 404, "404 calibration-not-found"),
+        ("/v1/calibrations/none/report.png", 404, "/problems/calibration-not-found"),
     ],
 )
 def test_a_person_gets_a_problem_as_a_page_and_a_program_as_json(client, path, status, words):
