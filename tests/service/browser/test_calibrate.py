@@ -72,7 +72,8 @@ def test_from_an_empty_folder_to_the_accepted_calibration(page, service, scan_pa
     page.get_by_role("main").get_by_role("link", name="Calibrate", exact=True).click()
     looks_right(page, "file")
 
-    # A file that is no scan, dropped anywhere on the page.
+    # A file that is no scan, dropped anywhere on the page, once its script listens.
+    page.wait_for_url("**/calibrate?scanner=*", wait_until="load")
     page.evaluate(DROP, "Dear editor, " * 100)
     expect(page.get_by_role("heading", name="letter.txt cannot be read as a scan")).to_be_visible()
     looks_right(page, "refused")
