@@ -1,6 +1,5 @@
 """Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
 
-import hashlib
 import mimetypes
 import re
 from collections.abc import Callable, Hashable
@@ -11,7 +10,7 @@ from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
 
-from sawmill_service.digests import Digests, repr_digest, tag_of
+from sawmill_service.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.given import GivenTime, Queried
@@ -129,7 +128,7 @@ def picture(
         Its kind.
     """
     digests: Digests = request.app.state.digests
-    key = (request.url.path, hashlib.sha256(repr(drawn_from).encode()).digest())
+    key = key_of(request.url.path, drawn_from)
     digest = digests.known(key)
     if digest is not None and is_known(request, tag_of(digest)):
         return not_modified(tag_of(digest))

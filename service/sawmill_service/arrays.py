@@ -1,6 +1,5 @@
 """Answers that are arrays: NPY files, sent piece by piece, and a bound on what all of them together hold in memory."""
 
-import hashlib
 import threading
 from collections.abc import AsyncIterator, Callable, Hashable, Mapping
 
@@ -9,7 +8,7 @@ from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from sawmill_service.answers import describing, is_known, not_modified, span_of
-from sawmill_service.digests import Digests, tag_of
+from sawmill_service.digests import Digests, key_of, tag_of
 from sawmill_service.rates import too_many
 
 # Of all arrays that are being read or sent: four slices of 4096 x 4096.
@@ -78,7 +77,7 @@ def array(
         The name under which a browser saves it.
     """
     digests: Digests = request.app.state.digests
-    key = (request.url.path, hashlib.sha256(repr(made_of).encode()).digest())
+    key = key_of(request.url.path, made_of)
     digest = digests.known(key)
     if digest is not None and is_known(request, tag_of(digest)):
         return not_modified(tag_of(digest))

@@ -30,6 +30,11 @@ def repr_digest(digest: bytes) -> str:
     return f"sha-256=:{b64encode(digest).decode()}:"
 
 
+def key_of(path: str, made_of: Hashable) -> Hashable:
+    """Of a content that is made for a path from other values, which may be long."""
+    return path, hashlib.sha256(repr(made_of).encode()).digest()
+
+
 class Digests:
     """Digests by what was sent, the newest, and small contents with theirs."""
 
