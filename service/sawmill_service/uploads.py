@@ -76,8 +76,7 @@ async def received_body(request: Request, store: Store, *, max_bytes: int) -> Re
         It has more bytes than allowed, or there is no room for it.
     """
     content = SentContent(request.headers)
-    await run_in_threadpool(store.check_room_for, declared_bytes(request))
-    reserve_bytes = await run_in_threadpool(store.reserved_bytes)
+    reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
     return await store.files.receive_stream(
         chunks(request), max_bytes=max_bytes, reserve_bytes=reserve_bytes, content=content
     )

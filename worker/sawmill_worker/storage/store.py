@@ -147,14 +147,23 @@ class Store:
         else:
             self.files.check_room(reserve_bytes, needed_by="writing a result")
 
-    def check_room_for(self, size_bytes: int) -> None:
-        """Check that an upload of this size leaves the disk its reserve, or `StorageFull`."""
-        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
-        self.files.check_room(self.reserved_bytes() + size_bytes, needed_by=needed_by)
+    def check_room_for(self, size_bytes: int) -> int:
+        """Check that an upload of this size leaves the disk its reserve, and room for the uploads that were begun.
 
-    def reserved_bytes(self) -> int:
-        """What must stay free: the disk's reserve, and room for the uploads that were begun."""
-        return self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
+        Returns
+        -------
+        int
+            The bytes that must stay free beside it.
+
+        Raises
+        ------
+        StorageFull
+            Less would be free.
+        """
+        reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
+        needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
+        self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
+        return reserved_bytes
 
     def close(self) -> None:
         """Let go of the database's connections."""
