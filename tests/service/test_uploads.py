@@ -7,6 +7,7 @@ from base64 import b64encode
 
 import numpy as np
 import pytest
+from write_lock import write_lock
 
 from sawmill_service.app import create_app
 from sawmill_worker.storage.store import Store
@@ -59,6 +60,15 @@ def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store, 
     full.close()
 
 
+@pytest.mark.parametrize("path", [SCANS, "/v1/inspections", PICTURES])
+def test_a_database_that_was_found_locked_is_answered_before_a_byte_is_read(seeded, store, path):
+    with write_lock(store.files.folder / "sawmill.db"):
+        assert seeded.post(path, content=b"scan").status_code == 503
+        answer = seeded.post(path, content=untouchable())
+        assert (answer.status_code, answer.json()["code"]) == (503, "storage-unavailable")
+    assert incoming(store) == []
+
+
 @pytest.mark.parametrize(
     "page", [b"\n <!DOCTYPE html><p>", b"<HTML>", b"--x1\r\nContent-Disposition: form-data; name=file\r\n\r\n"]
 )
@@ -109,12 +119,13 @@ def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
 @pytest.mark.parametrize(
     ("packed", "status", "code"),
     [
-        (gzip.compress(bytes(100_001)), 413, "upload-too-large"),
-        (gzip.compress(b"scan")[:-1], 400, "bad-encoding"),
+        (gzip.compress(bytes(100_001), mtime=0), 413, "upload-too-large"),
+        (gzip.compress(b"scan", mtime=0)[:-1], 400, "bad-encoding"),
         (b"no gzip", 400, "bad-encoding"),
         # Nothing in it counts as long, but each member costs time.
-        (gzip.compress(b"") * 200, 400, "bad-encoding"),
+        (gzip.compress(b"", mtime=0) * 200, 400, "bad-encoding"),
     ],
+    ids=["too large", "cut short", "no gzip", "empty members"],
 )
 def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, packed, status, code):
     answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})

@@ -97,6 +97,11 @@ class Arriving:
         for chunk in content.take(part):
             self.write(chunk)
 
+    def take_last(self, content: Content, part: bytes) -> Received:
+        """Write the last part and end."""
+        self.take(content, part)
+        return self.finish(content)
+
     def finish(self, content: Content) -> Received:
         """Make it durable, if it came whole."""
         content.end()
@@ -115,10 +120,13 @@ class Arriving:
 
 async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], content: Content) -> Received:
     """Write what comes, in threads: neither the disk nor the sums keep other requests waiting."""
+    last = b""  # with its end it takes one thread, not two: most bodies are one part
     try:
         async for part in in_parts(chunks):
-            await asyncio.to_thread(arriving.take, content, part)
-        return await asyncio.to_thread(arriving.finish, content)
+            if last:
+                await asyncio.to_thread(arriving.take, content, last)
+            last = part
+        return await asyncio.to_thread(arriving.take_last, content, last)
     except Exception:
         await asyncio.to_thread(arriving.abandon)
         raise

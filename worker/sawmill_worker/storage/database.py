@@ -93,6 +93,16 @@ class Database:
             self._writing.begin(session)
             yield session
 
+    def check_writable(self) -> None:
+        """Refuse at once, before work that a transaction ends, while the database is known to be away.
+
+        Raises
+        ------
+        StorageUnavailable
+            It is.
+        """
+        self._writing.check()
+
     @contextmanager
     def write_as_one(self) -> Iterator[Session]:
         """As `write`, and what this thread reads and writes otherwise within the block belongs to the transaction.

@@ -75,6 +75,17 @@ class Door:
         else:
             raise StorageUnavailable(away)
 
+    def check(self) -> None:
+        """Refuse what would only be refused later, after more work: it asks nothing of the database.
+
+        Raises
+        ------
+        StorageUnavailable
+            It was away a moment ago, and whether it still is will be known soon.
+        """
+        if self._away is not None and (time.monotonic() < self._wait_again_at or self._waiting.locked()):
+            raise StorageUnavailable(self._away)
+
     def _ask(self, session: Session) -> None:
         try:
             session.connection()

@@ -95,7 +95,10 @@ class Scans:
         ------
         NotFound
             There is no such scanner or phantom.
+        StorageUnavailable
+            The database does not answer, or could not take the scan.
         """
+        self._database.check_writable()
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", spec.scanner_id)
             if spec.phantom_id is not None:

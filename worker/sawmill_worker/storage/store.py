@@ -157,9 +157,10 @@ class Store:
 
         Raises
         ------
-        StorageFull
-            Less would be free.
+        StorageFull, StorageUnavailable
+            Less would be free, or the database could not take what is made of it.
         """
+        self._database.check_writable()
         reserved_bytes = self.settings.disk_reserve_bytes + self.uploads.promised_bytes()
         needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
         self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
