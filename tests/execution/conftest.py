@@ -4,7 +4,7 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,10 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import Job, Priority
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.execution import runner as runners
 from sawmill_worker.execution.runner import Runner
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.template import Template
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind
@@ -95,15 +97,60 @@ def stop() -> threading.Event:
     return threading.Event()
 
 
+class LentTemplate(Template):
+    """One that outlives the runner that starts attempts with it."""
+
+    def close(self) -> None:
+        """By whoever lends it."""
+
+
+@pytest.fixture(scope="session")
+def templates_to_lend() -> Iterator[dict[Any, LentTemplate]]:
+    """By command and environment: what a runner would give a template of its own."""
+    made: dict[Any, LentTemplate] = {}
+    yield made
+    for each in made.values():
+        Template.close(each)
+
+
+@pytest.fixture(autouse=True)
+def lent_templates(templates_to_lend: dict[Any, LentTemplate], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runners borrow templates: to import everything takes a second, and few tests are about it."""
+
+    def lend(command: Sequence[str], environment: Mapping[str, str], tbb: Path) -> LentTemplate:
+        asked = (tuple(command), frozenset(environment.items()), tbb)
+        if asked not in templates_to_lend:
+            templates_to_lend[asked] = LentTemplate(command, environment, tbb)
+        return templates_to_lend[asked]
+
+    monkeypatch.setattr(runners, "Template", lend)
+
+
 @pytest.fixture
-def runner(store: Store, settings: ExecutionSettings, stop: threading.Event, command: list[str]) -> Iterator[Runner]:
+def own_templates(lent_templates: None, monkeypatch: pytest.MonkeyPatch) -> None:  # noqa: ARG001 - after it
+    """For tests of the template itself, of what it reaches and of what it logs."""
+    monkeypatch.setattr(runners, "Template", Template)
+
+
+@pytest.fixture
+def runner(
+    store: Store,
+    settings: ExecutionSettings,
+    stop: threading.Event,
+    command: list[str],
+) -> Iterator[Runner]:
     made = Runner(store, settings, stop, command=command)
     yield made
     made.close()
 
 
 @pytest.fixture
-def reader(store: Store, settings: ExecutionSettings, stop: threading.Event) -> Iterator[Runner]:
+def reader(
+    store: Store,
+    settings: ExecutionSettings,
+    stop: threading.Event,
+    own_templates: None,  # noqa: ARG001 - what it logs is read
+) -> Iterator[Runner]:
     """With the science but the kernels, which reading does not need, and the memory that is allowed by default."""
     by_default = settings.model_copy(update={"memory_limit_bytes": None})
     made = Runner(store, by_default, stop, command=[sys.executable, "-c", WITHOUT_KERNELS])
@@ -112,7 +159,11 @@ def reader(store: Store, settings: ExecutionSettings, stop: threading.Event) -> 
 
 
 @pytest.fixture
-def start(store: Store, settings: ExecutionSettings, command: list[str]) -> Iterator[Callable[..., Runner]]:
+def start(
+    store: Store,
+    settings: ExecutionSettings,
+    command: list[str],
+) -> Iterator[Callable[..., Runner]]:
     """Make a runner with settings of its own."""
     made = []
 

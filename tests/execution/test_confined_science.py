@@ -60,7 +60,7 @@ def asked(store):
     store.drifts.accept(DriftAsk(scan_id=scan, calibration_id=calibration))
 
 
-@pytest.mark.usefixtures("asked")
+@pytest.mark.usefixtures("asked", "own_templates")
 def test_every_kind_of_job_does_its_work_with_its_own_files_alone(store, settings, stop, capfd):
     unhurried = settings.model_copy(update={"memory_limit_bytes": None, "start_timeout_s": 250})
     runner = Runner(store, unhurried, stop, command=ATTEMPT_COMMAND)

@@ -24,6 +24,7 @@ from sawmill_worker.vocabulary import DataKind
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.usefixtures("own_templates"),
     pytest.mark.skipif(template_library() is None, reason="attempts are fresh processes on this machine"),
 ]
 

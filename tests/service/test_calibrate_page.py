@@ -10,7 +10,7 @@ from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.phantoms import PhantomPicture
-from sawmill_worker.storage.jobs import Retries
+from sawmill_worker.storage.retries import Retries
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
 ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}

@@ -12,7 +12,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState, Priori
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scans import ScanSpec, ScanState
 from sawmill_worker.storage.errors import Conflict, LeaseLost, NotFound
-from sawmill_worker.storage.jobs import Retries
+from sawmill_worker.storage.retries import Retries
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import DataKind, Progress

@@ -8,7 +8,7 @@ from results import reading
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.storage.errors import LeaseLost, NotFound
 from sawmill_worker.storage.files import checkpoints_of
-from sawmill_worker.storage.jobs import Retries
+from sawmill_worker.storage.retries import Retries
 
 KILLED = Failure(kind=FailureKind.PASSING, code="attempt-died", detail="the job's process ended with signal 9")
 FULL = Failure(kind=FailureKind.PASSING, code="storage-full", detail="the disk is full")

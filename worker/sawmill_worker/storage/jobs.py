@@ -27,36 +27,17 @@ from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_req
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
+from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
 from sawmill_worker.storage.subjects import checked_result, record_end_without_result, record_success
 from sawmill_worker.storage.tables import JobDependencyRow, JobRow, Json
 from sawmill_worker.vocabulary import Progress
 
-LONGEST_WAIT_S = 60.0
 _JITTER = 0.25  # what failed together is not tried again together
 # Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
 _OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
 _ENDED = [state for state in JobState if state.ended]
 _ENDED_HERE = "jobs ended in this session"
 _CANCELLED = "its job was cancelled before it ended"
-
-
-@dataclass(frozen=True)
-class Retries:
-    """When a job is tried again after a passing failure. Waits double from one to the next, up to a minute.
-
-    Attributes
-    ----------
-    max_losses : int
-        The loss that fails the job.
-    loss_wait_s : float
-        First wait after a loss, such as a process that was killed.
-    outage_wait_s : float
-        First wait after a full disk or a database that was away, which are no loss.
-    """
-
-    max_losses: int = 3
-    loss_wait_s: float = 1.0
-    outage_wait_s: float = 5.0
 
 
 RETRIES = Retries()
