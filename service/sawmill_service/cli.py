@@ -64,6 +64,28 @@ def serve(
 
 
 @main.command(cls=Command)
+def doctor(
+    data: Annotated[
+        Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,  # noqa: FBT002 - a flag
+) -> None:
+    """Look at everything that the service needs, and say what to do about what is wrong.
+
+    Nothing is changed. Exit code 1 where something is bad.
+    """
+    from sawmill_service.doctor import command
+    from sawmill_worker.commands.terminal import print_json
+
+    findings = command.examine(data)
+    if as_json:
+        print_json({"findings": [finding._asdict() for finding in findings]})
+    else:
+        command.show(findings)
+    raise typer.Exit(1 if any(finding.state == "bad" for finding in findings) else 0)
+
+
+@main.command(cls=Command)
 def demo(
     output: Annotated[
         Path, typer.Option(file_okay=False, help="Folder for the pictures, the HDF5 files and index.html.")

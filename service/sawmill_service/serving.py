@@ -23,6 +23,7 @@ from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.sole_service import refuse_second, sole_service
 from sawmill_worker.execution.supervise import WorkerSupervisor
 from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.settings import StorageSettings
@@ -58,7 +59,7 @@ def serve_until_stopped(
     Raises
     ------
     StorageError, OSError
-        The data folder cannot be used.
+        The data folder cannot be used, or another process serves it.
     ListenError
         The address or the port cannot be used, or `max_connections` exceeds what the system allows.
     """
@@ -68,10 +69,12 @@ def serve_until_stopped(
         signal.signal(number, _end_start)
     open_files_for(settings.max_connections)
     with ExitStack() as stack:
+        refuse_second(storage)
         guarded = settings.token is not None or (settings.may_be_reached and _has_key(storage))
         listening = stack.enter_context(closing(listen(settings.host, settings.port, guarded=guarded)))
         if settings.behind_proxy and not guarded:
             raise ListenError(BEHIND_A_PROXY)
+        stack.enter_context(sole_service(storage))
         store = stack.enter_context(closing(_opened(storage)))
         stack.enter_context(store.files.receiving())
         stack.enter_context(ClockKeeper(store))

@@ -112,6 +112,31 @@ def test_what_is_loopback(address, loopback):
     assert is_loopback(address) is loopback
 
 
+def test_a_folder_is_served_once_and_by_the_next_as_soon_as_its_service_was_killed(tmp_path):
+    log = (tmp_path / "killed.log").open("wb")
+    variables = environment(SAWMILL_LOG_FORMAT="json")
+    first = subprocess.Popen(command(tmp_path, "--port", "0"), env=variables, stdout=log, stderr=log)
+    try:
+        port_of(first, tmp_path / "killed.log")
+        second = subprocess.run(
+            command(tmp_path, "--port", "0"),
+            env=variables,
+            capture_output=True,
+            text=True,
+            timeout=START_S,
+            check=False,
+        )
+    finally:
+        first.kill()
+        first.wait(STOP_S)
+        log.close()
+    assert second.returncode == 1
+    assert f"is served by process {first.pid} already: stop that one" in second.stderr
+    assert "Traceback" not in second.stderr
+    with serving(tmp_path):
+        pass
+
+
 def test_beyond_loopback_requests_need_the_token(tmp_path):
     (tmp_path / "token").write_text(f"{TOKEN}\n")
     variables = {"SAWMILL_TOKEN_FILE": str(tmp_path / "token")}

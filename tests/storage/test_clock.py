@@ -72,18 +72,6 @@ def test_a_lasting_step_is_taken_over_with_an_event_and_a_short_one_is_not(store
     assert abs(store.clock_off_s()) < 1.0
 
 
-@pytest.mark.slow
-def test_one_of_several_services_owns_it(store, settings, monkeypatch):
-    other = Store.open(settings)
-    with ClockKeeper(store, lasting_s=1e9, look_s=0.05):
-        time.sleep(0.3)
-        off_by(monkeypatch, 2)
-        with ClockKeeper(other, lasting_s=0.0, look_s=0.05):
-            time.sleep(0.5)
-    assert store.events.of_clock() == []
-    other.close()
-
-
 def test_no_wall_clock_has_a_part_in_it_once_it_is_known(store, monkeypatch):
     now(store)
     monkeypatch.setattr(clock, "machine_offset_s", lambda: pytest.fail("asked for the machine's own time"))

@@ -1,16 +1,14 @@
 """The one process that owns the time of a store whose database is a file: it takes over what lasts of its own clock.
 
-Two services on one database do not both own it: a lock on a file says which one does, and the system frees it however
-its holder ends. On PostgreSQL the server's clock counts, and there is nothing to own.
+That is the service, of which there is one on such a store (`sole_service`). On PostgreSQL the server's clock counts,
+and there is nothing to own.
 """
 
-import fcntl
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self
+from typing import Self
 
 import structlog
 
@@ -42,7 +40,6 @@ class ClockKeeper:
         self._lasting_s = lasting_s
         self._look_s = look_s
         self._stop = threading.Event()
-        self._lock: BinaryIO | None = None
         self._step = _Step(time.monotonic)
         self._thread = threading.Thread(target=self._watch, name="clock", daemon=True)
 
@@ -57,16 +54,13 @@ class ClockKeeper:
         self._stop.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._lock is not None:
-            self._lock.close()
 
     def _watch(self) -> None:
         first = True
         while not self._stop.is_set():
             try:
-                if self._owns():
-                    # What the clock of the service says at its start counts at once.
-                    self._look(lasting_s=0.0 if first else self._lasting_s)
+                # What the clock of the service says at its start counts at once.
+                self._look(lasting_s=0.0 if first else self._lasting_s)
             except (StorageError, OSError) as error:
                 structlog.get_logger().warning("clock-not-kept", reason=str(error))
             first = False
@@ -77,11 +71,6 @@ class ClockKeeper:
         if self._step.lasts_s(off_s) >= lasting_s and abs(off_s) > TOLERABLE_S:
             self._store.events.step_clock(process_name(), off_s)
             structlog.get_logger().warning("clock-stepped", off_s=round(off_s, 1))
-
-    def _owns(self) -> bool:
-        if self._lock is None:
-            self._lock = _locked(self._store.files.folder / "clock.lock")
-        return self._lock is not None
 
 
 class _Step:
@@ -96,14 +85,3 @@ class _Step:
         if abs(off_s - self._off_s) > TOLERABLE_S:
             self._off_s, self._since = off_s, now
         return now - self._since
-
-
-def _locked(path: Path) -> BinaryIO | None:
-    """The file, held by this process; None where another one holds it."""
-    file = path.open("ab")
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        file.close()
-        return None
-    return file

@@ -2,8 +2,8 @@
 
 On SQLite a row says what the time was when this machine started; CLOCK_BOOTTIME, which all its processes share and
 which nobody can step, says how long ago that was. The row is written by whoever opens the store first after a start
-of the machine, and from then on by the owner alone, the `sawmill serve` that holds a lock on a file beside the
-database (`take_over`). On PostgreSQL the server's clock is asked now and then.
+of the machine, and from then on by the owner alone, the `sawmill serve` of that store. On PostgreSQL the server's clock
+is asked now and then.
 """
 
 import threading

@@ -32,3 +32,15 @@ class StorageSettings(BaseSettings):
     def url(self) -> str:
         """The database's URL, the default filled in."""
         return self.database_url or f"sqlite:///{self.data_folder / 'sawmill.db'}"
+
+    @property
+    def is_one_file(self) -> bool:
+        """Whether the database is SQLite's, which one machine alone can use."""
+        return self.url.startswith("sqlite")
+
+    @property
+    def is_made(self) -> bool:
+        """Whether there is something to look into, which a first start makes; a server is taken to have it."""
+        if not self.data_folder.is_dir():
+            return False
+        return not self.is_one_file or Path(self.url.partition("///")[2].partition("?")[0]).is_file()

@@ -13,7 +13,7 @@ from sawmill_worker.storage.audit import Audit
 from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.database_report import DatabaseReport, report_of
+from sawmill_worker.storage.database_report import DatabaseReport, damage_of, report_of
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
@@ -122,6 +122,10 @@ class Store:
     def database_report(self) -> DatabaseReport:
         """Which database it is and how it answers, or `StorageUnavailable`."""
         return report_of(self._database)
+
+    def damage(self) -> list[str]:
+        """What the database finds wrong with its file, or `StorageUnavailable`."""
+        return damage_of(self._database)
 
     def check(self, *, reserve_bytes: int | None = None) -> None:
         """Check that rows and files can be written.

@@ -1,0 +1,63 @@
+"""`sawmill doctor` as it is called and printed."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sawmill_service.doctor import machine, store
+from sawmill_service.doctor.findings import Finding, State
+from sawmill_service.doctor.science import science
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.execution.sole_service import serving_process
+from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+from sawmill_worker.storage.settings import StorageSettings
+
+_COLOURS = {State.GOOD: "green", State.WATCH: "yellow", State.BAD: "red"}
+
+
+def examine(data: Path | None) -> list[Finding]:
+    """Look at everything, from the settings to Redis; nothing is changed and no store is made.
+
+    Parameters
+    ----------
+    data
+        The data folder; null: that of the settings.
+    """
+    try:
+        with variables_checked():
+            settings, execution = ServiceSettings(), ExecutionSettings()
+            storage = StorageSettings() if data is None else StorageSettings(data_folder=data)
+    except WrongVariableError as error:
+        return [Finding("settings", State.BAD, str(error), "then ask the doctor again")]
+    return list(_examine(settings, storage, execution))
+
+
+def _examine(settings: ServiceSettings, storage: StorageSettings, execution: ExecutionSettings) -> Iterator[Finding]:
+    yield Finding("settings", State.GOOD, "every SAWMILL_ variable is a setting and holds what it can")
+    yield from machine.packages()
+    yield from science()
+    yield from machine.limits_of_system(settings, execution)
+    yield from machine.data_folder(storage)
+    process = serving_process(storage)
+    if process is not None:
+        yield Finding("service", State.GOOD, f"process {process} serves the data folder")
+    else:
+        yield machine.address(settings)
+    if storage.is_made:
+        yield from store.database(storage, needs_key=settings.may_be_reached and settings.token is None)
+    yield store.broker(execution.broker_url)
+
+
+def show(findings: Sequence[Finding]) -> None:
+    """Print a row for each, and the cures below what is wrong."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for finding in findings:
+        colour = _COLOURS[finding.state]
+        table.add_row(f"[{colour}]{finding.state}[/]", finding.subject, escape(finding.sentence))
+        if finding.cure:
+            table.add_row("", "", f"[bold]{escape(finding.cure)}[/]")
+    Console().print(table)

@@ -1,0 +1,176 @@
+"""What the doctor sees of the machine: packages, the data folder with its disk and owners, limits of the system."""
+
+import os
+import platform
+import pwd
+import shutil
+from collections.abc import Iterator
+from contextlib import closing
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+from packaging.requirements import Requirement
+
+from sawmill_service.doctor.findings import Finding, State
+from sawmill_service.listening import ListenError, listen
+from sawmill_service.open_files import open_files_for
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.execution import landlock
+from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.settings import StorageSettings
+
+PACKAGE = "sawmill-calibration"
+# SQLite's write-ahead log needs memory that all its users share, and locks that hold.
+_OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
+_MOUNTS = Path("/proc/self/mountinfo")
+_OTHERS_MAY_WRITE = 0o022
+_PLENTY = 10  # times the reserve
+
+
+def packages() -> Iterator[Finding]:
+    """Whether what is installed is what the product asks for."""
+    for text in requires(PACKAGE) or []:
+        needed = Requirement(text)
+        if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
+            continue
+        try:
+            found = version(needed.name)
+        except PackageNotFoundError:
+            found = "none"
+        if found == "none" or not needed.specifier.contains(found, prereleases=True):
+            wanted = f"{needed.name}{needed.specifier}"
+            yield Finding(
+                "versions",
+                State.BAD,
+                f"{wanted} is needed, and {found} is installed",
+                f"install {PACKAGE} again with its constraints.txt",
+            )
+    yield Finding("versions", State.GOOD, f"{PACKAGE} {version(PACKAGE)}, Python {platform.python_version()}")
+
+
+def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
+    """Whether the system allows what the settings ask for."""
+    try:
+        open_files_for(settings.max_connections)
+        yield Finding("open files", State.GOOD, f"enough for {settings.max_connections} connections")
+    except ListenError as error:
+        yield Finding("open files", State.BAD, *_halved(str(error)))
+    if not execution.confine_attempts:
+        yield Finding(
+            "confinement",
+            State.WATCH,
+            "SAWMILL_CONFINE_ATTEMPTS is off: a hostile upload could reach all files of this user",
+            "unset it",
+        )
+    elif landlock.version() == 0:
+        yield Finding(
+            "confinement",
+            State.WATCH,
+            "the kernel has no Landlock: a hostile upload could reach all files of this user",
+            "use Linux 5.13 or later with Landlock enabled (lsm=landlock,...)",
+        )
+    else:
+        yield Finding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
+
+
+def address(settings: ServiceSettings) -> Finding:
+    """Whether the service could listen; for when it does not run."""
+    try:
+        with closing(listen(settings.host, settings.port, guarded=True)) as listening:
+            port = listening.getsockname()[1]
+    except ListenError as error:
+        return Finding("address", State.BAD, *_halved(str(error)))
+    return Finding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
+
+
+def data_folder(storage: StorageSettings) -> Iterator[Finding]:
+    """Whether it is there, on a disk that will do, with room, and this user's; nothing is made."""
+    folder = storage.data_folder
+    if not folder.is_dir():
+        yield Finding("data folder", State.WATCH, f"{folder} is not there", "the first start of sawmill serve makes it")
+        return
+    yield _writable(folder)
+    if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
+        yield Finding(
+            "data folder",
+            State.BAD,
+            f"{folder} is on a network file system ({kind}), where SQLite loses rows",
+            "move it to a local disk, or give SAWMILL_DATABASE_URL=postgresql://...",
+        )
+    yield from _room(folder, storage.disk_reserve_bytes)
+
+
+def _writable(folder: Path) -> Finding:
+    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        return Finding(
+            "data folder",
+            State.BAD,
+            f"{folder} belongs to {_owner(folder)} and cannot be written to by {pwd.getpwuid(os.getuid()).pw_name}",
+            f"run as {_owner(folder)}, or change its owner: chown -R USER {folder}",
+        )
+    # What a command by another user, root above all, has left: the service could not write to it.
+    stray = next((one for one in _two_levels(folder) if one.stat().st_uid != folder.stat().st_uid), None)
+    if stray is not None:
+        return Finding(
+            "data folder",
+            State.BAD,
+            f"{stray} belongs to {_owner(stray)}, and the folder to {_owner(folder)}",
+            f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
+        )
+    if folder.stat().st_mode & _OTHERS_MAY_WRITE:
+        return Finding(
+            "data folder",
+            State.BAD,
+            f"others on this machine may write to {folder} ({folder.stat().st_mode & 0o777:o})",
+            f"chmod go-w {folder}",
+        )
+    return Finding("data folder", State.GOOD, f"{folder}, of {_owner(folder)}")
+
+
+def _room(folder: Path, reserve_bytes: int) -> Iterator[Finding]:
+    disk = shutil.disk_usage(folder)
+    sentence = f"{disk.free / 1e9:.1f} GB of {disk.total / 1e9:.0f} GB are free, {reserve_bytes / 1e9:.1f} GB are kept"
+    cure = "delete scans and reconstructions that nobody needs, or move the data folder to a larger disk"
+    if disk.free < reserve_bytes:
+        yield Finding("disk", State.BAD, f"{sentence}: it counts as full", cure)
+    elif disk.free < _PLENTY * reserve_bytes:
+        yield Finding("disk", State.WATCH, sentence, cure)
+    else:
+        yield Finding("disk", State.GOOD, sentence)
+    names = os.statvfs(folder)
+    if names.f_files and names.f_favail < names.f_files // 100:
+        sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"
+        yield Finding("disk", State.WATCH, sentence, "remove small files: df -i shows the disk")
+
+
+def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:
+    """The kind of file system that a folder is on, as /proc/self/mountinfo has it (proc(5))."""
+    resolved = folder.resolve()
+    found, kind = Path("/"), "?"
+    for line in mounts.read_text().splitlines():
+        mount, _, source = line.partition(" - ")
+        point = Path(mount.split()[4].replace(r"\040", " "))
+        # The last of those on one point hides the others.
+        if resolved.is_relative_to(point) and point.is_relative_to(found):
+            found, kind = point, source.split()[0]
+    return kind
+
+
+def _two_levels(folder: Path) -> Iterator[Path]:
+    for entry in folder.iterdir():
+        yield entry
+        if entry.is_dir() and not entry.is_symlink():
+            yield from entry.iterdir()
+
+
+def _owner(path: Path) -> str:
+    try:
+        return path.owner()
+    except KeyError:
+        return f"user {path.stat().st_uid}"
+
+
+def _halved(sentence: str) -> tuple[str, str]:
+    """What is wrong and the cure, of a sentence that has both about a colon."""
+    wrong, _, cure = sentence.rpartition(": ")
+    return wrong, cure

@@ -1,0 +1,33 @@
+"""What the doctor sees of the numerical part: compiled kernels and memory."""
+
+import importlib
+import pkgutil
+from collections.abc import Iterator
+
+from sawmill_service.doctor.findings import Finding, State
+from sawmill_worker import tomography
+from sawmill_worker.execution.limits import DATA_BYTES
+from sawmill_worker.tomography.kernel_cache import holds_all
+from sawmill_worker.use_cases.capacity import memory_available
+
+
+def science() -> Iterator[Finding]:
+    """Whether a first job would have to compile, and whether there is memory for it."""
+    yield kernels()
+    available = memory_available()
+    sentence = f"{available / 1e9:.1f} GB of memory are free, and a job may take {DATA_BYTES / 1e9:.1f} GB"
+    if available < DATA_BYTES:
+        yield Finding("memory", State.WATCH, sentence, "end other programs, or set SAWMILL_WORKERS=1")
+    else:
+        yield Finding("memory", State.GOOD, sentence)
+
+
+def kernels() -> Finding:
+    """Whether the cache has the compiled kernels of this installation."""
+    names = [found.name for found in pkgutil.walk_packages(tomography.__path__, f"{tomography.__name__}.")]
+    modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
+    missing = [module.__name__.rpartition(".")[2] for module in modules if not holds_all(module)]
+    if missing:
+        sentence = f"not compiled yet: {', '.join(missing)}; the first jobs wait for it, up to a minute"
+        return Finding("kernels", State.WATCH, sentence, "run sawmill compile as the service's user")
+    return Finding("kernels", State.GOOD, f"{len(modules)} files of compiled kernels are in the cache")

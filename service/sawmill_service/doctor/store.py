@@ -1,0 +1,92 @@
+"""What the doctor sees of the service, the database, the workers, the clocks and Redis."""
+
+from collections.abc import Iterator
+from contextlib import closing
+from datetime import UTC, datetime
+
+from sawmill_service.doctor.findings import Finding, State
+from sawmill_service.pages.system_parts import SEEN
+from sawmill_service.routes.health import Readiness, health_of
+from sawmill_worker.execution.broker_report import report_of
+from sawmill_worker.execution.housekeeping import TOLERABLE_S
+from sawmill_worker.storage.database_report import DatabaseReport
+from sawmill_worker.storage.errors import StorageError, StorageMisconfigured
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+_SLOW_S = 0.5
+_NO_KEY = "the service can be reached from other machines by its settings, and there is no key: it would not start"
+_MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
+
+
+def database(storage: StorageSettings, *, needs_key: bool) -> Iterator[Finding]:
+    """The database, and what can be asked of one that answers and is up to date."""
+    try:
+        with closing(Store(storage)) as store:
+            report = store.database_report()
+            yield _migration(report)
+            if report.migration == report.newest_migration:
+                damage = _damage(store)
+                yield damage
+                if damage.state is State.BAD:
+                    return
+                if needs_key and not store.keys.any_good():
+                    yield Finding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
+                yield _workers(store)
+                yield _clock(store)
+    except StorageMisconfigured as error:
+        yield Finding("database", State.BAD, str(error), "mend SAWMILL_DATABASE_URL")
+    except StorageError as error:
+        yield Finding("database", State.BAD, str(error), "start its server, or end the process that holds it")
+
+
+def broker(url: str | None) -> Finding:
+    """Redis, where it is used."""
+    if url is None:
+        return Finding("Redis", State.GOOD, "not used: workers look into the database")
+    report = report_of(url)
+    if report.answered_s is None:
+        sentence = f"{report.host} does not answer: jobs of Celery workers begin only when it does"
+        return Finding("Redis", State.BAD, sentence, "start it, or mend SAWMILL_BROKER_URL")
+    return Finding("Redis", State.GOOD, f"{report.host} answers in {1000 * report.answered_s:.1f} ms")
+
+
+def _migration(report: DatabaseReport) -> Finding:
+    has, needs = report.migration, report.newest_migration
+    if has is not None and has > needs:
+        sentence = f"{report.system} has tables of a later version ({has}; this one knows {needs})"
+        return Finding("database", State.BAD, sentence, "install that version, or restore a backup of before")
+    if has != needs:
+        sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
+        cure = "take a backup: the next start of sawmill serve brings them up to date"
+        return Finding("database", State.WATCH, sentence, cure)
+    sentence = f"{report.system} answers in {1000 * report.answered_s:.1f} ms, {report.size_bytes / 1e6:.1f} MB"
+    if report.answered_s > _SLOW_S:
+        return Finding("database", State.WATCH, sentence, "look at the load of its machine and its disk")
+    return Finding("database", State.GOOD, sentence)
+
+
+def _damage(store: Store) -> Finding:
+    damage = store.damage()
+    if damage:
+        sentence = f"the database's file is damaged: {damage[0]}"
+        return Finding("tables", State.BAD, sentence, "stop the service, keep a copy, and restore the last backup")
+    return Finding("tables", State.GOOD, "whole, and of this version")
+
+
+def _workers(store: Store) -> Finding:
+    health = health_of(store)
+    if health.state is Readiness.WITHOUT_WORKER:
+        return Finding("workers", State.BAD, health.detail.rpartition(": ")[0], "run sawmill serve or sawmill worker")
+    lately = store.events.workers_since(datetime.now(UTC) - SEEN)
+    return Finding(
+        "workers", State.GOOD, f"{len(lately)} took a job within {SEEN.seconds // 60} minutes; none is awaited"
+    )
+
+
+def _clock(store: Store) -> Finding:
+    off_s = store.clock_off_s()
+    sentence = f"this machine's clock is {off_s:+.1f} s from the service's time"
+    if abs(off_s) > TOLERABLE_S:
+        return Finding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
+    return Finding("clock", State.GOOD, sentence)

@@ -1,0 +1,195 @@
+"""`sawmill doctor` on folders with one thing wrong each, as the person sees it who has to mend that."""
+
+import json
+import os
+import shutil
+import sqlite3
+from pathlib import Path
+
+import pytest
+
+from sawmill_service.doctor import machine
+from sawmill_service.doctor.findings import State
+from sawmill_service.doctor.science import kernels
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.execution.sole_service import refuse_second, sole_service
+from sawmill_worker.storage import clock
+from sawmill_worker.storage.errors import StorageMisconfigured
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+
+@pytest.fixture(autouse=True)
+def _alone(monkeypatch):
+    for name in [name for name in os.environ if name.startswith("SAWMILL_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("SAWMILL_PORT", "0")
+
+
+@pytest.fixture(scope="session")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made") / "data"
+    Store.open(StorageSettings(data_folder=folder)).close()
+    return folder
+
+
+@pytest.fixture
+def data(made, tmp_path):
+    return Path(shutil.copytree(made, tmp_path / "data"))
+
+
+@pytest.fixture
+def found(run, data):
+    """What the doctor finds of one subject that is not good, on the folder."""
+
+    def ask(subject: str, *, code: int = 1) -> dict[str, str]:
+        findings = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
+        (one,) = [each for each in findings if each["subject"] == subject and each["state"] != "good"]
+        assert one["cure"]
+        return one
+
+    return ask
+
+
+def test_an_installation_in_order_has_nothing_bad(run, data):
+    findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
+    subjects = {finding["subject"] for finding in findings}
+    expected = {"settings", "versions", "kernels", "memory", "open files", "confinement", "data folder", "disk"}
+    assert subjects == expected | {"address", "database", "tables", "workers", "clock", "Redis"}
+    assert [each for each in findings if each["state"] == "bad"] == []
+    printed = run("doctor", "--data", data).stdout
+    assert "SQLite" in printed
+    assert "whole, and of this version" in printed
+
+
+def test_a_folder_that_is_not_there_is_not_made(run, tmp_path):
+    printed = run("doctor", "--data", tmp_path / "none").stdout
+    assert "the first start of sawmill serve makes it" in printed
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_misspelt_setting(found, monkeypatch):
+    monkeypatch.setenv("SAWMILL_DATA_FOLDR", "/srv")
+    assert "did you mean SAWMILL_DATA_FOLDER?" in found("settings")["sentence"]
+
+
+def test_who_serves_the_folder_is_named(run, data):
+    with sole_service(StorageSettings(data_folder=data)):
+        assert f"process {os.getpid()} serves the data folder" in run("doctor", "--data", data).stdout
+        with pytest.raises(StorageMisconfigured, match=f"served by process {os.getpid()} already"):
+            refuse_second(StorageSettings(data_folder=data))
+    refuse_second(StorageSettings(data_folder=data))
+
+
+def test_on_postgresql_several_services_are_allowed(tmp_path):
+    settings = StorageSettings(data_folder=tmp_path, database_url="postgresql://sawmill@db.mill.example/sawmill")
+    with sole_service(settings), sole_service(settings):
+        refuse_second(settings)
+
+
+def test_a_database_of_a_later_version(found, data):
+    with sqlite3.connect(data / "sawmill.db") as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '9999'")
+    connection.close()
+    finding = found("database")
+    assert "tables of a later version (9999" in finding["sentence"]
+    assert finding["cure"] == "install that version, or restore a backup of before"
+
+
+def test_a_database_of_an_earlier_version_is_not_touched(found, data):
+    with sqlite3.connect(data / "sawmill.db") as connection:
+        connection.execute("UPDATE alembic_version SET version_num = '0001'")
+    connection.close()
+    assert "take a backup" in found("database", code=0)["cure"]
+    connection = sqlite3.connect(data / "sawmill.db")
+    assert connection.execute("SELECT version_num FROM alembic_version").fetchone() == ("0001",)
+    connection.close()
+
+
+def test_a_damaged_database(found, data):
+    connection = sqlite3.connect(data / "sawmill.db")
+    connection.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    (page,) = connection.execute("SELECT rootpage FROM sqlite_master WHERE name = 'phantoms'").fetchone()
+    (size,) = connection.execute("PRAGMA page_size").fetchone()
+    connection.close()
+    with (data / "sawmill.db").open("r+b") as file:
+        file.seek((page - 1) * size)
+        file.write(b"\xff" * 64)
+    assert "restore the last backup" in found("tables")["cure"]
+
+
+def test_a_server_that_is_away(found, monkeypatch):
+    monkeypatch.setenv("SAWMILL_DATABASE_URL", "postgresql://sawmill@127.0.0.1:1/sawmill")
+    assert found("database")["cure"] == "start its server, or end the process that holds it"
+
+
+def test_redis_that_is_away(found, monkeypatch):
+    monkeypatch.setenv("SAWMILL_BROKER_URL", "redis://:secret-word@127.0.0.1:1/0")
+    finding = found("Redis")
+    assert "127.0.0.1 does not answer" in finding["sentence"]
+    assert "secret-word" not in json.dumps(finding)
+
+
+def test_a_clock_that_is_off(found, data, monkeypatch):
+    store = Store(StorageSettings(data_folder=data))
+    store._database.start_clock()
+    store.close()
+    offset_s = clock.machine_offset_s()
+    monkeypatch.setattr(clock, "machine_offset_s", lambda: offset_s + 7200.0)
+    assert "+7200" in found("clock", code=0)["sentence"]
+
+
+def test_a_disk_that_counts_as_full(found, monkeypatch):
+    monkeypatch.setenv("SAWMILL_DISK_RESERVE_BYTES", str(10**18))
+    assert "it counts as full" in found("disk")["sentence"]
+
+
+def test_what_another_user_left(found, data):
+    if os.getuid() != 0:
+        pytest.skip("only root can give files away")
+    os.chown(data / "uploads" if (data / "uploads").exists() else data / "scans", 12345, -1)
+    finding = found("data folder")
+    assert "belongs to user 12345" in finding["sentence"]
+    assert finding["cure"].startswith("chown -R ")
+
+
+def test_a_folder_that_others_may_write_to(found, data):
+    data.chmod(0o777)
+    assert found("data folder")["cure"] == f"chmod go-w {data}"
+
+
+def test_a_port_that_is_taken(found, monkeypatch):
+    with machine.listen("127.0.0.1", 0, guarded=True) as taken:
+        monkeypatch.setenv("SAWMILL_PORT", str(taken.getsockname()[1]))
+        assert "is taken" in found("address")["sentence"]
+
+
+def test_beyond_loopback_without_a_key(found, run, data, monkeypatch):
+    monkeypatch.setenv("SAWMILL_PUBLIC_URL", "https://calibration.mill.example")
+    assert "sawmill key create" in found("keys")["cure"]
+    store = Store(StorageSettings(data_folder=data))
+    store.keys.create(KeyAsk(name="mill", scope=Scope.ADMIN))
+    store.close()
+    run("doctor", "--data", data)
+
+
+def test_a_package_that_is_too_old(monkeypatch):
+    monkeypatch.setattr(machine, "requires", lambda _: ["numpy>=999", "no-such-package-of-ours", "h5py; extra == 'x'"])
+    sentences = [finding.sentence for finding in machine.packages() if finding.state is State.BAD]
+    assert [sentence.partition(" is needed")[0] for sentence in sentences] == ["numpy>=999", "no-such-package-of-ours"]
+
+
+def test_kernels_that_were_never_compiled(monkeypatch):
+    monkeypatch.setattr("sawmill_service.doctor.science.holds_all", lambda _: False)
+    assert "run sawmill compile" in kernels().cure
+
+
+def test_a_network_file_system_is_known_by_its_mount(tmp_path):
+    mounts = tmp_path / "mountinfo"
+    mounts.write_text(
+        "22 1 254:0 / / rw - ext4 /dev/vda rw\n"
+        f"30 22 0:44 / {tmp_path} rw shared:2 - nfs4 server:/export rw\n"
+        f"31 22 0:45 / {tmp_path}-else rw - tmpfs tmpfs rw\n"
+    )
+    assert machine.file_system(tmp_path / "data", mounts) == "nfs4"
+    assert machine.file_system(Path("/usr"), mounts) == "ext4"
