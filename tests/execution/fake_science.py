@@ -73,10 +73,10 @@ def stumble(attempt: Attempt) -> dict[str, Any]:
 
 
 def outlast(attempt: Attempt) -> dict[str, Any]:
-    """Talk until four workers have been stopped, then stumble once."""
-    if attempt.job.attempt <= 4:
+    """Talk until two workers have been stopped, then stumble once."""
+    if attempt.job.attempt <= 2:
         return talk(attempt)
-    if attempt.job.attempt == 5:
+    if attempt.job.attempt == 3:
         raise JobFailure(FailureKind.PASSING, "busy", "something was busy")
     return succeed(attempt)
 

@@ -74,44 +74,31 @@ def redis_process(redis_url):
     os.kill(process_id, signal.SIGCONT)
 
 
-def test_a_wake_up_starts_a_job_and_then_what_waited_for_it(store, storage, on_redis, wake, queue, wait_for):
-    job = queue("succeed")
-    scanner = store.scanners.get(store.scans.get(job.subject_id).scanner_id)
+def test_wake_ups_start_jobs_and_what_waited_for_them_and_do_not_decide_which_is_next(
+    store, storage, on_redis, wake, queue, wait_for
+):
+    first, second = queue("succeed"), queue("succeed")
+    scanner = store.scanners.get(store.scans.get(second.subject_id).scanner_id)
     store.scanners.update(scanner.id, ScannerSpec(name="tell-all", constants=scanner.constants))
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=job.subject_id, phantom_id="l-shape"))
-    with celery_worker(storage, on_redis):
-        wake(job.id)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=second.subject_id, phantom_id="l-shape"))
+    jobs = [queue("succeed") for _ in range(3)]
+    wake(second.id)
+    with celery_worker(storage, on_redis.model_copy(update={"workers": 3})):
+        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+        time.sleep(0.5)
+        assert store.jobs.get(second.id).state is JobState.QUEUED, "one message, one job, and the oldest"
+        wake(second.id)
         wait_for(lambda: store.jobs.get(calibration.job_id).state.ended)
-    assert store.jobs.get(job.id).state is JobState.SUCCEEDED
+        # Repeated and mistaken ones do no harm.
+        for job_id in [job.id for job in jobs] * 3 + ["nothing"]:
+            wake(job_id)
+        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
+    assert store.jobs.get(second.id).state is JobState.SUCCEEDED
     # Its process is as confined as one of an embedded worker's.
     reported = json.loads(store.jobs.get(calibration.job_id).failure.detail)
     assert reported["limits"]["NOFILE"] == OPEN_FILES
     assert landlock.version() == 0 or "done" not in reported["tries"].values()
-
-
-def test_a_job_that_is_tried_again_needs_no_wake_up_of_its_own(store, storage, on_redis, wake, queue, wait_for):
-    job = queue("stumble")
-    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5})):
-        wake(job.id)
-        wait_for(lambda: store.jobs.get(job.id).state.ended)
-    assert (store.jobs.get(job.id).state, store.jobs.get(job.id).attempt) == (JobState.SUCCEEDED, 2)
-
-
-def test_messages_do_not_decide_which_job_is_next(store, storage, on_redis, wake, queue, wait_for):
-    first, second = queue("succeed"), queue("succeed")
-    wake(second.id)
-    with celery_worker(storage, on_redis):
-        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
-    assert store.jobs.get(second.id).state is JobState.QUEUED
-
-
-def test_repeated_and_mistaken_wake_ups_do_no_harm(store, storage, on_redis, wake, queue, wait_for):
-    jobs = [queue("succeed") for _ in range(3)]
-    for job_id in [job.id for job in jobs] * 3 + ["nothing"]:
-        wake(job_id)
-    with celery_worker(storage, on_redis.model_copy(update={"workers": 3})):
-        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
-    assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 1]
+    assert [store.jobs.get(job.id).attempt for job in (first, second, *jobs)] == [1] * 5
 
 
 def test_short_jobs_have_a_queue_and_where_wanted_a_worker_of_their_own(
@@ -155,23 +142,6 @@ def test_a_stopping_celery_worker_gives_its_job_back(
     assert [event.what for event in store.events.of_job(job.id)] == [EventKind.STARTED, EventKind.GIVEN_BACK]
     assert not is_running(attempt)
     assert "Traceback" not in log.read_text()
-
-
-def test_redis_that_is_emptied_in_the_middle_of_the_work_loses_nothing(
-    store, storage, on_redis, redis_url, wake, queue, wait_for
-):
-    jobs = [queue(behaviour) for behaviour in ("creep", "succeed", "stumble")]
-    settings = on_redis.model_copy(update={"sweep_s": 0.5})
-    with (
-        celery_worker(storage, settings),
-        redis.Redis.from_url(redis_url) as client,
-    ):
-        for job in jobs:
-            wake(job.id)
-        wait_for(lambda: store.jobs.get(jobs[0].id).progress is not None)
-        assert client.flushall()
-        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in jobs))
-    assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 2]
 
 
 def test_a_worker_waits_for_a_redis_that_is_away_at_its_start(store, storage, on_redis, queue, wait_for, tmp_path):
@@ -260,12 +230,23 @@ def test_a_sweep_without_redis_is_put_off(store, storage, settings, queue, wait_
     assert {entry["event"] for entry in log} == {"sweep-put-off"}
 
 
-def test_a_silent_redis_holds_up_neither_housekeeping_nor_the_end(
-    store, storage, on_redis, redis_process, queue, wait_for
+def test_redis_that_is_emptied_or_silent_loses_nothing_and_holds_up_neither_housekeeping_nor_the_end(
+    store, storage, on_redis, redis_url, redis_process, wake, queue, wait_for
 ):
-    with celery_worker(storage, on_redis.model_copy(update={"sweep_s": 0.5, "poll_s": 0.1})) as worker:
-        first = queue("succeed")
-        wait_for(lambda: store.jobs.get(first.id).state is JobState.SUCCEEDED)
+    def all_succeeded():
+        return all(job.state is JobState.SUCCEEDED for job in store.jobs.page().items)
+
+    jobs = [queue(behaviour) for behaviour in ("creep", "succeed", "stumble")]
+    settings = on_redis.model_copy(update={"sweep_s": 0.5, "poll_s": 0.1})
+    with (
+        celery_worker(storage, settings) as worker,
+        redis.Redis.from_url(redis_url) as client,
+    ):
+        for job in jobs:
+            wake(job.id)
+        wait_for(lambda: store.jobs.get(jobs[0].id).progress is not None)
+        assert client.flushall()
+        wait_for(all_succeeded)
         os.kill(redis_process, signal.SIGSTOP)
         queue("succeed")
         time.sleep(1.5)  # by now the sweep asks for this job, in vain
@@ -273,10 +254,12 @@ def test_a_silent_redis_holds_up_neither_housekeeping_nor_the_end(
         lost = store.jobs.claim("lost").job
         wait_for(lambda: store.jobs.get(lost.id).state is JobState.QUEUED, timeout_s=5)
         os.kill(redis_process, signal.SIGCONT)
-        wait_for(lambda: all(store.jobs.get(job.id).state is JobState.SUCCEEDED for job in store.jobs.page().items))
+        wait_for(all_succeeded)
         os.kill(redis_process, signal.SIGSTOP)
         worker.terminate()
         worker.wait(timeout=12)
+    # The one that stumbled needed no wake-up of its own.
+    assert [store.jobs.get(job.id).attempt for job in jobs] == [1, 1, 2]
 
 
 def test_a_forking_pool_is_refused(storage, on_redis):

@@ -119,14 +119,14 @@ def test_leaving_ends_everything_and_gives_the_job_back(store, storage, settings
 def test_workers_that_are_stopped_lose_nothing(store, storage, settings, queue, wait_for):
     job = queue("outlast")
     at_once = settings.model_copy(update={"stop_grace_s": 0.1})
-    for attempt in range(1, 5):
+    for attempt in (1, 2):
         with WorkerSupervisor(storage, at_once, command=WORKER):
             wait_for(lambda number=attempt: (now := store.jobs.get(job.id)).attempt == number and now.progress)
         assert store.jobs.get(job.id).state is JobState.QUEUED
     with WorkerSupervisor(storage, at_once, command=WORKER):
         wait_for(lambda: store.jobs.get(job.id).state.ended)
     ended = store.jobs.get(job.id)
-    assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 6, 1)
+    assert (ended.state, ended.attempt, ended.losses) == (JobState.SUCCEEDED, 4, 1)
 
 
 def test_nothing_is_left_when_the_service_is_killed(store, storage, settings, queue, wait_for):
