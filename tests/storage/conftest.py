@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from emptied_databases import EmptiedDatabases
 from postgres_server import PostgresServer
 from results import CONSTANTS, RESULTS
 
@@ -41,12 +42,12 @@ def clock() -> TestClock:
 
 
 @pytest.fixture(scope="session")
-def template(postgres: PostgresServer, tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A database with all tables and the built-in phantoms, to be copied: that is quicker than migrating."""
+def databases(postgres: PostgresServer, tmp_path_factory: pytest.TempPathFactory) -> EmptiedDatabases:
+    """With all tables and the built-in phantoms: that is quicker than migrating."""
     postgres.run("CREATE DATABASE template_sawmill")
     data = tmp_path_factory.mktemp("template")
     Store.open(StorageSettings(data_folder=data, database_url=postgres.url("template_sawmill"))).close()
-    return "template_sawmill"
+    return EmptiedDatabases(postgres, "template_sawmill")
 
 
 @pytest.fixture(params=["sqlite", "postgresql"])
@@ -55,8 +56,8 @@ def database_url(request: pytest.FixtureRequest) -> Iterator[str | None]:
     if request.param == "sqlite":
         yield None
         return
-    server: PostgresServer = request.getfixturevalue("postgres")
-    with server.database(template=request.getfixturevalue("template")) as url:
+    databases: EmptiedDatabases = request.getfixturevalue("databases")
+    with databases.one() as url:
         yield url
 
 

@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 from uuid import uuid4
 
 START_S = 60.0
@@ -94,10 +95,14 @@ class PostgresServer:
         self.run(f"DROP DATABASE {name} WITH (FORCE)")
 
     def run(self, statement: str) -> None:
+        with self.connected() as connection:
+            connection.execute(statement.encode())
+
+    def connected(self, database: str = "postgres") -> Any:
+        """A connection of psycopg's that commits each statement."""
         import psycopg  # noqa: PLC0415
 
-        with psycopg.connect(self.url(), autocommit=True) as connection:
-            connection.execute(statement.encode())
+        return psycopg.connect(self.url(database), autocommit=True)
 
     def _answers(self) -> bool:
         import psycopg  # noqa: PLC0415
