@@ -39,33 +39,37 @@ def stored(service: Service, path: str, scanner_id: str) -> bytes:
     return (service.data / "uploads/scans" / scan["id"] / "original").read_bytes()
 
 
-def test_a_part_is_cut_off_at_200_random_bytes_and_the_file_is_bit_exact(tmp_path, offline, serve):
+def send_in_broken_parts(service: Service, scanner_id: str) -> None:
+    """A part is cut off at 200 random bytes, and the file is bit-exact."""
     random = Random(15)  # noqa: S311 - no secret
     content = random.randbytes(400_000)
-    with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
-        scanner_id, path, known = service.create_scanner(), begin(service, content), 0
-        for cut in sorted(random.sample(range(1, len(content)), BREAKS)):
-            with connect(service) as line:
-                line.sendall(head("PATCH", service, path, known, len(content) - known) + content[known:cut])
-                if cut % 2:  # a reset, and not an end, for every other one
-                    line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
-            now = offset_of(service, path)
-            assert known <= now <= cut
-            known = now
-        while True:  # the last broken part may not have ended yet
-            answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
-            if answer.status_code == 200:
-                break
-            assert (answer.status_code, answer.json()["code"]) in {(409, "upload-busy"), (409, "wrong-offset")}
-            known = offset_of(service, path)
-        assert stored(service, path, scanner_id) == content
-        assert list((service.data / "incoming").iterdir()) == []
+    path, known = begin(service, content), 0
+    for cut in sorted(random.sample(range(1, len(content)), BREAKS)):
+        with connect(service) as line:
+            line.sendall(head("PATCH", service, path, known, len(content) - known) + content[known:cut])
+            if cut % 2:  # a reset, and not an end, for every other one
+                line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\x01\0\0\0\0\0\0\0")
+        now = offset_of(service, path)
+        assert known <= now <= cut
+        known = now
+    while True:  # the last broken part may not have ended yet
+        answer = service.client.patch(path, content=content[known:], headers={"Upload-Offset": str(known)})
+        if answer.status_code == 200:
+            break
+        assert (answer.status_code, answer.json()["code"]) in {(409, "upload-busy"), (409, "wrong-offset")}
+        known = offset_of(service, path)
+    assert stored(service, path, scanner_id) == content
+    assert list((service.data / "incoming").iterdir()) == []
 
 
-def test_a_killed_service_goes_on_where_its_disk_is_and_leaves_nothing_else(tmp_path, offline, serve):
+def test_parts_are_cut_off_and_a_killed_service_goes_on_where_its_disk_is_and_leaves_nothing_else(
+    tmp_path, offline, serve
+):
     content = Random(16).randbytes(300_000)  # noqa: S311
     with serve(tmp_path, offline.variables, "--no-examples", "--workers", "0") as service:
-        scanner_id, path = service.create_scanner(), begin(service, content)
+        scanner_id = service.create_scanner()
+        send_in_broken_parts(service, scanner_id)
+        path = begin(service, content)
         service.client.patch(path, content=content[:100_000], headers={"Upload-Offset": "0"})
         with connect(service) as line, connect(service) as raw:
             line.sendall(head("PATCH", service, path, 100_000, 200_000) + content[100_000:150_000])

@@ -37,7 +37,8 @@ def test_a_calibration_outlives_a_late_a_paused_and_a_killed_server(
     postgres.stop()
     late = threading.Thread(target=start_when_awaited, args=(postgres, tmp_path / "service.log"))
     late.start()
-    with serve(tmp_path, {**offline.variables, "SAWMILL_DATABASE_URL": postgres_url}, "--no-examples") as service:
+    environment = {**offline.variables, "SAWMILL_DATABASE_URL": postgres_url}
+    with serve(tmp_path, environment, "--no-examples", "--workers", "1") as service:
         late.join()
         scanner_id = service.create_scanner(mill_scan.scanner)
         with postgres.paused():

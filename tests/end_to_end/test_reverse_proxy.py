@@ -145,17 +145,35 @@ class Mill:
             yield client
 
 
-@pytest.fixture
-def mill(tmp_path: Path, offline) -> Mill:
+def prepared(folder: Path, variables: dict[str, str]) -> Mill:
     subprocess.run(
         [
             program("openssl"), "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes",
             "-keyout", "key.pem", "-out", "certificate.pem", "-days", "1", "-subj", f"/CN={NAME}",
             "-addext", f"subjectAltName=DNS:{NAME},IP:127.0.0.1",
         ],
-        cwd=tmp_path, capture_output=True, check=True,
+        cwd=folder, capture_output=True, check=True,
     )  # fmt: skip
-    return Mill(tmp_path, offline.variables, free_port(), free_port())
+    return Mill(folder, variables, free_port(), free_port())
+
+
+@pytest.fixture
+def mill(tmp_path: Path, offline) -> Mill:
+    return prepared(tmp_path, offline.variables)
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory: pytest.TempPathFactory, offline) -> Iterator[tuple[Mill, dict[str, str]]]:
+    """A service that trusts a proxy on this machine, for one after the other, and its administrator's headers."""
+    mill = prepared(tmp_path_factory.mktemp("guarded"), offline.variables)
+    admin = mill.administrator()
+    behind = {
+        "SAWMILL_PUBLIC_URL": f"https://{NAME}",
+        "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]',
+        "SAWMILL_LOG_FORMAT": "json",
+    }
+    with mill.serving(**behind):
+        yield mill, admin
 
 
 @contextmanager
@@ -172,16 +190,11 @@ SCANNER = {
 
 
 @pytest.mark.parametrize("proxy", ["nginx", "caddy"])
-def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_address(mill, proxy):
+def test_behind_the_documented_proxy_keys_are_needed_and_clients_have_their_own_address(guarded, proxy):
     program(proxy)
-    behind = {
-        "SAWMILL_PUBLIC_URL": f"https://{NAME}",
-        "SAWMILL_TRUSTED_PROXIES": '["127.0.0.1"]',
-        "SAWMILL_LOG_FORMAT": "json",
-    }
-    admin = mill.administrator()
+    mill, admin = guarded
     secret = admin["Authorization"].partition(" ")[2]
-    with mill.serving(**behind), in_front(mill, proxy), mill.client() as client:
+    with in_front(mill, proxy), mill.client() as client:
         assert client.get("/health/live").status_code == 200
         assert client.get("/v1/scanners").status_code == 401
         forged = {"X-Forwarded-For": "127.0.0.1"}
