@@ -97,7 +97,7 @@ def test_everything_open_hears_that_the_service_stops(serving, tmp_path):
 
 
 def test_a_second_ctrl_c_ends_it_sooner(serving, tmp_path):
-    with serving("--workers", "1") as service:
+    with serving() as service:
         scanner_id = service.create_scanner()
         with sending(
             str(service.client.base_url),
