@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -67,6 +67,10 @@ study-wheel: install-dev
 
 openapi: install
 	@$(BIN)/sawmill openapi
+
+# The contract as it is, as that of the release that CHANGELOG.md dates: later changes are held against it.
+release-contract: openapi
+	@$(BIN)/python openapi/contract_changes.py --release
 
 # openapi/clients/python from the contract as it is committed.
 clients: install-dev

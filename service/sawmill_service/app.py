@@ -1,7 +1,6 @@
 """Puts the service together. Nothing happens at import."""
 
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 import fastapi_offline
@@ -55,6 +54,7 @@ from sawmill_service.slow_bodies import SlowBodies
 from sawmill_service.stopping import Stopping
 from sawmill_service.waiting import JobEnds
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary.version import VERSION
 
 DESCRIPTION = """\
 Finds the geometry of a sawmill's X-ray log scanner from one scan of a wooden phantom, watches it for drift, and
@@ -114,7 +114,7 @@ def create_app(
     """
     app = Application(
         title="Sawmill calibration",
-        version=version("sawmill-calibration"),
+        version=VERSION,
         description=DESCRIPTION,
         openapi_tags=TAGS,
         openapi_url=None,

@@ -5,10 +5,11 @@ import os
 import subprocess
 import sys
 import time
-from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+
+from sawmill_worker.vocabulary.version import VERSION
 
 pytestmark = pytest.mark.slow
 
@@ -42,8 +43,8 @@ def test_help_names_every_command():
     assert all(f" {command} " in done.stdout for command in commands)
 
 
-def test_the_version_is_the_distributions():
-    assert sawmill("--version").stdout.strip() == version("sawmill-calibration")
+def test_the_version_is_that_of_the_code():
+    assert sawmill("--version").stdout.strip() == VERSION
 
 
 def test_standard_output_is_the_object_alone(phantom_scan):

@@ -6,7 +6,6 @@ command does stands in `sawmill_worker.commands`. The command itself imports it:
 # ruff: noqa: PLC0415, FBT002 - imports inside the commands, for that reason; flags are booleans with a default
 
 import os
-from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, ClassVar
 
@@ -34,6 +33,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.simulating import SimulationOptions
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.vocabulary import CalibrationMethod, DataKind, Handedness, ReconstructionMethod, Rotation, Theta
+from sawmill_worker.vocabulary.version import VERSION
 
 app = typer.Typer(no_args_is_help=True, pretty_exceptions_show_locals=False)
 phantom_app = typer.Typer(no_args_is_help=True)
@@ -55,7 +55,7 @@ class WithAngles(Command):
 
 def _print_version(asked: bool) -> None:  # noqa: FBT001 - Typer's callback
     if asked:
-        typer.echo(version("sawmill-calibration"))
+        typer.echo(VERSION)
         raise typer.Exit
 
 

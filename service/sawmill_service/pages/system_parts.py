@@ -12,6 +12,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.events import Event
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary.version import VERSION
 
 # A worker that has taken no job for so long is not known to be there.
 SEEN = timedelta(minutes=10)
@@ -19,7 +20,7 @@ SEEN = timedelta(minutes=10)
 PLENTY = 10
 MOST_WORKERS = 200
 CLOCK_EVENTS = 5
-PACKAGES = ("sawmill-calibration", "fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")
+PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")
 # What a person runs into: uploads, requests, streams. Places and secrets are none of a page's.
 LIMITS = (
     "max_upload_bytes",
@@ -102,7 +103,8 @@ def clock_remarks(store: Store) -> list[Event]:
 @cache
 def versions() -> dict[str, str]:
     """Of this process."""
-    return {"Python": platform.python_version()} | {name: version(name) for name in PACKAGES}
+    ours = {"sawmill-calibration": VERSION, "Python": platform.python_version()}
+    return ours | {name: version(name) for name in PACKAGES}
 
 
 def limits_of(settings: ServiceSettings) -> list[Limit]:

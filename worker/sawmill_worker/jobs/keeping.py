@@ -3,7 +3,6 @@
 import threading
 import time
 from collections.abc import Mapping
-from importlib.metadata import version
 from typing import Any
 
 import structlog
@@ -13,6 +12,7 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.errors import StorageFull, disk_full_reported
 from sawmill_worker.storage.files import check_room
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
+from sawmill_worker.vocabulary.version import VERSION
 
 # Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
 # its work. An attempt after another begins at once and doubles its pauses, so that it gets on however soon it ends.
@@ -36,7 +36,7 @@ class AttemptKeeper:
 
     def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
         self._attempt = attempt
-        self._origin = {**origin, "software_version": version("sawmill-calibration")}
+        self._origin = {**origin, "software_version": VERSION}
         self._still_to_write_bytes = still_to_write_bytes
         self._announced_at = time.monotonic()
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0

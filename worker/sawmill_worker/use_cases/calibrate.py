@@ -4,7 +4,6 @@ import math
 import time
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -32,6 +31,7 @@ from sawmill_worker.use_cases.conversion import (
 from sawmill_worker.use_cases.keeping import NOTHING_KEPT, Keeper
 from sawmill_worker.use_cases.size_measurements import measurement_reasons
 from sawmill_worker.vocabulary import Adjustment, CalibrationMethod, Progress, ProgressCallback, ThetaBounds
+from sawmill_worker.vocabulary.version import VERSION
 
 # Runs of rows that are tried, longest first: a phantom covers more rows than a saw's kerf.
 MOST_RUNS = 8
@@ -292,7 +292,7 @@ def calibration_result(
         rows=given.rows,
         search=contracts.Search(**{name: getattr(calibration.search, name) for name in contracts.Search.model_fields}),
         timing_s=contracts.Timing(**vars(calibration.timing)),
-        software_version=version("sawmill-calibration"),
+        software_version=VERSION,
         input_sha256=given.input_sha256,
         comparison=comparison,
         second_witness=witness,

@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +26,7 @@ from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
 from sawmill_worker.tomography.present_rows import rows_of_all
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.vocabulary.version import VERSION
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +114,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         views=int(given.angles_rad.size),
         rows=given.rows,
         time_s=time.perf_counter() - started,
-        software_version=version("sawmill-calibration"),
+        software_version=VERSION,
         input_sha256=given.input_sha256,
     )
 

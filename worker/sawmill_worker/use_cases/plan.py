@@ -1,7 +1,6 @@
 """A plan from a phantom's drawing and a nominal geometry: what the job and the command line share."""
 
 from dataclasses import dataclass
-from importlib.metadata import version
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry
 from sawmill_worker.tomography.planning import plan
 from sawmill_worker.use_cases.conversion import from_deviation, from_predicted, to_phantom
 from sawmill_worker.vocabulary import Theta
+from sawmill_worker.vocabulary.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -45,5 +45,5 @@ def run_plan(given: PlanInput, options: PlanOptions) -> PlanResult:
         scanner=given.scanner,
         views=options.views,
         noise=options.noise,
-        software_version=version("sawmill-calibration"),
+        software_version=VERSION,
     )

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +27,7 @@ from sawmill_worker.use_cases.method_findings import CurvePoints, gathered
 from sawmill_worker.use_cases.value_range import ValueRange
 from sawmill_worker.use_cases.writing_volumes import VolumeOrigin, new_volume
 from sawmill_worker.vocabulary import Handedness, Progress, ProgressCallback, ReconstructionMethod, Rotation, Theta
+from sawmill_worker.vocabulary.version import VERSION
 
 # Line integrals (views, stop - start, detector) float32 of the slices start..stop.
 ReadRows = Callable[[int, int], NDArray[np.float32]]
@@ -278,7 +278,7 @@ class _Run:
             rows=given.rows,
             row_step=given.row_step,
             time_s=self.elapsed_s,
-            software_version=version("sawmill-calibration"),
+            software_version=VERSION,
             input_sha256=given.input_sha256,
             preparation=list(given.preparation),
             method=solver.report(found),

@@ -2,13 +2,13 @@
 
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from importlib.metadata import version
 from pathlib import Path
 
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions
 from sawmill_worker.files.volume_writer import NewVolume, new_reconstruction
 from sawmill_worker.vocabulary import Handedness, Rotation, Theta
+from sawmill_worker.vocabulary.version import VERSION
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,6 @@ def new_volume(
             "rows": f"{origin.rows[0]}:{origin.rows[1]}{step}",
             "preparation": list(origin.preparation),
         },
-        software_version=version("sawmill-calibration"),
+        software_version=VERSION,
         input_sha256=origin.input_sha256,
     )

@@ -1,0 +1,81 @@
+"""Places in OpenAPI documents, past references, and what is kept of a change between two of them."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+# For people. What tells the kinds of a choice apart stands in the kinds themselves.
+WORDS = {"title", "description", "summary", "examples", "example", "externalDocs", "discriminator", "readOnly"}
+# Objects of which every member has a name of its own, which may be one of those words.
+NAMED = {"properties", "dependentSchemas", "patternProperties", "paths", "responses", "schemas", "headers"}
+EXTENSIONS = {"x-problem-codes", "x-event-data"}
+
+
+class Kind(IntEnum):
+    """What a change does to programs."""
+
+    ADDITION = 1
+    INCOMPATIBLE = 2
+
+
+@dataclass(frozen=True, order=True)
+class Change:
+    """One change: where, as a JSON pointer into the later document or, of what is gone, the earlier one; and what."""
+
+    pointer: str
+    what: str
+    kind: Kind
+
+    def __str__(self) -> str:
+        return f"{self.kind.name.lower()}: {self.pointer}: {self.what}"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a document, past its references; where nothing is, an empty object."""
+
+    document: Mapping[str, Any]
+    value: Any
+    pointer: str = ""
+
+    def at(self, *keys: str | int) -> "Place":
+        """A place further in."""
+        place = self
+        for key in keys:
+            inner = place.value[key] if isinstance(key, int) else place.value.get(key, {})
+            place = Place(place.document, inner, place.pointer_to(key)).resolved()
+        return place
+
+    def pointer_to(self, key: str | int) -> str:
+        """The JSON pointer of a member (RFC 6901), whether or not it is a reference."""
+        return f"{self.pointer}/{str(key).replace('~', '~0').replace('/', '~1')}"
+
+    def items(self) -> Iterator["Place"]:
+        """The places of a list."""
+        return (self.at(index) for index in range(len(self.value)))
+
+    def resolved(self) -> "Place":
+        """Where a reference leads, with what stands beside it; itself where it is none."""
+        if not isinstance(self.value, dict) or not isinstance(self.value.get("$ref"), str):
+            return self
+        keys = [key.replace("~1", "/").replace("~0", "~") for key in self.value["$ref"].removeprefix("#/").split("/")]
+        target = Place(self.document, self.document).at(*keys)
+        beside = {key: value for key, value in self.value.items() if key != "$ref"}
+        alone = beside.keys() <= WORDS | {"default", "deprecated"}  # else it is no longer what the others refer to
+        return Place(self.document, {**target.value, **beside}, target.pointer if alone else self.pointer)
+
+
+def without_words(part: Any) -> Any:  # noqa: ANN401 - any JSON value
+    """A document, or a part of one, without what is for people."""
+    if isinstance(part, list):
+        return [without_words(each) for each in part]
+    if not isinstance(part, dict):
+        return part
+    kept = {}
+    for key, value in part.items():
+        if key in NAMED:
+            kept[key] = {name: without_words(each) for name, each in value.items()}
+        elif key not in WORDS and (not key.startswith("x-") or key in EXTENSIONS):
+            kept[key] = without_words(value)
+    return kept

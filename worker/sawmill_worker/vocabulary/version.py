@@ -1,0 +1,3 @@
+"""The version of this code: results, the contract of the service and the command line report it."""
+
+VERSION = "0.2.0"
