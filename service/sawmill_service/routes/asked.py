@@ -8,6 +8,7 @@ from pydantic import create_model
 
 from sawmill_service.answers import AskedPriority, Dated, accept
 from sawmill_service.dependencies import TheCaller, TheSettings, TheStore, TheWake
+from sawmill_service.old_names import announce, announced
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import Responses, refuses, refuses_ask
 from sawmill_service.repeats import repeatable
@@ -40,6 +41,7 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
         answer = store.asked(declared).accept(ask, priority=priority, given=given)
         wake(answer.job_id)
         accept(response, f"{folder}/{answer.id}", settings.retry_after_s)
+        announce(ask, caller, response)
         return linked(declared, answer)
 
     def list_all(query: Dated, store: TheStore) -> Any:  # noqa: ANN401 - pages of it
@@ -56,7 +58,8 @@ def _router(declared: AskedKind[Any, Any]) -> APIRouter:
     list_all.__annotations__["query"] = Annotated[_filter(declared), Query()]
     one, many = declared.answer, Page.__class_getitem__(declared.answer)
     if declared.upload is None:
-        asking = _described(f"ask_{declared.noun}", one, declared.to_ask, refuses_ask(declared))
+        answers = announced(declared.ask) | refuses_ask(declared)
+        asking = _described(f"ask_{declared.noun}", one, declared.to_ask, answers)
         router.add_api_route(declared.asked_at or folder, repeatable(ask), methods=["POST"], status_code=202, **asking)
     router.add_api_route(
         folder,

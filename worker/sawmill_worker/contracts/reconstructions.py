@@ -13,6 +13,7 @@ from sawmill_worker.contracts.geometry import GivenTheta
 from sawmill_worker.contracts.given import Given
 from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
+from sawmill_worker.contracts.old_names import OutOfUse
 from sawmill_worker.vocabulary import (
     LARGEST_MM,
     AlphaRule,
@@ -153,10 +154,12 @@ class ReconstructionOptions(Contract):
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
     )
-    uncertainty: bool = Field(
-        default=False,
-        description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
-        examples=[False],
+    uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="nothing: leave it out")] = (
+        Field(
+            default=False,
+            description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
+            examples=[False],
+        )
     )
 
     @model_validator(mode="after")
