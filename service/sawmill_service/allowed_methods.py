@@ -17,10 +17,11 @@ def methods_by_pattern(app: FastAPI) -> Mapping[str, set[str]]:
 
 
 def allowed_methods(request: Request) -> str:
-    """As `Allow` lists them; empty where nothing is."""
+    """As `Allow` lists them, HEAD wherever GET is; empty where nothing is."""
     path, methods = request.url.path, request.app.methods_by_pattern
     fitting = [path] if path in methods else [each for each in methods if compile_path(each)[0].match(path)]
-    return ", ".join(sorted({method for pattern in fitting for method in methods[pattern]}))
+    found = {method for pattern in fitting for method in methods[pattern]}
+    return ", ".join(sorted(found | ({"HEAD"} if "GET" in found else set())))
 
 
 def check_method(request: Request) -> None:

@@ -116,7 +116,7 @@ def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
 def picture(
     request: Request, drawn_from: Hashable, draw: Callable[[], bytes | str], *, answer: type[Response] = Png
 ) -> Response:
-    """A PNG, or another kind of picture, whole or a range; drawn only for a client that does not hold it.
+    """A PNG, or what else is made for a request, whole or a range; made only for a client that does not hold it.
 
     Parameters
     ----------

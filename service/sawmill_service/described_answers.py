@@ -43,7 +43,7 @@ _UNCHANGED = "You hold these bytes already, as `If-None-Match` says."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
 """Of what is made at once: `Location` leads to it."""
-SAVED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
+SAVED: Responses = {200: {"headers": {"Content-Disposition": {}, "ETag": {}}}, 304: {"description": _UNCHANGED}}
 """Of what is written out for the request, to be saved as a file."""
 
 

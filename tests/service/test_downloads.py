@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
 import pytest
+from documented import check_documented
 
 from sawmill_service import digests
 
@@ -51,6 +52,29 @@ def test_a_download_is_known_by_its_bytes(seeded, path):
     beyond = seeded.get(path, headers={"Range": f"bytes={len(whole.content)}-"})
     assert (beyond.status_code, beyond.headers["Content-Range"]) == (416, f"bytes */{len(whole.content)}")
     assert seeded.get(path, headers={"Range": "bytes=5-3"}).status_code == 400
+
+
+def test_the_contract_is_sent_once_to_who_holds_it(seeded):
+    whole = seeded.get("/openapi.json")
+    assert whole.headers["ETag"] == f'"{hashlib.sha256(whole.content).hexdigest()}"'
+    assert whole.headers["Content-Type"] == "application/json"
+    assert whole.headers["Content-Disposition"] == 'inline; filename="openapi.json"'
+    held = seeded.get("/openapi.json", headers={"If-None-Match": whole.headers["ETag"]})
+    assert (held.status_code, held.content) == (304, b"")
+
+
+def test_the_audit_is_sent_again_when_there_is_a_new_entry(seeded):
+    first = seeded.get("/v1/audit.jsonl")
+    assert first.headers["ETag"].startswith('W/"')
+    held = {"If-None-Match": first.headers["ETag"]}
+    unchanged = seeded.get("/v1/audit.jsonl", headers=held)
+    check_documented(unchanged)
+    assert (unchanged.status_code, unchanged.content) == (304, b"")
+    seeded.delete("/v1/schedules/example-spare")
+    longer = seeded.get("/v1/audit.jsonl", headers=held)
+    check_documented(longer)
+    assert longer.text.startswith(first.text)
+    assert longer.text.count("\n") == first.text.count("\n") + 1
 
 
 def test_a_picture_is_drawn_once_for_head_and_get(seeded, monkeypatch):

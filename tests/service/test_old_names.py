@@ -18,7 +18,7 @@ PATH = "/v1/reconstructions"
 EVERY = [(declared.ask, name, mark) for declared in asked_kinds() for name, mark in out_of_use(declared.ask)]
 
 
-def test_who_uses_what_is_out_of_use_is_told(seeded, log_lines):
+def test_the_answer_to_who_uses_what_is_out_of_use_says_so(seeded, log_lines):
     plain = seeded.post(PATH, json={"scan_id": "example"})
     assert not {"Deprecation", "Link"} & {*plain.headers}
     assert not [line for line in log_lines() if line["event"] == "out-of-use"]
@@ -32,8 +32,8 @@ def test_who_uses_what_is_out_of_use_is_told(seeded, log_lines):
     assert {"key_id", "request_id"} <= line.keys()
 
     again = seeded.post(PATH, json={"scan_id": "example", "uncertainty": False}, headers={"Idempotency-Key": "once"})
-    told = ("Deprecation", "Link", "Location")
-    assert [again.headers[name] for name in told] == [used.headers[name] for name in told]
+    announced = ("Deprecation", "Link", "Location")
+    assert [again.headers[name] for name in announced] == [used.headers[name] for name in announced]
 
 
 def test_the_link_leads_to_the_field_in_the_document(seeded):

@@ -100,6 +100,7 @@ def test_every_code_in_the_sources_has_its_texts():
 def test_every_failure_s_code_has_its_texts():
     known = {code for code, kind in problem_types().items() if kind.failure is not None}
     assert not CODES - known, "add these to problem_texts/failures.toml"
+    assert not known - CODES, "no job fails with these: take `failure` out of their texts"
     assert all(kind.status or kind.failure for kind in problem_types().values())
 
 
@@ -148,3 +149,20 @@ def test_a_failed_job_s_page_leads_to_what_its_code_means(seeded, store, worker)
     assert seeded.get(f"/v1/jobs/{job_id}").json()["state"] == JobState.FAILED
     shown = seeded.get(f"/jobs/{job_id}/history", headers={"Accept": "text/html"}).text
     assert 'href="/problems/sparse-views"' in shown
+
+
+@pytest.mark.parametrize(
+    ("asked", "pages"),
+    [
+        ("drifts", ["/scanners/example", "/jobs"]),
+        ("calibrations", ["/scanners/example", "/jobs"]),
+        ("reconstructions", ["/logs", "/logs/{id}", "/jobs"]),
+    ],
+)
+def test_a_failure_leads_to_what_its_code_means_wherever_it_is_shown(seeded, store, worker, asked, pages):
+    made = seeded.post(f"/v1/{asked}", json={"scan_id": "example"}).json()
+    store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="too-few-views", detail="12 are too few"))
+    for page in pages:
+        shown = seeded.get(page.format(id=made["id"]), headers={"Accept": "text/html"}).text
+        assert "12 are too few" in shown, page
+        assert 'href="/problems/too-few-views"' in shown, page

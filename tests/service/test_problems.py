@@ -74,19 +74,34 @@ def test_an_unknown_path_is_a_problem(client):
 @pytest.mark.parametrize(
     ("method", "path", "allowed"),
     [
-        ("POST", "/v1/scanners/example/history", "GET"),
-        ("PATCH", "/v1/scanners", "GET, POST"),
-        ("POST", "/v1/scanners/example", "DELETE, GET, PUT"),
-        ("POST", "/docs", "GET"),
+        ("POST", "/v1/scanners/example/history", "GET, HEAD"),
+        ("PATCH", "/v1/scanners", "GET, HEAD, POST"),
+        ("POST", "/v1/scanners/example", "DELETE, GET, HEAD, PUT"),
+        ("POST", "/docs", "GET, HEAD"),
         ("GET", "/operator/activate/example", "POST"),
         ("GET", "/v1/phantoms/pictures", "POST"),
-        ("DELETE", "/v1/keys/own", "GET"),
+        ("DELETE", "/v1/keys/own", "GET, HEAD"),
     ],
 )
 def test_a_wrong_method_is_a_problem_that_reports_which_is_right(client, method, path, allowed):
     answer = client.request(method, path)
     assert problem(answer).code == "method-not-allowed"
     assert answer.headers["Allow"] == allowed
+
+
+def test_allow_lists_what_each_path_takes(seeded):
+    methods = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE"}
+    for path, operations in seeded.app.openapi()["paths"].items():
+        address = path.format_map(ANY)
+        documented = {method.upper() for method in operations}
+        taken = documented | ({"HEAD"} if "GET" in documented else set())
+        asked = seeded.request("OPTIONS", address)
+        assert (asked.status_code, asked.headers["Allow"]) == (405, ", ".join(sorted(taken))), path
+        # An unknown field is refused where the method is taken: nothing is made or deleted.
+        answered = {each: seeded.request(each, address, params={"no-such-field": "1"}) for each in sorted(methods)}
+        assert {each for each, answer in answered.items() if answer.status_code != 405} == taken, path
+        refused = {answer.headers["Allow"] for each, answer in answered.items() if each not in taken}
+        assert refused <= {asked.headers["Allow"]}, path
 
 
 @pytest.mark.parametrize("identifier", ["EXAMPLE", "..%2f..%2fetc", "a" * 65, "%00", "-x", "é", "a b"])

@@ -3,10 +3,10 @@
 from collections.abc import Iterator
 from typing import Annotated
 
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from sawmill_service.answers import NumberedPaging
+from sawmill_service.answers import CACHING, NumberedPaging, is_known, not_modified
 from sawmill_service.dependencies import TheStore
 from sawmill_service.described_answers import SAVED
 from sawmill_service.refusals import refuses
@@ -30,9 +30,14 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
 
 
 @router.get("/v1/audit.jsonl", summary="Get the whole audit as a file", response_class=JsonLines, responses=SAVED)
-def get_audit_file(store: TheStore) -> JsonLines:
+def get_audit_file(request: Request, store: TheStore) -> Response:
     """Every entry, the oldest first, one JSON object a line."""
-    return JsonLines(_lines(store), headers={"Content-Disposition": 'attachment; filename="audit.jsonl"'})
+    # Weak: entries that come while it is sent are sent too.
+    tag = 'W/"{}-{}"'.format(*store.audit.extent())
+    if is_known(request, tag.removeprefix("W/")):
+        return not_modified(tag)
+    headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag, "Cache-Control": CACHING}
+    return JsonLines(_lines(store), headers=headers)
 
 
 def _lines(store: Store) -> Iterator[str]:

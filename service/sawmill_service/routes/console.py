@@ -7,7 +7,7 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.answers import file
+from sawmill_service.answers import file, picture
 from sawmill_service.dependencies import TheStore
 from sawmill_service.forms import TheForm
 from sawmill_service.pages.addresses import local_path
@@ -17,6 +17,12 @@ from sawmill_worker.contracts.base import Identifier
 STATIC = Path(__file__).parent.parent / "static"
 
 LONGEST_REASON = 200
+
+
+class JsonText(Response):
+    """JSON that is written already."""
+
+    media_type = "application/json"
 
 
 class WholeFiles(StaticFiles):
@@ -40,8 +46,7 @@ def console(page: ThePage) -> HTMLResponse:
 @router.get("/openapi.json")
 def openapi(request: Request) -> Response:
     """The OpenAPI document."""
-    document: bytes = request.app.openapi_json
-    return Response(document, media_type="application/json")
+    return picture(request, "the document", lambda: request.app.openapi_json, answer=JsonText)
 
 
 @router.get("/examples/phantom-scan.npz")

@@ -154,12 +154,10 @@ class ReconstructionOptions(Contract):
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
     )
-    uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="nothing: leave it out")] = (
-        Field(
-            default=False,
-            description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
-            examples=[False],
-        )
+    uncertainty: Annotated[bool, OutOfUse("0.2.0", "2026-11-22", gone_in="0.3.0", instead="leave it out")] = Field(
+        default=False,
+        description="Ignored, with a remark: each pixel's standard deviation is no longer computed.",
+        examples=[False],
     )
 
     @model_validator(mode="after")

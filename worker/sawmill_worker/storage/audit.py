@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction, AuditEntry
@@ -68,6 +68,13 @@ class Audit:
         while entries := self._following(last):
             yield from entries
             last = entries[-1].number
+
+    def extent(self) -> tuple[int, int]:
+        """How many entries there are, and the newest one's number: the same as long as none is added."""
+        statement = select(func.count(), func.coalesce(func.max(AuditRow.number), 0)).select_from(AuditRow)
+        with self._database.read() as session:
+            count, newest = session.execute(statement).one()
+        return count, newest
 
     def _following(self, number: int) -> list[AuditEntry]:
         statement = select(AuditRow).where(AuditRow.number > number).order_by(AuditRow.number).limit(_BATCH)
