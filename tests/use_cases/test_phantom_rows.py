@@ -35,9 +35,15 @@ def given(stack):
     )
 
 
-def test_the_phantom_s_rows_are_found_used_and_reported(stack):
+@pytest.fixture(scope="module")
+def calibrated(stack):
+    """With rows that nobody named: the input of those that were found, the calibration, and what was reported."""
     progress = []
-    narrowed, calibration = run_calibration(given(stack), CalibrationOptions(), progress.append, stack=stack)
+    return *run_calibration(given(stack), CalibrationOptions(), progress.append, stack=stack), progress
+
+
+def test_the_phantom_s_rows_are_found_used_and_reported(calibrated):
+    narrowed, calibration, progress = calibrated
     result = calibration_result(calibration, narrowed)
     assert result.rows == (0, PHANTOM_ROWS)
     assert f"0:{PHANTOM_ROWS} show the phantom" in result.adjustments[0]
@@ -50,8 +56,8 @@ def test_the_phantom_s_rows_are_found_used_and_reported(stack):
     assert fractions == sorted(fractions)
 
 
-def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_named(stack):
-    narrowed, found = run_calibration(given(stack), CalibrationOptions(), lambda _: None, stack=stack)
+def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_named(calibrated):
+    narrowed, found, _ = calibrated
     _, named = run_calibration(narrowed, CalibrationOptions(), lambda _: None)
     np.testing.assert_array_equal(to_vector(found.frame), to_vector(named.frame))
     assert found.search == named.search
