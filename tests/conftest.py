@@ -1,5 +1,6 @@
 """What tests of several rooms need."""
 
+import gc
 import os
 import socket
 import sys
@@ -49,6 +50,11 @@ LONG = {
     "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
     "test_workers_that_are_stopped_lose_nothing",
 }
+
+
+def pytest_collection_finish() -> None:
+    """What is imported by now lives as long as the process: the collector need not look at it again and again."""
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

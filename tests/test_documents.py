@@ -179,14 +179,19 @@ def in_process(*arguments: object) -> str:
     return done.stdout
 
 
-def test_a_first_calibration_goes_as_its_page_has_it(tmp_path, monkeypatch):
-    """In this process, which has imported everything: a shell would do so six times."""
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    monkeypatch.chdir(tmp_path)
-    for line in "".join(blocks(FIRST_CALIBRATION.read_text(), "sh")).splitlines():
-        _, *arguments = shlex.split(line)
+def run_in_process(commands: str) -> None:
+    """Run lines of `sawmill` in this folder, with the examples, as a shell would: that imports everything each time."""
+    shutil.copytree(ROOT / "examples", "examples")
+    for line in filter(None, commands.splitlines()):
+        program, *arguments = shlex.split(line)
+        assert program == "sawmill"
         command, redirected = (arguments[:-2], arguments[-1]) if ">" in arguments else (arguments, "unused")
-        (tmp_path / redirected).write_text(in_process(*command))
+        Path(redirected).write_text(in_process(*command))
+
+
+def test_a_first_calibration_goes_as_its_page_has_it(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_in_process("".join(blocks(FIRST_CALIBRATION.read_text(), "sh")))
     found = json.loads((tmp_path / "result.json").read_text())
     assert (found["verdict"], found["predicted_ray_error_mm"]["upper_95"] < 0.1) == ("pass", True)
     assert found["scale_uncertainty_percent"] == pytest.approx(0.14, abs=0.01)
@@ -212,8 +217,9 @@ def test_the_example_script_prints_what_the_service_answers(tmp_path):
             run(command, tmp_path)
 
 
-def test_the_command_line_block_works(tmp_path):
-    run(script(sections(TOUR)["The command line"]), tmp_path)
+def test_the_command_line_block_works(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run_in_process(script(sections(TOUR)["The command line"]))
     found = json.loads((tmp_path / "result.json").read_text())
     assert found["verdict"] == "pass"
     assert ray_error_mm(found["source_frame"]) < 0.06
@@ -298,9 +304,10 @@ class AcquisitionGeometry:
 """
 
 
-def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path):
+def test_the_exported_files_are_read_as_the_export_page_has_it(tmp_path, monkeypatch):
     page = ROOT / "docs/export.md"
-    run("\n".join(blocks(page.read_text(), "sh")), tmp_path)
+    monkeypatch.chdir(tmp_path)
+    run_in_process("".join(blocks(page.read_text(), "sh")))
     (tmp_path / "cil").mkdir()
     (tmp_path / "cil/framework.py").write_text(CIL)
     for_astra, for_odl, for_cil, for_rtk = blocks(page.read_text(), "python")

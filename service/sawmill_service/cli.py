@@ -16,6 +16,7 @@ from sawmill_service import key_commands
 from sawmill_worker.cli import app as main
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import say
+from sawmill_worker.execution.importing import importing
 
 __all__ = ["main"]
 
@@ -38,14 +39,15 @@ def serve(
     examples: Annotated[bool, typer.Option(help="Put example resources into a fresh data folder.")] = True,  # noqa: FBT002 - a flag
 ) -> None:
     """Run the API, its workers and the schedule on this machine."""
-    from sawmill_service.listening import ListenError
-    from sawmill_service.serving import serve_until_stopped
-    from sawmill_service.settings import ServiceSettings
-    from sawmill_worker.execution.settings import ExecutionSettings
-    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
-    from sawmill_worker.seeding import seed_apart
-    from sawmill_worker.storage.errors import StorageError
-    from sawmill_worker.storage.settings import StorageSettings
+    with importing():
+        from sawmill_service.listening import ListenError
+        from sawmill_service.serving import serve_until_stopped
+        from sawmill_service.settings import ServiceSettings
+        from sawmill_worker.execution.settings import ExecutionSettings
+        from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+        from sawmill_worker.seeding import seed_apart
+        from sawmill_worker.storage.errors import StorageError
+        from sawmill_worker.storage.settings import StorageSettings
 
     for name, value in (("DATA_FOLDER", data), ("HOST", host), ("PORT", port), ("WORKERS", workers or None)):
         if value is not None:

@@ -8,10 +8,13 @@ INTERRUPTED = 130  # as shells say it of SIGINT
 def main() -> None:
     """Import the command line, which takes a moment, and run it."""
     try:
+        from sawmill_worker.execution.importing import importing  # noqa: PLC0415 - as the next
         from sawmill_worker.execution.threading_layer import wait_passively  # noqa: PLC0415 - as the next
 
         wait_passively()
-        from sawmill_service.cli import main as command_line  # noqa: PLC0415 - so that an interruption is caught here
+        with importing():
+            # Here, so that an interruption is caught.
+            from sawmill_service.cli import main as command_line  # noqa: PLC0415
 
         command_line()
     except KeyboardInterrupt:

@@ -145,11 +145,10 @@ def test_an_image_by_another_method_says_so_in_its_title(answer, arrays):
     by_fbp = pixels(overlay(answer, arrays))
     named = pixels(overlay(answer, arrays | {"phantom_image_method": np.array(b"total_variation")}))
     assert named.shape != by_fbp.shape or (named != by_fbp).any()
-    assert overlay(answer, arrays) == overlay(answer, arrays | {"phantom_image_method": np.array(b"fbp")})
 
 
 def test_same_input_same_bytes(answer, arrays):
-    assert overlay(answer, arrays) == overlay(answer, arrays)
+    assert overlay(answer, arrays) == overlay(answer, arrays | {"phantom_image_method": np.array(b"fbp")})
 
 
 def test_views_and_angles_that_disagree(answer, arrays):
