@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from urllib.parse import parse_qs
 
 from starlette.datastructures import Headers
@@ -110,7 +110,15 @@ def _kind(scope: Scope, headers: Headers) -> str:
         return "uploads"
     if _is_stream(scope):
         return "streams"
-    return "waits" if "wait" in parse_qs(scope["query_string"].decode("latin-1")) else "requests"
+    return "waits" if _waits(scope) else "requests"
+
+
+def _waits(scope: Scope) -> bool:
+    """Whether the answer may be asked to wait: `wait=0` is not, nor is what is refused at once."""
+    asked = parse_qs(scope["query_string"].decode("latin-1")).get("wait", [])
+    with suppress(ValueError):
+        return any(float(seconds) > 0.0 for seconds in asked)
+    return False
 
 
 def _has_body(headers: Headers) -> bool:

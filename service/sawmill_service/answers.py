@@ -1,25 +1,23 @@
 """Shapes of answers that several routes share: accepted work, pictures, files, and the 304 of both."""
 
 import mimetypes
-import re
+import os
 from collections.abc import Callable, Hashable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, cast
 
 from fastapi import Request, Response
 from fastapi.responses import FileResponse
 from pydantic import Field
+from starlette.datastructures import Headers
+from starlette.types import Receive, Scope, Send
 
+from sawmill_service.conditional import CACHING, held_already, spans_of
 from sawmill_service.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.given import GivenTime, Queried
 from sawmill_worker.contracts.jobs import Priority
-
-# No file has more bytes than 18 digits can count, and Python refuses to read numbers of thousands of digits.
-_SPAN = re.compile(r"\s*(\d{0,18})-(\d{0,18})\s*")
-# Asked again each time, and kept by whoever asked alone: what needs a key is nobody else's.
-CACHING = "private, no-cache"
 
 
 class Png(Response):
@@ -91,22 +89,13 @@ def accept(response: Response, location: str, retry_after_s: int) -> None:
     response.headers["Retry-After"] = str(retry_after_s)
 
 
-def is_known(request: Request, tag: str) -> bool:
-    """Whether the client claims to hold this very answer (RFC 9110, section 13.1.2)."""
-    held = [item.strip().removeprefix("W/") for item in request.headers.get("if-none-match", "").split(",")]
-    return tag in held or "*" in held
-
-
-def not_modified(tag: str) -> Response:
-    """The answer to a client that holds what it asks for."""
-    return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING})
-
-
 def describing(digest: bytes, disposition: str, name: str) -> dict[str, str]:
     """The headers of a download: its tag and digest, under which name it is saved, and how long it may be kept."""
+    return {"ETag": tag_of(digest), "Repr-Digest": repr_digest(digest), **_saved(disposition, name)}
+
+
+def _saved(disposition: str, name: str) -> dict[str, str]:
     return {
-        "ETag": tag_of(digest),
-        "Repr-Digest": repr_digest(digest),
         "Content-Disposition": f'{disposition}; filename="{name}"',
         "Accept-Ranges": "bytes",
         "Cache-Control": CACHING,
@@ -129,84 +118,69 @@ def picture(
     """
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, drawn_from)
-    digest = digests.known(key)
-    if digest is not None and is_known(request, tag_of(digest)):
-        return not_modified(tag_of(digest))
-    content = digests.content(key)
+    digest, content = digests.known(key), digests.content(key)
+    if digest is not None and (held := held_already(request.headers, tag_of(digest))):
+        return held
     if content is None or digest is None:
         drawn = draw()
         content = drawn.encode() if isinstance(drawn, str) else drawn
         digest = digests.note(key, content)
-        if is_known(request, tag_of(digest)):
-            return not_modified(tag_of(digest))
+        if held := held_already(request.headers, tag_of(digest)):
+            return held
     suffix = mimetypes.guess_extension(answer.media_type or "") or ""
     headers = describing(digest, "inline", f"{_name_of(request).removesuffix(suffix)}{suffix}")
-    part, status = content, 200
-    if span := span_of(request, len(content), headers["ETag"]):
-        headers["Content-Range"] = f"bytes {span.start}-{span.stop - 1}/{len(content)}"
-        part, status = content[span], 206
-    return answer(part, status, headers=headers)
+    part, status, of_range = one_part(request.headers, content, headers["ETag"])
+    return answer(part, status, headers=headers | of_range)
 
 
-def span_of(request: Request, size_bytes: int, tag: str) -> slice | None:
-    """The one range of a content that is asked for; None: the whole, as of several ranges or of another version.
+def one_part(headers: Headers, content: bytes, tag: str) -> tuple[bytes, int, dict[str, str]]:
+    """What is sent of a content in memory, with its status and header: one range, or all of it."""
+    spans = spans_of(headers, len(content), tag)
+    if len(spans) != 1:
+        return content, 200, {}
+    (span,) = spans
+    return content[span], 206, {"Content-Range": f"bytes {span.start}-{span.stop - 1}/{len(content)}"}
 
-    Raises
-    ------
-    Refused
-        400 `bad-range`. 416 `range-beyond-end`.
-    """
-    header = request.headers.get("range")
-    if header is None or request.headers.get("if-range") not in {None, tag}:
-        return None
-    _check_range(header, size_bytes)
-    found = _SPAN.fullmatch(header.removeprefix("bytes="))
-    if found is None:
-        return None
-    first, last = found.groups()
-    if not first:
-        return slice(max(0, size_bytes - int(last)), size_bytes)
-    return slice(int(first), min(int(last) + 1, size_bytes) if last else size_bytes)
+
+class Download(FileResponse):
+    """A stored file, whole or in ranges, or 304 for a client that holds it; begun once its digest is known."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        status = cast("os.stat_result", self.stat_result)
+        digests: Digests = scope["app"].state.digests
+        try:
+            digest = await digests.of_file(Path(self.path), status)
+        except FileNotFoundError:
+            raise _missing(Path(self.path)) from None
+        tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
+        if held := held_already(asked, tag, modified):
+            await held(scope, receive, send)
+            return
+        self.headers.update({"ETag": tag, "Repr-Digest": repr_digest(digest)})
+        spans = spans_of(asked, status.st_size, tag, modified)
+        # What the base class is given, it never refuses.
+        given = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
+        if spans:
+            given.append((b"range", f"bytes={','.join(f'{span.start}-{span.stop - 1}' for span in spans)}".encode()))
+        await super().__call__({**scope, "headers": given}, receive, send)
 
 
 def file(request: Request, path: Path, media_type: str, *, save_as: str | None = None) -> Response:
-    """A stored file, whole or in ranges, or 304 for a client that holds it; for a thread that may wait."""
-    digests: Digests = request.app.state.digests
+    """A stored file as a download."""
     try:
         status = path.stat()
-        digest = digests.of_file(path, status)
     except FileNotFoundError:
-        raise Refused(404, "file-missing", f"{path.name} is not there: it was not written, or was removed") from None
-    tag = tag_of(digest)
-    if is_known(request, tag):
-        return not_modified(tag)
+        raise _missing(path) from None
     disposition = "inline" if media_type.startswith("image/") else "attachment"
-    headers = describing(digest, disposition, save_as or _name_of(request))
-    answer = FileResponse(path, media_type=media_type, stat_result=status, headers=headers)
-    # A range of another version of the file is answered with the whole (RFC 9110, section 13.1.5).
-    held = request.headers.get("if-range")
-    if "range" in request.headers and held in {None, tag, answer.headers["last-modified"]}:
-        _check_range(request.headers["range"], status.st_size)
-    return answer
+    headers = _saved(disposition, save_as or _name_of(request))
+    return Download(path, media_type=media_type, stat_result=status, headers=headers)
+
+
+def _missing(path: Path) -> Refused:
+    return Refused(404, "file-missing", f"{path.name} is not there: it was not written, or was removed")
 
 
 def _name_of(request: Request) -> str:
     """Of a file that has none of its own, by its path: `scans-example-sinogram.png`."""
     return request.url.path.removeprefix("/v1/").strip("/").replace("/", "-")
-
-
-def _check_range(header: str, size_bytes: int) -> None:
-    """Refuse with a problem what `FileResponse` would refuse in plain text."""
-    spans = [_SPAN.fullmatch(span) for span in header.removeprefix("bytes=").split(",")]
-    named = [(span[1], span[2]) for span in spans if span is not None and _is_span(*span.groups())]
-    if not header.startswith("bytes=") or len(named) < len(spans):
-        raise Refused(
-            400, "bad-range", f"Range must be as in bytes=0-1023, with at most 18 digits a number, not {header[:100]!r}"
-        )
-    if any(int(start) >= size_bytes if start else int(last) == 0 for start, last in named):
-        beyond = f"the file has {size_bytes} bytes, so {header[:100]!r} is beyond its end"
-        raise Refused(416, "range-beyond-end", beyond, {"Content-Range": f"bytes */{size_bytes}"})
-
-
-def _is_span(first: str, last: str) -> bool:
-    return int(first) <= int(last) if first and last else bool(first or last)

@@ -7,7 +7,8 @@ from fastapi import Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.answers import describing, is_known, not_modified, span_of
+from sawmill_service.answers import describing, one_part
+from sawmill_service.conditional import held_already
 from sawmill_service.digests import Digests, key_of, tag_of
 from sawmill_service.rates import too_many
 
@@ -79,26 +80,24 @@ def array(
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, made_of)
     digest = digests.known(key)
-    if digest is not None and is_known(request, tag_of(digest)):
-        return not_modified(tag_of(digest))
+    if digest is not None and (held := held_already(request.headers, tag_of(digest))):
+        return held
     _ALL.take(size)
     try:
         content, headers = read()
         digest = digests.note(key, content, keep=False)
-        if is_known(request, tag_of(digest)):
-            return _given_back(size, not_modified(tag_of(digest)))
+        if unsent := held_already(request.headers, tag_of(digest)):
+            return _given_back(size, unsent)
         own = describing(digest, "attachment", save_as)
-        span = span_of(request, len(content), own["ETag"])
+        part, status, of_range = one_part(request.headers, content, own["ETag"])
     except BaseException:
         _ALL.give_back(size)
         raise
     # What is sent may be smaller than what was read.
-    held = min(size, len(content))
-    _ALL.give_back(size - held)
-    if span is None:
-        return _Sent(content, 200, {**headers, **own, "Content-Length": str(len(content))}, counted=held)
-    part, own["Content-Range"] = content[span], f"bytes {span.start}-{span.stop - 1}/{len(content)}"
-    return _Sent(part, 206, {**headers, **own, "Content-Length": str(len(part))}, counted=held)
+    counted = min(size, len(content))
+    _ALL.give_back(size - counted)
+    described = {**headers, **own, **of_range, "Content-Length": str(len(part))}
+    return _Sent(part, status, described, counted=counted)
 
 
 def _given_back(size: int, answer: Response) -> Response:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from sawmill_service.problems import MEDIA_TYPE
-from sawmill_service.refusals import OF_RANGES, Responses, refuses
+from sawmill_service.refusals import OF_DOWNLOADS, Responses, refuses
 
 BINARY = {"type": "string", "format": "binary"}
 
@@ -67,7 +67,7 @@ def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
         200: whole,
         206: {"description": "The range asked for."} | whole,
         304: {"description": _UNCHANGED},
-        **refuses(*OF_RANGES, *codes),
+        **refuses(*OF_DOWNLOADS, *codes),
     }
 
 

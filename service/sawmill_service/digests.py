@@ -1,5 +1,6 @@
 """The sha256 of what is sent: entity tags and digests are made of it, and it is computed once."""
 
+import asyncio
 import hashlib
 import os
 import threading
@@ -9,13 +10,16 @@ from collections.abc import Hashable
 from pathlib import Path
 
 import structlog
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digest, noted_digest
 
 # Of pictures that are kept as they were sent; one alone may have a quarter.
 _KEPT_BYTES = 16 * 1024**2
 # A digest and its key have some 300 bytes.
 _MOST_DIGESTS = 10_000
-# Larger files have their digest beside them: it outlives the process.
-_NOTED_FROM_BYTES = 8 * 1024**2
+# Large files that are read at once, each in a thread: the other threads are for whoever asks meanwhile.
+_READ_AT_ONCE = 2
 
 log = structlog.get_logger(__name__)
 
@@ -40,7 +44,8 @@ class Digests:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._hashing: dict[Hashable, threading.Lock] = {}
+        self._reading: dict[Hashable, asyncio.Task[bytes]] = {}
+        self._large = asyncio.Semaphore(_READ_AT_ONCE)
         self._digests: OrderedDict[Hashable, bytes] = OrderedDict()
         self._contents: OrderedDict[Hashable, bytes] = OrderedDict()
         self._kept_bytes = 0
@@ -69,30 +74,35 @@ class Digests:
                 self._kept_bytes -= len(self._contents.popitem(last=False)[1])
         return digest
 
-    def of_file(self, path: Path, status: os.stat_result) -> bytes:
-        """The digest of a file as it was when `status` was taken; the first time takes as long as reading it."""
-        key = (str(path), status.st_size, status.st_mtime_ns)
-        if (digest := self.known(key)) is None:
-            if status.st_size >= _NOTED_FROM_BYTES:
-                return self._of_large_file(key, path, status)
-            digest = _computed(path)
-            with self._lock:
-                self._note(key, digest)
-        return digest
+    async def of_file(self, path: Path, status: os.stat_result) -> bytes:
+        """The digest of a file as it was when `status` was taken; the first time may take as long as reading it.
 
-    def _of_large_file(self, key: Hashable, path: Path, status: os.stat_result) -> bytes:
-        """Many that ask for one at once wait for one of them; those who ask for another file do not."""
+        Of many that ask for one file one computes it, and the others hold no thread.
+
+        Raises
+        ------
+        FileNotFoundError
+            It is gone.
+        StorageUnavailable
+            It is another one by now.
+        """
+        key = (str(path), status.st_size, status.st_mtime_ns)
+        if (digest := self.known(key)) is not None:
+            return digest
+        if key not in self._reading:
+            self._reading[key] = asyncio.create_task(self._read(key, path, status))
+            self._reading[key].add_done_callback(lambda _: self._reading.pop(key))
+        return await asyncio.shield(self._reading[key])  # whoever goes leaves it to the others
+
+    async def _read(self, key: Hashable, path: Path, status: os.stat_result) -> bytes:
+        if status.st_size < NOTED_FROM_BYTES:
+            digest = await run_in_threadpool(compute_digest, path, status)
+        else:
+            async with self._large:
+                digest = await run_in_threadpool(_noted_or_computed, path, status)
         with self._lock:
-            hashing = self._hashing.setdefault(key, threading.Lock())
-        try:
-            with hashing:
-                digest = self.known(key) or _noted_or_computed(path, status)
-                with self._lock:
-                    self._note(key, digest)
-                return digest
-        finally:
-            with self._lock:
-                self._hashing.pop(key, None)
+            self._note(key, digest)
+        return digest
 
     def _note(self, key: Hashable, digest: bytes) -> None:
         self._digests[key] = digest
@@ -101,23 +111,11 @@ class Digests:
 
 
 def _noted_or_computed(path: Path, status: os.stat_result) -> bytes:
-    note, stands_for = path.with_name(f".{path.name}.sha256"), f"{status.st_size} {status.st_mtime_ns}"
+    if (noted := noted_digest(path, status)) is not None:
+        return noted
+    computed = compute_digest(path, status)
     try:
-        digest, _, noted_for = note.read_text().partition(" ")
-        if noted_for == stands_for:
-            return bytes.fromhex(digest)
-    except FileNotFoundError:
-        pass
-    computed = _computed(path)
-    try:
-        new = note.with_name(f"{note.name}.{threading.get_ident()}")
-        new.write_text(f"{computed.hex()} {stands_for}")
-        new.replace(note)
+        note_digest(path, status, computed)
     except OSError as error:  # a full disk: the file can be sent all the same
         log.warning("digest-not-kept", file=path.name, reason=str(error))
     return computed
-
-
-def _computed(path: Path) -> bytes:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").digest()

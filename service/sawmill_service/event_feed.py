@@ -11,6 +11,8 @@ from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.event_reader import EventReader
 from sawmill_worker.storage.events import Events
 
+LARGEST_NUMBER = 2**53  # of an event; JavaScript counts no further
+
 _KEPT = 2000  # of the newest; whoever is further behind reads the table itself
 _BATCH = 500
 # A look that takes longer, or a failed one, is an outage for every stream until one succeeds.

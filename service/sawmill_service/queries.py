@@ -1,7 +1,9 @@
-"""Queries: what a route does not know is refused, as in bodies, and nothing of it is ignored."""
+"""Queries: what a route would pass over is refused, as in bodies: fields that it does not know, and repeated ones."""
 
+import reprlib
 from collections.abc import Iterator
 from difflib import get_close_matches
+from typing import get_args, get_origin
 
 from fastapi import Request
 from fastapi.dependencies.models import Dependant
@@ -9,13 +11,14 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
-from sawmill_service.problems import UNKNOWN_IN_QUERY
+from sawmill_service.problems import REFUSED_IN_QUERY
 
 
 async def check_query(request: Request) -> None:
-    """Refuse fields that the route does not know; a dependency of every route.
+    """Refuse fields that the route does not know, and those of one value that stand there twice.
 
-    Pages are left out, but for those that read a model of their own: an old bookmark still leads to one.
+    A dependency of every route. Pages are left out, but for those that read a model of their own: an old bookmark
+    still leads to one.
 
     Raises
     ------
@@ -23,27 +26,41 @@ async def check_query(request: Request) -> None:
         With a near name that is known, where there is one.
     """
     route: APIRoute = request.scope["route"]
-    if not request.query_params or not route.include_in_schema:
+    query = request.query_params
+    if not query or not route.include_in_schema:
         return
-    known = sorted(_fields(route.dependant))
-    errors = [_unknown(name, value, known) for name, value in request.query_params.items() if name not in known]
+    known = dict(_fields(route.dependant))
+    errors = []
+    for name in query:
+        values = query.getlist(name)
+        if name not in known:
+            errors.append(_refused(name, values, f"is not a known field{_near(name, known)}"))
+        elif len(values) > 1 and not _is_list(known[name]):
+            errors.append(_refused(name, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}"))
     if errors:
         raise RequestValidationError(errors)
 
 
-def _fields(dependant: Dependant) -> Iterator[str]:
-    """Names of a route's query fields, those of models and of dependencies among them."""
+def _fields(dependant: Dependant) -> Iterator[tuple[str, object]]:
+    """Names and types of a route's query fields, those of models and of dependencies among them."""
     for field in dependant.query_params:
         model = field.field_info.annotation
         if isinstance(model, type) and issubclass(model, BaseModel):
-            yield from (declared.alias or name for name, declared in model.model_fields.items())
+            yield from ((part.alias or name, part.annotation) for name, part in model.model_fields.items())
         else:
-            yield field.alias
+            yield field.alias, model
     for dependency in dependant.dependencies:
         yield from _fields(dependency)
 
 
-def _unknown(name: str, value: str, known: list[str]) -> dict[str, object]:
-    near = get_close_matches(name, known, n=1)
-    right = f": {near[0]!r} is" if near else ""
-    return {"type": UNKNOWN_IN_QUERY, "loc": ("query", name), "msg": f"is not a known field{right}", "input": value}
+def _is_list(annotation: object) -> bool:
+    return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
+
+
+def _near(name: str, known: dict[str, object]) -> str:
+    near = get_close_matches(name, sorted(known), n=1)
+    return f": {near[0]!r} is" if near else ""
+
+
+def _refused(name: str, values: list[str], sentence: str) -> dict[str, object]:
+    return {"type": REFUSED_IN_QUERY, "loc": ("query", name), "msg": sentence, "input": values}

@@ -20,7 +20,7 @@ _WITH_KEY = ("token-required", "scope-too-small")
 _CHANGING = ("other-site", "csrf")
 _WITH_BODY = ("bad-request", "slow-body", "stopping")
 _REPEATABLE = ("bad-idempotency-key", "idempotency-key-reused")
-OF_RANGES = ("bad-range", "range-beyond-end")
+OF_DOWNLOADS = ("bad-range", "precondition-failed", "range-beyond-end")
 _OF_UPLOADS = (
     *("bad-digest", "bad-encoding", "digest-mismatch", "empty-body", "packed-too-well", "unsupported-encoding"),
     *("unsupported-media-type", "upload-too-large"),

@@ -9,7 +9,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from sawmill_service.event_feed import EventFeed
 from sawmill_service.stopping import Stopping
-from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.events import JOB_ENDS
 from sawmill_worker.contracts.jobs import Job, JobState
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
@@ -20,7 +20,6 @@ MOST_S = 60.0
 _LONGEST_S = 55.0
 # Threads for hundreds that hear of an end at once: the others are for whoever asks meanwhile.
 _READERS = 8
-_ENDS = {EventKind.SUCCEEDED, EventKind.FAILED, EventKind.CANCELLED}
 _UNFINISHED = {JobState.QUEUED, JobState.RUNNING, ScanState.INGESTING, PhantomState.TRACING}
 
 Answer = TypeVar("Answer")
@@ -114,7 +113,7 @@ class JobEnds:
                 number, events = await self._feed.after(number)
             except StorageUnavailable:
                 continue
-            self._wake({event.job_id for event in events if event.what in _ENDS})
+            self._wake({event.job_id for event in events if event.what in JOB_ENDS})
         self._wake(set(self._waiting))
 
     def _wake(self, job_ids: set[str | None]) -> None:

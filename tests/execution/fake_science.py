@@ -104,6 +104,11 @@ def keep_and_succeed(attempt: Attempt) -> dict[str, Any]:
     return succeed(attempt)
 
 
+def write_a_volume(attempt: Attempt) -> dict[str, Any]:
+    (attempt.output / "volume.h5").write_bytes(bytes(2**23))
+    return succeed(attempt)
+
+
 def blunder(_: Attempt) -> dict[str, Any]:
     return {}["secret"]
 
@@ -254,6 +259,7 @@ BEHAVIOURS = {
         wait_for_leave,
         work_on_and_die,
         keep_and_succeed,
+        write_a_volume,
         blunder,
         crash_on_a_full_disk,
         fill_the_disk,

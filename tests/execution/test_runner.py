@@ -1,4 +1,5 @@
 import errno
+import hashlib
 import os
 import signal
 import subprocess
@@ -21,6 +22,7 @@ from sawmill_worker.execution.runner import Runner
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 from sawmill_worker.storage.jobs import Jobs
+from sawmill_worker.storage.noted_digests import noted_digest
 from sawmill_worker.storage.store import Store
 
 pytestmark = pytest.mark.slow
@@ -152,6 +154,13 @@ def test_checkpoints_are_no_results(store, runner, queue):
     results = store.files.results(job.kind, job.subject_id)
     assert [path.name for path in results.iterdir()] == ["scan.h5"]
     assert leftovers(store) == list((store.files.folder / "kept").iterdir()) == []
+
+
+def test_a_large_result_comes_with_its_digest(store, runner, queue):
+    job = queue("write-a-volume")
+    assert runner.run_next() is JobState.SUCCEEDED
+    volume = store.files.results(job.kind, job.subject_id) / "volume.h5"
+    assert noted_digest(volume, volume.stat()) == hashlib.sha256(bytes(2**23)).digest()
 
 
 def test_a_full_disk_is_waited_out(store, runner, queue):

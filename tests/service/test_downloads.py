@@ -1,17 +1,23 @@
 """Downloads as programs meet them: tags and digests of the bytes, ranges, names, and HEAD wherever GET is."""
 
+import asyncio
 import hashlib
 from base64 import b64encode
 from collections import defaultdict
-from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 
+import httpx
 import pytest
 from documented import check_documented
 
 from sawmill_service import digests
+from sawmill_service.app import create_app
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.storage import noted_digests
+from sawmill_worker.storage.noted_digests import note_digests
 
 LOG, FOUND = "/v1/reconstructions/example", "/v1/calibrations/example"
+VOLUME = f"{LOG}/volume.h5"
 FILES = {
     f"{LOG}/slices/1.png": "inline",
     f"{LOG}/slices/1.npy": "attachment",
@@ -85,34 +91,156 @@ def test_a_picture_is_drawn_once_for_head_and_get(seeded, monkeypatch):
 
 
 def test_the_digest_of_a_large_file_is_kept_beside_it_and_of_that_file_alone(seeded, store, monkeypatch):
-    monkeypatch.setattr("sawmill_service.digests._NOTED_FROM_BYTES", 1)
-    first = seeded.get(f"{LOG}/volume.h5").headers["ETag"]
+    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
+    first = seeded.get(VOLUME).headers["ETag"]
     path = store.files.volume("example")
     note = path.with_name(f".{path.name}.sha256")
     assert note.read_text().startswith(first.strip('"'))
     path.write_bytes(b"another one")
-    assert seeded.get(f"{LOG}/volume.h5").headers["ETag"] == f'"{hashlib.sha256(b"another one").hexdigest()}"'
+    assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(b"another one").hexdigest()}"'
 
 
-def test_small_files_do_not_wait_for_the_digest_of_a_large_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("sawmill_service.digests._NOTED_FROM_BYTES", 10)
-    small, large = tmp_path / "small", tmp_path / "large"
-    small.write_bytes(b"small")
-    large.write_bytes(bytes(10))
-    computed, go_on = digests._computed, Event()
+def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store, monkeypatch):
+    for module in (digests, noted_digests):
+        monkeypatch.setattr(module, "NOTED_FROM_BYTES", 1)
+    path = store.files.volume("example")
+    note_digests(path.parent)
+    monkeypatch.setattr(digests, "compute_digest", None)
+    assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(path.read_bytes()).hexdigest()}"'
 
-    def slowly(path):
-        assert path == small or go_on.wait(30)
-        return computed(path)
 
-    monkeypatch.setattr(digests, "_computed", slowly)
-    known = digests.Digests()
-    with ThreadPoolExecutor(2) as pool:
-        both = [pool.submit(known.of_file, large, large.stat()) for _ in range(2)]
-        assert known.of_file(small, small.stat()) == hashlib.sha256(b"small").digest()
-        assert not any(each.done() for each in both)
-        go_on.set()
-        assert {each.result() for each in both} == {hashlib.sha256(bytes(10)).digest()}
+def test_many_that_wait_for_a_digest_hold_no_thread(seeded, store, monkeypatch):
+    """More than the service has threads; two that are gone meanwhile take nothing from the others."""
+    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", store.files.volume("example").stat().st_size)
+    begun, go_on, computed = Event(), Event(), []
+
+    def slowly(path, status):
+        if status.st_size >= digests.NOTED_FROM_BYTES:
+            computed.append(path)
+            begun.set()
+            assert go_on.wait(30)
+        return noted_digests.compute_digest(path, status)
+
+    monkeypatch.setattr(digests, "compute_digest", slowly)
+    app = create_app(ServiceSettings(max_requests_at_once=1000), store, print)
+
+    async def story():
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as client:
+            asked = [asyncio.create_task(client.get(VOLUME)) for _ in range(100)]
+            assert await asyncio.to_thread(begun.wait, 30)
+            for given_up in asked[:2]:
+                given_up.cancel()
+            others = ["/v1/scanners", f"{FOUND}/result.h5", f"{LOG}/thumbnail.png"]
+            async with asyncio.timeout(20):
+                assert [(await client.get(other)).status_code for other in others] == [200] * 3
+            assert not any(each.done() for each in asked[2:])
+            go_on.set()
+            return await asyncio.gather(*asked[2:])
+
+    answers = asyncio.run(story())
+    tag = f'"{hashlib.sha256(store.files.volume("example").read_bytes()).hexdigest()}"'
+    assert {(answer.status_code, answer.headers["ETag"]) for answer in answers} == {(200, tag)}
+    assert len(computed) == 1
+
+
+def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded, store, monkeypatch):
+    def gone(path, _):
+        path.unlink()
+        return path.read_bytes()
+
+    monkeypatch.setattr(digests, "compute_digest", gone)
+    answer = seeded.get(VOLUME)
+    assert (answer.status_code, answer.json()["code"]) == (404, "file-missing")
+
+
+# Of the first 100 bytes of each kind: a stored file, a picture, an array.
+SPANS = {
+    "rows=1-2": None,
+    "Rows=1-2, 4-5": None,
+    "none=": None,
+    "BYTES=3-12": (3, 13),
+    "Bytes=3-12": (3, 13),
+    "bytes=3-12,": (3, 13),
+    "bytes=,, 3-12 ,\t,": (3, 13),
+    "bytes=3-12,999999999999-": (3, 13),
+    "bytes=-0,3-12": (3, 13),
+    "bytes=0-999999999999999999": (0, None),
+    "bytes=-999999999999999999": (0, None),
+    "bytes=": 400,
+    "bytes=,": 400,
+    "bytes=-": 400,
+    "bytes=x": 400,
+    "bytes=1-2,x": 400,
+    "bytes 1-2": 400,
+    "1-2": 400,
+    "=1-2": 400,
+    "bytes=-0": 416,
+    "bytes=999999999999-,-0": 416,
+}
+
+
+@pytest.mark.parametrize("path", [VOLUME, f"{LOG}/slices/1.png", f"{LOG}/slices/1.npy"])
+def test_ranges_are_those_of_the_rfc(seeded, path):
+    whole = seeded.get(path).content
+    for header, expected in SPANS.items():
+        answer = seeded.get(path, headers={"Range": header})
+        if expected is None:
+            assert (answer.status_code, answer.content) == (200, whole), header
+        elif isinstance(expected, tuple):
+            assert (answer.status_code, answer.content) == (206, whole[slice(*expected)]), header
+        else:
+            assert answer.status_code == expected, header
+            assert answer.json()["code"] == {400: "bad-range", 416: "range-beyond-end"}[expected]
+            check_documented(answer)
+
+
+def test_a_file_is_sent_in_several_ranges_and_whole_where_they_are_too_many(seeded):
+    whole = seeded.get(VOLUME).content
+    several = seeded.get(VOLUME, headers={"Range": "bytes=0-3,,10-12,999999999999-"})
+    assert several.status_code == 206
+    assert several.headers["Content-Type"].startswith("multipart/byteranges")
+    assert whole[:4] in several.content
+    assert f"bytes 10-12/{len(whole)}".encode() in several.content
+    many = ",".join(f"{first}-{first}" for first in range(0, 404, 4))
+    assert seeded.get(VOLUME, headers={"Range": f"bytes={many}"}).content == whole
+
+
+@pytest.mark.parametrize("path", [VOLUME, f"{LOG}/slices/1.png", f"{LOG}/slices/1.npy"])
+def test_conditions_are_kept(seeded, path):
+    tag = seeded.get(path).headers["ETag"]
+    conditions = {
+        f'"of-before", {tag}': 200,
+        "*": 200,
+        '"of-before"': 412,
+        f"W/{tag}": 412,
+        tag.strip('"'): 412,
+    }
+    for given, status in conditions.items():
+        answer = seeded.get(path, headers={"If-Match": given, "Range": "bytes=0-3"})
+        assert answer.status_code == {200: 206}.get(status, status), given
+        if status == 412:
+            assert (answer.json()["code"], tag in answer.json()["detail"]) == ("precondition-failed", True)
+            check_documented(answer)
+    # The first condition that fails decides; a cache's comes after it.
+    assert seeded.get(path, headers={"If-Match": '"of-before"', "If-None-Match": tag}).status_code == 412
+    assert seeded.get(path, headers={"If-Match": tag, "If-None-Match": f'"x", W/{tag}'}).status_code == 304
+    assert seeded.request("HEAD", path, headers={"If-Match": '"of-before"'}).status_code == 412
+
+
+def test_conditions_of_time_are_kept_where_the_time_is_known(seeded):
+    modified = seeded.get(VOLUME).headers["Last-Modified"]
+    before, after = "Sun, 06 Nov 1994 08:49:37 GMT", "Sunday, 06-Nov-68 08:49:37 GMT"
+    unmodified = {modified: 200, after: 200, before: 412, "Sun Nov  6 08:49:37 1994": 412, "yesterday": 200}
+    for given, status in unmodified.items():
+        assert seeded.get(VOLUME, headers={"If-Unmodified-Since": given}).status_code == status, given
+    for given, status in {modified: 304, after: 304, before: 200, "yesterday": 200}.items():
+        assert seeded.get(VOLUME, headers={"If-Modified-Since": given}).status_code == status, given
+    tag = seeded.get(VOLUME).headers["ETag"]
+    assert seeded.get(VOLUME, headers={"If-Match": tag, "If-Unmodified-Since": before}).status_code == 200
+    assert seeded.get(VOLUME, headers={"If-None-Match": '"x"', "If-Modified-Since": after}).status_code == 200
+    # A picture that is drawn for the request has no such time.
+    assert seeded.get(f"{LOG}/slices/1.png", headers={"If-Unmodified-Since": before}).status_code == 200
 
 
 def test_head_has_the_headers_of_get_wherever_get_is(seeded):

@@ -1,10 +1,13 @@
 import json
 from collections import defaultdict
+from typing import Annotated
 
 import pytest
+from fastapi import Depends, FastAPI, Query
 from openapi_spec_validator import validate
 
-from sawmill_service.problems import Problem
+from sawmill_service.problems import Problem, install
+from sawmill_service.queries import check_query
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
 
 SPEC = {
@@ -171,6 +174,31 @@ def test_the_document_is_valid_openapi_and_answers_problems_everywhere(client):
 def test_an_unknown_field_of_a_query_is_refused_on_every_route(seeded, path, sentence):
     found = problem(seeded.get(path))
     assert (found.status, found.code, found.detail) == (422, "invalid-request", sentence)
+
+
+@pytest.mark.parametrize(
+    ("path", "sentence"),
+    [
+        ("/v1/jobs?limit=1&limit=2", "query.limit takes one value, not 2: ['1', '2']"),
+        ("/v1/jobs/example?wait=0&wait=0&wait=5", "query.wait takes one value, not 3: ['0', '0', '5']"),
+        ("/v1/events?after=1&%61fter=2", "query.after takes one value, not 2: ['1', '2']"),
+    ],
+)
+def test_a_field_of_one_value_is_refused_where_it_stands_twice(seeded, path, sentence):
+    found = problem(seeded.get(path))
+    assert (found.status, found.code, found.detail) == (422, "invalid-request", sentence)
+
+
+def test_a_list_in_a_query_takes_several_values(client):
+    app = client.app = FastAPI(dependencies=[Depends(check_query)])
+    install(app)
+
+    @app.get("/logs")
+    def logs(rows: Annotated[list[int] | None, Query()] = None, limit: int = 1) -> list[int]:
+        return [*(rows or []), limit]
+
+    assert client.get("/logs?rows=3&rows=4&limit=5").json() == [3, 4, 5]
+    assert client.get("/logs?rows=3&limit=5&limit=5").status_code == 422
 
 
 def test_every_operation_refuses_an_unknown_field_of_a_query(seeded):

@@ -13,7 +13,10 @@ from sawmill_service.callers import who
 from sawmill_service.problems import Refused
 from sawmill_service.rates import BoundedMemory, FailedLogins, Rates
 from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.vocabulary import DataKind
 
 SPEC = {
     "name": "Line 2",
@@ -164,3 +167,30 @@ def test_whoever_is_not_let_in_is_bounded_too(limited):
     client = limited(rate_limit="3/minute", token=SecretStr("t" * 40))
     statuses = [client.get("/v1/scanners").status_code for _ in range(5)]
     assert statuses == [401, 401, 401, 429, 429]
+
+
+def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
+    client = limited(max_waits_at_once=1, event_poll_s=0.01)
+    scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
+    path = f"/v1/jobs/{scan.job_id}"
+
+    async def story() -> list[tuple[str, int]]:
+        transport = httpx.ASGITransport(client.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
+            waiting = asyncio.create_task(http.get(f"{path}?wait=50"))
+            while not client.app.state.job_ends._waiting:
+                await asyncio.sleep(0.01)
+            queries = ("", "?wait=0", "?wait=0.0", "?wait=-0", "?wait=0e9", "?wait=5", "?wait=x", "?wait=0&wait=5")
+            seen = [(query, (await http.get(path + query)).status_code) for query in queries]
+            store.jobs.request_cancel(scan.job_id)
+            assert (await waiting).json()["state"] == "cancelled"
+        return seen
+
+    assert asyncio.run(story()) == [
+        *((query, 200) for query in ("", "?wait=0", "?wait=0.0", "?wait=-0", "?wait=0e9")),
+        ("?wait=5", 429),
+        ("?wait=x", 422),
+        ("?wait=0&wait=5", 429),
+    ]

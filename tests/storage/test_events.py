@@ -218,3 +218,18 @@ def test_on_sqlite_numbers_are_committed_in_their_order(store, reader):
         with store._database.write() as session:
             announced(session, store, name)
     assert [event.scanner_id for event in reader.read()] == ["first", "second"]
+
+
+def test_a_job_s_numbers_are_those_of_its_newest_event_and_of_its_end(store, upload, finish):
+    scan = upload(store)
+    (queued,) = [event.number for event in store.events.following(0) if event.job_id == scan.job_id]
+    assert store.events.numbers_of_job(scan.job_id) == (queued, None)
+    finish(store)
+    _, started, ended, *_ = [event.number for event in store.events.following(0) if event.job_id == scan.job_id]
+    assert store.events.numbers_of_job(scan.job_id) == (started, ended)
+    other = upload(store)
+    assert store.events.numbers_of_job(other.job_id).end is None
+    store.jobs.request_cancel(other.job_id)
+    latest, ended = store.events.numbers_of_job(other.job_id)
+    assert queued < latest < ended
+    assert store.events.numbers_of_job("nothing") == (0, None)

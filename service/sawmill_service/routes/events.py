@@ -12,6 +12,7 @@ from pydantic import Field
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
 from sawmill_service.described_answers import events
+from sawmill_service.event_feed import LARGEST_NUMBER
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier
@@ -23,7 +24,6 @@ from sawmill_worker.storage.errors import StorageUnavailable
 ALIVE_S = 5.0
 # A stream ends that soon after its key.
 _ACCESS_S = 30.0
-_LARGEST = 2**53
 EXAMPLE = """\
 event: alive
 data: {"number": 41}
@@ -53,7 +53,7 @@ class EventFilter(Queried):
     """Which events to send."""
 
     scanner_id: Identifier | None = Field(None, description="Those that concern this scanner; nothing: all.")
-    after: Annotated[int, Field(ge=0, le=_LARGEST)] | None = Field(
+    after: Annotated[int, Field(ge=0, le=LARGEST_NUMBER)] | None = Field(
         None,
         description="The number of the last event that the client has seen, for one that cannot send `Last-Event-ID`.",
         examples=[0],
@@ -68,7 +68,7 @@ LastEventId = Annotated[
     Header(
         alias="Last-Event-ID",
         ge=0,
-        le=_LARGEST,
+        le=LARGEST_NUMBER,
         description="The `id` of the last event that the client has seen, as browsers send it by themselves. What "
         "happened since comes first, nothing of it twice; without it comes what happens from now on.",
         examples=[0],

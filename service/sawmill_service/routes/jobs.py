@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import AsyncIterator
-from typing import Annotated
+from http import HTTPStatus
+from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Header, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.described_answers import events
+from sawmill_service.event_feed import LARGEST_NUMBER
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_service.waiting import TheWaiting
@@ -18,6 +20,7 @@ from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.events import JobHistory
 from sawmill_worker.contracts.jobs import Job, JobKind, JobState
 from sawmill_worker.storage.errors import Conflict, StorageUnavailable
+from sawmill_worker.storage.events import JobNumbers
 from sawmill_worker.storage.store import Store
 
 SHORTEST_PAUSE_S = 0.02
@@ -25,20 +28,26 @@ SHORTEST_PAUSE_S = 0.02
 EXAMPLE = """\
 event: job
 data: {"id": "example", "kind": "calibrate", "state": "running", "progress": {"fraction": 0.4, "stage": "search"}}
-id: 0
+id: 41
+retry: 1000
+
+event: job
+data: {"id": "example", "kind": "calibrate", "state": "succeeded", "progress": null}
+id: 41
 
 event: end
 data: "succeeded"
-id: 1
+id: 42
 
 """
 _JOB, _STATE = ({"$ref": f"#/components/schemas/{name}"} for name in ("Job", "JobState"))
 DESCRIBED = events(
-    "Server-sent events: `job` with the job as JSON at every change, then `end` with its final state; `closing` "
-    "with its state when the service stops before that.",
+    "Server-sent events: `job` with the job as JSON, as it is and at every change, then `end` with its final state; "
+    "`closing` with its state when the service stops before that. The id of `end` is the number of the event in "
+    "`/v1/events` that ended the job, the id of the others that of the newest one before it.",
     EXAMPLE,
     {"job": _JOB, "end": _STATE, "closing": _STATE},
-)
+) | {204: {"description": "`Last-Event-ID` is that of `end`: nothing follows, and browsers connect no more."}}
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
 
@@ -56,17 +65,41 @@ def list_jobs(query: Annotated[JobFilter, Query()], store: TheStore) -> Page[Job
     return store.jobs.page(kind=query.kind, state=query.state, after=query.after, limit=query.limit)
 
 
-def _job(job_id: Identifier, store: TheStore) -> Job:
-    return store.jobs.get(job_id)
-
-
-TheJob = Annotated[Job, Depends(_job)]
-
-
 @router.get("/{job_id}", summary="Get a job", responses=refuses("job-not-found"))
 async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> Job:
     """State, place in the queue, progress, and why it failed if it did; with `wait` as soon as it has ended."""
     return await waiting.read(lambda: store.jobs.get(job_id))
+
+
+class JobNow(NamedTuple):
+    """A job with the numbers of its events, which were read before it."""
+
+    job: Job
+    numbers: JobNumbers
+
+
+LastEventId = Annotated[
+    int | None,
+    Header(
+        alias="Last-Event-ID",
+        ge=0,
+        le=LARGEST_NUMBER,
+        description="The `id` of the last event that the client has seen, as browsers send it by themselves. After "
+        "any but `end` the stream begins with the job as it is.",
+        examples=[0],
+    ),
+]
+
+
+def _to_follow(
+    job_id: Identifier, store: TheStore, response: Response, last_event_id: LastEventId = None
+) -> JobNow | None:
+    """The job as a stream begins with it; none where the client has seen the end."""
+    now = _read(store, job_id)
+    if last_event_id is None or last_event_id != now.numbers.end:
+        return now
+    response.status_code = HTTPStatus.NO_CONTENT
+    return None
 
 
 @router.get(
@@ -76,33 +109,47 @@ async def get_job(job_id: Identifier, store: TheStore, waiting: TheWaiting) -> J
     responses=DESCRIBED | refuses("job-not-found"),
 )
 async def stream_job(
-    job: TheJob, store: TheStore, settings: TheSettings, stopping: TheStopping
+    now: Annotated[JobNow | None, Depends(_to_follow)], store: TheStore, settings: TheSettings, stopping: TheStopping
 ) -> AsyncIterator[ServerSentEvent]:
     """The job now and at each change; after the event `end` the client closes the stream.
 
-    When the service stops, the last event is `closing`: the client connects again, after the time in `retry`.
+    When the service stops, the last event is `closing`: the client connects again, after the time in `retry`. Ids are
+    numbers that are stored, so they hold beyond a stream and a service.
     """
-    started, number = time.monotonic(), 0
-    yield ServerSentEvent(data=job, event="job", id=str(number))
-    while not job.state.ended:
+    if now is None:
+        return
+    started, retry_ms = time.monotonic(), 1000 * settings.retry_after_s
+    yield _event("job", now, retry_ms)
+    while not now.job.state.ended:
         await stopping.sleep(_pause_s(time.monotonic() - started, settings.event_poll_s))
         if stopping.begun:
-            retry_ms = 1000 * settings.retry_after_s
-            yield ServerSentEvent(data=job.state, event="closing", id=str(number), retry=retry_ms)
+            yield _event("closing", now, retry_ms)
             return
-        now = await run_in_threadpool(_now, store, job)
-        if _tells_more(now, job):
-            job, number = now, number + 1
-            yield ServerSentEvent(data=job, event="job", id=str(number))
-    yield ServerSentEvent(data=job.state, event="end", id=str(number + 1))
+        before, now = now, await run_in_threadpool(_read_or_keep, store, now)
+        if _tells_more(now.job, before.job):
+            yield _event("job", now)
+    yield ServerSentEvent(data=now.job.state, event="end", id=None if now.numbers.end is None else str(now.numbers.end))
 
 
-def _now(store: Store, job: Job) -> Job:
+def _event(name: str, now: JobNow, retry_ms: int | None = None) -> ServerSentEvent:
+    data = now.job if name == "job" else now.job.state
+    return ServerSentEvent(data=data, event=name, id=str(now.numbers.latest), retry=retry_ms)
+
+
+def _read(store: Store, job_id: str) -> JobNow:
+    numbers = store.events.numbers_of_job(job_id)
+    job = store.jobs.get(job_id)
+    if job.state.ended and numbers.end is None:  # between the two
+        numbers = store.events.numbers_of_job(job_id)
+    return JobNow(job, numbers)
+
+
+def _read_or_keep(store: Store, before: JobNow) -> JobNow:
     """The job as it stands, or as it stood while the database does not answer: a stream outlives that."""
     try:
-        return store.jobs.get(job.id)
+        return _read(store, before.job.id)
     except StorageUnavailable:
-        return job
+        return before
 
 
 def _tells_more(now: Job, before: Job) -> bool:

@@ -48,6 +48,10 @@ class EventKind(StrEnum):
     CLOCK_OFF = "clock-off"
 
 
+JOB_ENDS = frozenset({EventKind.SUCCEEDED, EventKind.FAILED, EventKind.CANCELLED})
+"""How jobs end."""
+
+
 class Event(Contract):
     """One thing that happened."""
 

@@ -1,12 +1,12 @@
 """What happened, written in the transaction of the change itself; `storage/event_reader.py` follows it."""
 
 from datetime import datetime
-from typing import Any
+from typing import Any, NamedTuple
 
 from sqlalchemy import and_, func, select
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts.events import Event, EventKind
+from sawmill_worker.contracts.events import JOB_ENDS, Event, EventKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage import clock
@@ -111,6 +111,21 @@ def _add(
     )
 
 
+class JobNumbers(NamedTuple):
+    """Of a job's newest events.
+
+    Attributes
+    ----------
+    latest : int
+        Of the last one before the job's end; 0: there is none.
+    end : int or None
+        Of the one that ended it; None: it has not ended, or ended when events were not written yet.
+    """
+
+    latest: int
+    end: int | None
+
+
 class Events:
     """Every method is one transaction."""
 
@@ -123,6 +138,14 @@ class Events:
             found(session, JobRow, "job", job_id)
             of_attempts = select(EventRow).where(EventRow.job_id == job_id, EventRow.what.not_in(_OF_NO_ATTEMPT))
             return [read_event(row) for row in session.scalars(of_attempts.order_by(EventRow.number))]
+
+    def numbers_of_job(self, job_id: str) -> JobNumbers:
+        """Of a job's newest events; a job that is read after them is as new as they are, or newer."""
+        newest = select(EventRow.number, EventRow.what).where(EventRow.job_id == job_id)
+        with self._database.read() as session:
+            rows = list(session.execute(newest.order_by(EventRow.number.desc()).limit(2)))
+        end = rows.pop(0).number if rows and rows[0].what in JOB_ENDS else None
+        return JobNumbers(rows[0].number if rows else 0, end)
 
     def following(
         self, number: int, *, through: int | None = None, scanner_id: str | None = None, limit: int = 500

@@ -1,0 +1,62 @@
+"""Digests beside large files stand for one content each."""
+
+import errno
+import hashlib
+import os
+from pathlib import Path
+
+import pytest
+
+from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
+from sawmill_worker.storage.noted_digests import NOTED_FROM_BYTES, compute_digest, note_digests, noted_digest
+
+LARGE = bytes(NOTED_FROM_BYTES)
+
+
+@pytest.fixture
+def volume(tmp_path):
+    path = tmp_path / "volume.h5"
+    path.write_bytes(LARGE)
+    return path
+
+
+def test_large_files_that_are_downloaded_have_their_digests_beside_them(tmp_path, volume):
+    for name, content in (("result.h5", LARGE[1:]), ("scan.h5", LARGE)):
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "more").mkdir()
+    note_digests(tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("volume.h5", "result.h5", "scan.h5", "more"),
+        ".volume.h5.sha256",
+    }
+    assert noted_digest(volume, volume.stat()) == hashlib.sha256(LARGE).digest()
+
+
+def test_a_note_stands_for_no_other_content(tmp_path, volume):
+    """As of a file that was put back from a backup, and of a note that a full disk cut short."""
+    status = volume.stat()
+    note_digests(tmp_path)
+    os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
+    assert noted_digest(volume, volume.stat()) is None
+    os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert noted_digest(volume, volume.stat()) is not None
+    (tmp_path / ".volume.h5.sha256").write_text("")
+    assert noted_digest(volume, volume.stat()) is None
+
+
+def test_a_file_that_is_replaced_while_it_is_read_has_no_digest(volume):
+    status = volume.stat()
+    volume.write_bytes(b"another one")
+    with pytest.raises(StorageUnavailable, match=r"volume\.h5 was replaced while it was read"):
+        compute_digest(volume, status)
+
+
+def test_a_full_disk_is_one(tmp_path, monkeypatch):
+    (tmp_path / "volume.h5").write_bytes(LARGE)
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_text", full)
+    with pytest.raises(StorageFull, match="a result was given up"):
+        note_digests(tmp_path)

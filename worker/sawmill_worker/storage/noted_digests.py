@@ -1,0 +1,74 @@
+"""The sha256 of large files, noted beside them: a download begins with it, and need not read the file twice.
+
+`.<name>.sha256` holds the digest with the size and the modification time that the file had: it stands for no other
+content of that name.
+"""
+
+import hashlib
+import os
+import threading
+from pathlib import Path
+
+from sawmill_worker.storage.errors import StorageUnavailable, disk_full_reported
+from sawmill_worker.storage.files import SCAN_FILE
+
+# Smaller files are read within some 30 ms.
+NOTED_FROM_BYTES = 8 * 1024**2
+
+
+def note_digests(folder: Path) -> None:
+    """Note the digests of a result's large files, but for a scan's line integrals, which nobody downloads.
+
+    Raises
+    ------
+    StorageFull
+        The disk is full.
+    """
+    for path in list(folder.rglob("*")):
+        status = path.stat()
+        if path.is_file() and status.st_size >= NOTED_FROM_BYTES and path.name != SCAN_FILE:
+            with disk_full_reported("a result"):
+                note_digest(path, status, compute_digest(path, status))
+
+
+def noted_digest(path: Path, status: os.stat_result) -> bytes | None:
+    """The digest that is noted of a file as it was when `status` was taken."""
+    try:
+        digest, _, noted_for = _note_of(path).read_text().partition(" ")
+    except FileNotFoundError:
+        return None
+    return bytes.fromhex(digest) if noted_for == _stamp(status) else None
+
+
+def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
+    """Keep a digest beside its file; a note is there whole or not at all."""
+    note = _note_of(path)
+    new = note.with_name(f"{note.name}.{os.getpid()}-{threading.get_ident()}")
+    new.write_text(f"{digest.hex()} {_stamp(status)}")
+    new.replace(note)
+
+
+def compute_digest(path: Path, status: os.stat_result) -> bytes:
+    """The digest of a file as it was when `status` was taken; takes as long as reading it.
+
+    Raises
+    ------
+    FileNotFoundError
+        It is gone.
+    StorageUnavailable
+        It is another one by now.
+    """
+    with path.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").digest()
+        read = os.fstat(file.fileno())
+    if _stamp(read) != _stamp(status):
+        raise StorageUnavailable(f"{path.name} was replaced while it was read: ask for it again")
+    return digest
+
+
+def _note_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.sha256")
+
+
+def _stamp(status: os.stat_result) -> str:
+    return f"{status.st_size} {status.st_mtime_ns}"
