@@ -169,19 +169,26 @@ def test_whoever_is_not_let_in_is_bounded_too(limited):
     assert statuses == [401, 401, 401, 429, 429]
 
 
-def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store):
+def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, monkeypatch):
     client = limited(max_waits_at_once=1, event_poll_s=0.01)
     scanner = store.scanners.create(ScannerSpec.model_validate(SPEC))
     spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
     scan = store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=9))
-    path = f"/v1/jobs/{scan.job_id}"
+    path, begun = f"/v1/jobs/{scan.job_id}", asyncio.Event()
+    ends = client.app.state.job_ends
+    watch = ends._watch
+
+    async def watched() -> None:
+        begun.set()
+        await watch()
+
+    monkeypatch.setattr(ends, "_watch", watched)
 
     async def story() -> list[tuple[str, int]]:
         transport = httpx.ASGITransport(client.app)
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as http:
             waiting = asyncio.create_task(http.get(f"{path}?wait=50"))
-            while not client.app.state.job_ends._waiting:
-                await asyncio.sleep(0.01)
+            await asyncio.wait_for(begun.wait(), 30)
             queries = ("", "?wait=0", "?wait=0.0", "?wait=-0", "?wait=0e9", "?wait=5", "?wait=x", "?wait=0&wait=5")
             seen = [(query, (await http.get(path + query)).status_code) for query in queries]
             store.jobs.request_cancel(scan.job_id)

@@ -8,6 +8,7 @@ scans/<id>/scan.h5              line integrals
 phantoms/<id>/                  nothing
 calibrations/<id>/              result.h5; report.png and overlay.png, drawn from it when first asked for
 reconstructions/<id>/           volume.h5
+<plural>/<id>/.<name>.sha256    the digest of a large file, while it is as it was (`noted_digests`)
 <plural>/<id>/                  of every other kind, by its plural (`contracts/kinds.py`)
 attempts/<job>-<attempt>-<…>/   where one attempt writes, and nobody else; renamed to one of those above at its success
 attempts/<…>/kept/              checkpoints that its supervisor has not yet taken
