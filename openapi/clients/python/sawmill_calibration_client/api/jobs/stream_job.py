@@ -7,12 +7,17 @@ import httpx
 from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
-from ...types import Response
+from ...types import UNSET, Response, Unset
 
 
 def _get_kwargs(
     job_id: str,
+    *,
+    last_event_id: int | Unset = UNSET,
 ) -> dict[str, Any]:
+    headers: dict[str, Any] = {}
+    if not isinstance(last_event_id, Unset):
+        headers["Last-Event-ID"] = str(last_event_id)
 
     _kwargs: dict[str, Any] = {
         "method": "get",
@@ -21,6 +26,7 @@ def _get_kwargs(
         ),
     }
 
+    _kwargs["headers"] = headers
     return _kwargs
 
 
@@ -28,6 +34,10 @@ def _parse_response(*, client: AuthenticatedClient | Client, response: httpx.Res
     if response.status_code == 200:
         response_200 = cast(Any, response.text)
         return response_200
+
+    if response.status_code == 204:
+        response_204 = cast(Any, None)
+        return response_204
 
     if response.status_code == 400:
         response_400 = Problem.from_dict(response.json())
@@ -108,16 +118,21 @@ def sync_detailed(
     job_id: str,
     *,
     client: AuthenticatedClient,
+    last_event_id: int | Unset = UNSET,
 ) -> Response[Any | Problem]:
     """Stream a job's progress
 
      The job now and at each change; after the event `end` the client closes the stream.
 
     When the service stops, the last event is `closing`: the client connects again, after the time in
-    `retry`.
+    `retry`. Ids are
+    numbers that are stored, so they hold beyond a stream and a service.
 
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
+        last_event_id (int | Unset): The `id` of the last event that the client has seen, as
+            browsers send it by themselves. After any but `end` the stream begins with the job as it
+            is.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -129,6 +144,7 @@ def sync_detailed(
 
     kwargs = _get_kwargs(
         job_id=job_id,
+        last_event_id=last_event_id,
     )
 
     response = client.get_httpx_client().request(
@@ -142,16 +158,21 @@ def sync(
     job_id: str,
     *,
     client: AuthenticatedClient,
+    last_event_id: int | Unset = UNSET,
 ) -> Any | Problem | None:
     """Stream a job's progress
 
      The job now and at each change; after the event `end` the client closes the stream.
 
     When the service stops, the last event is `closing`: the client connects again, after the time in
-    `retry`.
+    `retry`. Ids are
+    numbers that are stored, so they hold beyond a stream and a service.
 
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
+        last_event_id (int | Unset): The `id` of the last event that the client has seen, as
+            browsers send it by themselves. After any but `end` the stream begins with the job as it
+            is.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -164,6 +185,7 @@ def sync(
     return sync_detailed(
         job_id=job_id,
         client=client,
+        last_event_id=last_event_id,
     ).parsed
 
 
@@ -171,16 +193,21 @@ async def asyncio_detailed(
     job_id: str,
     *,
     client: AuthenticatedClient,
+    last_event_id: int | Unset = UNSET,
 ) -> Response[Any | Problem]:
     """Stream a job's progress
 
      The job now and at each change; after the event `end` the client closes the stream.
 
     When the service stops, the last event is `closing`: the client connects again, after the time in
-    `retry`.
+    `retry`. Ids are
+    numbers that are stored, so they hold beyond a stream and a service.
 
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
+        last_event_id (int | Unset): The `id` of the last event that the client has seen, as
+            browsers send it by themselves. After any but `end` the stream begins with the job as it
+            is.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -192,6 +219,7 @@ async def asyncio_detailed(
 
     kwargs = _get_kwargs(
         job_id=job_id,
+        last_event_id=last_event_id,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -203,16 +231,21 @@ async def asyncio(
     job_id: str,
     *,
     client: AuthenticatedClient,
+    last_event_id: int | Unset = UNSET,
 ) -> Any | Problem | None:
     """Stream a job's progress
 
      The job now and at each change; after the event `end` the client closes the stream.
 
     When the service stops, the last event is `closing`: the client connects again, after the time in
-    `retry`.
+    `retry`. Ids are
+    numbers that are stored, so they hold beyond a stream and a service.
 
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
+        last_event_id (int | Unset): The `id` of the last event that the client has seen, as
+            browsers send it by themselves. After any but `end` the stream begins with the job as it
+            is.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -226,5 +259,6 @@ async def asyncio(
         await asyncio_detailed(
             job_id=job_id,
             client=client,
+            last_event_id=last_event_id,
         )
     ).parsed
