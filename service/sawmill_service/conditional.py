@@ -26,7 +26,7 @@ def held_already(headers: Headers, tag: str, modified: str | None = None) -> Res
     headers
         The request's.
     tag
-        The answer's strong entity tag.
+        The answer's entity tag; a weak one meets no `If-Match` but `*`.
     modified
         Its `Last-Modified`; null: it has none, and conditions about that are passed over.
 
@@ -38,12 +38,12 @@ def held_already(headers: Headers, tag: str, modified: str | None = None) -> Res
     # In the order of section 13.2.2.
     required, held = _listed(headers, "if-match"), _listed(headers, "if-none-match")
     if required:
-        if "*" not in required and tag not in required:
+        if "*" not in required and (tag.startswith("W/") or tag not in required):
             _refuse_condition("If-Match", headers["if-match"], f"the ETag is {tag}")
     elif _is_newer(modified, headers.get("if-unmodified-since")):
         _refuse_condition("If-Unmodified-Since", headers["if-unmodified-since"], f"Last-Modified is {modified}")
     if held:
-        known = "*" in held or tag in {each.removeprefix("W/") for each in held}
+        known = "*" in held or tag.removeprefix("W/") in {each.removeprefix("W/") for each in held}
     else:
         known = _is_newer(modified, headers.get("if-modified-since")) is False
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if known else None

@@ -6,7 +6,8 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
-from sawmill_service.answers import CACHING, NumberedPaging, is_known, not_modified
+from sawmill_service.answers import NumberedPaging
+from sawmill_service.conditional import CACHING, held_already
 from sawmill_service.dependencies import TheStore
 from sawmill_service.described_answers import SAVED
 from sawmill_service.refusals import refuses
@@ -29,13 +30,18 @@ def list_audit(paging: Annotated[NumberedPaging, Query()], store: TheStore) -> P
     return store.audit.page(after=paging.after, limit=paging.limit)
 
 
-@router.get("/v1/audit.jsonl", summary="Get the whole audit as a file", response_class=JsonLines, responses=SAVED)
+@router.get(
+    "/v1/audit.jsonl",
+    summary="Get the whole audit as a file",
+    response_class=JsonLines,
+    responses=SAVED | refuses("precondition-failed"),
+)
 def get_audit_file(request: Request, store: TheStore) -> Response:
     """Every entry, the oldest first, one JSON object a line."""
     # Weak: entries that come while it is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
-    if is_known(request, tag.removeprefix("W/")):
-        return not_modified(tag)
+    if held := held_already(request.headers, tag):
+        return held
     headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag, "Cache-Control": CACHING}
     return JsonLines(_lines(store), headers=headers)
 
