@@ -147,14 +147,19 @@ def test_the_newest_is_accepted_and_an_older_one_rolled_back_with_a_reason(seede
 
 
 def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, store):
-    path = "/scanners/example-spare/schedules"
-    assert seeded.post(path, data={"days": "1-5", "clock": "05:30", "on_pass": "activate"}).status_code == 303
+    path, zone = "/scanners/example-spare/schedules", "America/Vancouver"
+    assert (
+        seeded.post(path, data={"days": "1-5", "clock": "05:30", "on_pass": "activate", "time_zone": zone}).status_code
+        == 303
+    )
     assert seeded.post(path, data={"cron": "0 */6 * * *"}).status_code == 303
     page = seeded.get("/scanners/example-spare").text
-    assert "Monday to Friday at 05:30 UTC" in page
-    assert "<code>0 */6 * * *</code> UTC" in page
+    assert "Monday to Friday at 05:30, America/Vancouver" in page
+    assert "<code>0 */6 * * *</code>, UTC" in page
     made = {each.cron: each for each in store.schedules.page(scanner_id="example-spare").items}
     assert "A calibration that passes is accepted, unless the scanner has moved." in page
+    # At its own local time, not at that of this machine or of the browser.
+    assert re.search(r">[^<>]*5:30[^<>]*</time> <span class=\"soft\">\(America/Vancouver\)</span>", page)
     gone = made["30 5 * * 1-5"].id
     # Another scanner's page does not delete it.
     assert seeded.post(f"/scanners/example/schedules/{gone}/delete").status_code == 404
@@ -168,6 +173,10 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
         ({"days": "1-5", "clock": "25:00"}, "not “25:00”"),
         ({"days": "8", "clock": "05:00"}, "Choose the days"),
         ({"cron": "every monday"}, "not &#39;every monday&#39;"),
+        (
+            {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"},
+            "as Europe/Helsinki or UTC, not &#39;Helsinki&#39;",
+        ),
     ],
 )
 def test_a_wrong_schedule_comes_back_with_what_was_typed(seeded, typed, sentence):

@@ -8,6 +8,8 @@ def test_a_schedule_lives_from_creation_to_deletion(seeded):
     assert created.status_code == 201
     path = created.headers["Location"]
     assert seeded.get(path).json()["next_due_at"].endswith("05:30:00Z")
+    abroad = seeded.put(path, json={**SPEC, "time_zone": "Asia/Tokyo"}).json()
+    assert abroad["next_due_at"].endswith("20:30:00Z")
     paused = seeded.put(path, json={**SPEC, "enabled": False})
     assert paused.json()["next_due_at"] is None
     assert seeded.get(f"{path}/runs").json() == []
@@ -20,6 +22,13 @@ def test_a_wrong_cron_expression_is_a_problem(seeded, cron):
     answer = seeded.post("/v1/schedules", json={**SPEC, "cron": cron})
     assert (answer.status_code, answer.json()["code"]) == (422, "invalid-cron")
     assert cron in answer.json()["detail"]
+
+
+@pytest.mark.parametrize("zone", ["Helsinki", "europe/helsinki", "../../etc/passwd", "localtime", ""])
+def test_a_wrong_time_zone_is_a_problem(seeded, zone):
+    answer = seeded.post("/v1/schedules", json={**SPEC, "time_zone": zone})
+    assert (answer.status_code, answer.json()["code"]) == (422, "invalid-zone")
+    assert f"as Europe/Helsinki or UTC, not {zone!r}" in answer.json()["detail"]
 
 
 def test_a_schedule_needs_a_scanner(seeded):

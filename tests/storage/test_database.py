@@ -41,7 +41,7 @@ def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(sett
                     "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
                     " VALUES (:id, :created_at, 'ingest', 'queued', 'old', 2, false)"
                 ),
-                {"id": revision, "created_at": f"2026-03-02 05:00:0{number}"},
+                {"id": revision, "created_at": f"2026-03-02 05:00:{number:02}"},
             )
     database.engine.dispose()
     upgraded = Store.open(settings.model_copy(update={"database_url": empty_url}))

@@ -1,5 +1,6 @@
 from concurrent.futures import ThreadPoolExecutor
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, time, timedelta
+from zoneinfo import ZoneInfo
 
 import pytest
 from racing import race
@@ -141,6 +142,28 @@ def test_each_due_time_runs_once_however_many_threads_look(store, schedule):
     with ThreadPoolExecutor(4) as pool:
         ran = sum(pool.map(run_due_at, [store.settings] * len(moments), moments))
     assert_each_time_ran_once(store, schedule, ran)
+
+
+def test_a_year_of_sundays_in_finland_runs_each_once_under_two_schedulers(store, scanner, clock):
+    """Both days of change are Sundays, and 03:30 is in the hour that is jumped over, or comes twice."""
+    schedule = store.schedules.create(
+        ScheduleSpec(scanner_id=scanner.id, cron="30 3 * * 0", time_zone="Europe/Helsinki")
+    )
+    second = Store(store.settings, clock=clock)
+    ran = []
+    with ThreadPoolExecutor(2) as pool:
+        for _ in range(52):
+            # At the time, and in the hour after it, when the clocks of a wall may show it again.
+            for late in (timedelta(), timedelta(minutes=40), timedelta(minutes=60)):
+                clock.now = (clock.now if late else store.schedules.get(schedule.id).next_due_at) + late
+                ran += [
+                    run for runs in pool.map(lambda each: each.schedules.run_due(), (store, second)) for run in runs
+                ]
+    second.close()
+    sundays = [date(2026, 3, 8) + timedelta(weeks=week) for week in range(52)]
+    wall = {day: time(4) if day == date(2026, 3, 29) else time(3, 30) for day in sundays}
+    zone = ZoneInfo("Europe/Helsinki")
+    assert [run.due_at for run in ran] == [datetime.combine(day, wall[day], zone).astimezone(UTC) for day in sundays]
 
 
 @pytest.mark.slow

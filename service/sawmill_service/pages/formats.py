@@ -5,6 +5,7 @@ import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
+from zoneinfo import ZoneInfo
 
 from babel import Locale
 from babel.dates import format_date, format_skeleton, format_time, format_timedelta, get_datetime_format
@@ -80,16 +81,16 @@ class Formats:
         step = min(len(_BINARY) - 1, max(0, int(math.log2(max(value, 1)) // 10)))
         return f"{self.number(value / 1024**step, 1 if step else 0)} {_BINARY[step]}"
 
-    def moment(self, time: datetime | str | None) -> str:
-        """Day and minute, in the time zone of this machine; the pages' script turns it into the browser's."""
+    def moment(self, time: datetime | str | None, zone: str | None = None) -> str:
+        """Day and minute, in a zone or in that of this machine, which the pages' script turns into the browser's."""
         if time is None:
             return self._text.gettext("never")
-        hour = format_time(_local(time), "short", locale=self._locale)
-        return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time))
+        hour = format_time(_local(time, zone), "short", locale=self._locale)
+        return str(get_datetime_format("medium", self._locale)).format(hour, self.day(time, zone))
 
-    def day(self, time: datetime | str | None) -> str:
-        """The day alone, in the time zone of this machine."""
-        return self._text.gettext("never") if time is None else format_date(_local(time), "medium", self._locale)
+    def day(self, time: datetime | str | None, zone: str | None = None) -> str:
+        """The day alone, in a time zone or in that of this machine."""
+        return self._text.gettext("never") if time is None else format_date(_local(time, zone), "medium", self._locale)
 
     def short_day(self, time: datetime, *, with_year: bool = False) -> str:
         """Day and month, or month and year, for an axis."""
@@ -115,8 +116,9 @@ def iso(time: datetime | str) -> str:
     return time if isinstance(time, str) else time.isoformat()
 
 
-def _local(time: datetime | str) -> datetime:
-    return (datetime.fromisoformat(time) if isinstance(time, str) else time).astimezone()
+def _local(time: datetime | str, zone: str | None = None) -> datetime:
+    moment = datetime.fromisoformat(time) if isinstance(time, str) else time
+    return moment.astimezone(zone and ZoneInfo(zone))
 
 
 def _two_digits(value: float | None) -> int:

@@ -35,7 +35,7 @@ class ScheduleForm:
     """What stands in the fields of a new schedule, and what is wrong with it."""
 
     values: dict[str, str] = field(
-        default_factory=lambda: {"days": "1-5", "clock": "05:30", "on_pass": ON_PASS[0], "cron": ""}
+        default_factory=lambda: {"days": "1-5", "clock": "05:30", "time_zone": "UTC", "on_pass": ON_PASS[0], "cron": ""}
     )
     errors: dict[str, str] = field(default_factory=dict)
 
@@ -57,14 +57,15 @@ def added(
         return form
     on_pass: Any = form.values["on_pass"] if form.values["on_pass"] in ON_PASS else ON_PASS[0]
     try:
-        store.schedules.create(ScheduleAsk(scanner_id=scanner.id, cron=cron[:100], on_pass=on_pass))
+        zone = form.values["time_zone"][:64]
+        store.schedules.create(ScheduleAsk(scanner_id=scanner.id, cron=cron[:100], time_zone=zone, on_pass=on_pass))
     except Invalid as refused:
-        form.errors["cron"] = str(refused)
+        form.errors["time_zone" if refused.code == "invalid-zone" else "cron"] = str(refused)
     return form
 
 
 def _cron_of(form: ScheduleForm, text: gettext.NullTranslations) -> str | None:
-    """The expression, in UTC."""
+    """The expression of the chosen days and time."""
     days, clock = form.values["days"], form.values["clock"]
     found = _CLOCK.fullmatch(clock)
     if days not in DAYS:

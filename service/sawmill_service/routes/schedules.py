@@ -15,7 +15,7 @@ from sawmill_worker.contracts.schedules import Schedule, ScheduleAsk, ScheduleRu
 
 router = APIRouter(prefix="/v1/schedules", tags=["schedules"])
 
-EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
+EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe/Helsinki", "enabled": False}
 
 
 @router.post(
@@ -23,7 +23,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "enabled": False}
     status_code=201,
     summary="Schedule a scanner's recalibration",
     openapi_extra=trying(body=EXAMPLE),
-    responses=LOCATED | refuses("scanner-not-found", "invalid-cron"),
+    responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 @repeatable
 def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
@@ -49,7 +49,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
     "/{schedule_id}",
     summary="Replace a schedule",
     openapi_extra=trying(body=EXAMPLE),
-    responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron"),
+    responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore) -> Schedule:
     """The next due time is counted from now."""

@@ -76,17 +76,12 @@ def test_values_schedules_and_settings(site, store):
 
     page.get_by_text("Add a schedule").click()
     page.get_by_label("Days", exact=True).select_option("Every Monday")
-    page.get_by_label("Time of day, UTC").fill("04:15")
-    # Nine hours ahead.
-    expect(page.locator("#local-clock")).to_have_text("That is 13:15 where you are.")
-    page.get_by_label("Time of day, UTC").fill("23:30")
-    expect(page.locator("#local-clock")).to_have_text("That is 08:30 where you are, and Tuesday there.")
-    page.get_by_label("Days", exact=True).select_option("Monday to Friday")
-    expect(page.locator("#local-clock")).to_contain_text("and Tuesday \N{EN DASH} Saturday there.")
-    page.get_by_label("Days", exact=True).select_option("Every Monday")
-    page.get_by_label("Time of day, UTC").fill("04:15")
+    page.get_by_label("Time of day").fill("04:15")
+    # That of the browser, until another is chosen.
+    expect(page.get_by_label("Time zone of the mill")).to_have_value("Asia/Tokyo")
+    page.get_by_label("Time zone of the mill").fill("Europe/Helsinki")
     page.get_by_role("button", name="Add this schedule").click()
-    mine = page.locator(".entries li").filter(has_text="Every Monday at 04:15 UTC")
+    mine = page.locator(".entries li").filter(has_text="Every Monday at 04:15, Europe/Helsinki")
     expect(mine).to_be_visible()
     mine.get_by_role("button", name="Delete this schedule").click()
     expect(page.get_by_role("heading", name="Schedules")).to_be_visible()

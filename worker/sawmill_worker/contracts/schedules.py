@@ -17,10 +17,18 @@ class ScheduleSpec(Contract):
     scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner that is recalibrated.")
     cron: str = Field(
         max_length=100,
-        description="Five fields of cron, in UTC: minute, hour, day of the month, month, day of the week. Lists, "
-        "ranges and steps, names of months and days, L and LW for the month's last day and working day.",
+        description="Five fields of cron, by the clocks of `time_zone`: minute, hour, day of the month, month, day of "
+        "the week. Lists, ranges and steps, names of months and days, L and LW for the month's last day and working "
+        "day.",
         examples=["30 5 * * 1-6"],
         json_schema_extra={"pattern": patterns.CRON},
+    )
+    time_zone: str = Field(
+        default="UTC",
+        max_length=64,
+        description="The time zone of `cron`, by its name in the tz database. On the days when its clocks are put "
+        "forward or back, an hour that `cron` names comes once; `*` stands for each hour that passes.",
+        examples=["Europe/Helsinki"],
     )
     enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
     on_pass: OnPass = Field(

@@ -1,9 +1,8 @@
 """Scheduled recalibration: exactly once for each due time, however many processes look."""
 
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
-from cronsim import CronSim, CronSimError
 from sqlalchemy import exists, select, update
 from sqlalchemy.orm import Session
 
@@ -19,7 +18,7 @@ from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSp
 from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.errors import Invalid
+from sawmill_worker.storage.due_times import latest_due, next_due
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow, ScheduleRow, ScheduleRunRow
@@ -37,7 +36,7 @@ class Schedules:
         Raises
         ------
         Invalid, NotFound, Conflict
-            The cron expression is wrong, there is no such scanner, or the id is taken.
+            The cron expression or its time zone is wrong, there is no such scanner, or the id is taken.
         """
         now = self._database.now()
         row = ScheduleRow(id=schedule_id or new_id(), created_at=now)
@@ -106,7 +105,7 @@ class Schedules:
             row = session.get(ScheduleRow, schedule_id)
             if row is None or row.next_due_at is None or row.next_due_at > now:
                 return None
-            due_at, first_due_at = _latest_due(row.cron, now), row.next_due_at
+            due_at, first_due_at = latest_due(row.cron, row.time_zone, now), row.next_due_at
             if not _moved_on(session, row, now) or _ran_already(session, schedule_id, due_at):
                 return None
             scan = _new_phantom_scan(session, row.scanner_id)
@@ -135,8 +134,9 @@ def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: 
 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:
-    next_due_at = _next_due(spec.cron, now)
-    row.scanner_id, row.cron, row.enabled, row.on_pass = spec.scanner_id, spec.cron, spec.enabled, spec.on_pass
+    next_due_at = next_due(spec.cron, spec.time_zone, now)
+    row.scanner_id, row.cron, row.time_zone = spec.scanner_id, spec.cron, spec.time_zone
+    row.enabled, row.on_pass = spec.enabled, spec.on_pass
     row.options = spec.options.model_dump(mode="json")
     row.next_due_at = next_due_at if spec.enabled else None
 
@@ -145,31 +145,12 @@ def _spec(row: ScheduleRow) -> dict[str, Any]:
     return {name: getattr(row, name) for name in ScheduleSpec.model_fields}
 
 
-def _next_due(cron: str, now: datetime) -> datetime:
-    msg = (
-        "cron must be five fields, minute hour day month weekday in UTC, that come true at some time, "
-        f"as in '30 5 * * 1-6', not {cron!r}"
-    )
-    if len(cron.split()) != 5:  # cronsim would take a sixth, seconds
-        raise Invalid("invalid-cron", msg)
-    try:
-        return next(CronSim(cron, now.astimezone(UTC)))
-    except (CronSimError, StopIteration) as error:
-        raise Invalid("invalid-cron", msg) from error
-
-
-def _latest_due(cron: str, now: datetime) -> datetime:
-    """The last time of the expression up to and including now."""
-    # Backwards, cronsim leaves out the very second it is given.
-    return next(CronSim(cron, now.astimezone(UTC).replace(microsecond=1), reverse=True))
-
-
 def _moved_on(session: Session, row: ScheduleRow, now: datetime) -> bool:
     """Compare and set: of several processes at once, one moves the schedule on."""
     moved = session.scalar(
         update(ScheduleRow)
         .where(ScheduleRow.id == row.id, ScheduleRow.enabled, ScheduleRow.next_due_at == row.next_due_at)
-        .values(next_due_at=_next_due(row.cron, now))
+        .values(next_due_at=next_due(row.cron, row.time_zone, now))
         .returning(ScheduleRow.id)
         .execution_options(synchronize_session=False)
     )
@@ -227,6 +208,7 @@ def _read(session: Session, row: ScheduleRow) -> Schedule:
             "created_at": row.created_at,
             "scanner_id": row.scanner_id,
             "cron": row.cron,
+            "time_zone": row.time_zone,
             "enabled": row.enabled,
             "on_pass": row.on_pass,
             "options": row.options,

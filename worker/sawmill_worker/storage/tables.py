@@ -385,6 +385,7 @@ class ScheduleRow(Resource):
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     cron: Mapped[str] = mapped_column(String(100))
+    time_zone: Mapped[str] = mapped_column(String(64))
     enabled: Mapped[bool]
     on_pass: Mapped[str] = mapped_column(String(20))
     options: Mapped[Json]

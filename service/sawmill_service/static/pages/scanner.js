@@ -1,4 +1,4 @@
-// The chart's values under the pointer and by keyboard, and a clock in local time.
+// The chart's values under the pointer and by keyboard, and the time zone of a new schedule.
 const chart = document.getElementById("chart");
 if (chart) {
   const rows = [...document.querySelectorAll("#measurements tbody tr")];
@@ -41,29 +41,8 @@ if (chart) {
   chart.addEventListener("pointerdown", point);
 }
 
-const clock = document.getElementById("clock");
-if (clock) {
-  const hint = document.getElementById("local-clock");
-  const pattern = hint.textContent, choice = document.getElementById("days");
-  const language = document.documentElement.lang === "en" ? "en-GB" : document.documentElement.lang;
-  const written = new Intl.DateTimeFormat(language, { timeStyle: "short" });
-  const weekday = new Intl.DateTimeFormat(language, { weekday: "long" });
-  // The chosen days, as 1-5 or 0 for Sunday, by the names that they have where the browser is; every day is no other.
-  const days = (utc) => choice.value.split("-").filter((day) => day !== "*").map((day) => {
-    const then = new Date(utc);
-    then.setUTCDate(utc.getUTCDate() + Number(day) - utc.getUTCDay());
-    return weekday.format(then);
-  }).join(" – ");
-  const show = () => {
-    const [hours, minutes] = clock.value.split(":").map(Number);
-    hint.hidden = !clock.value;
-    const utc = new Date();
-    utc.setUTCHours(hours, minutes);
-    const named = utc.getDay() === utc.getUTCDay() ? "" : days(utc);
-    const words = named ? hint.dataset.otherDay.replace("{days}", named) : pattern;
-    hint.textContent = clock.value ? words.replace("{clock}", written.format(utc)) : pattern;
-  };
-  choice.addEventListener("input", show);
-  clock.addEventListener("input", show);
-  show();
+const zone = document.getElementById("time_zone");
+if (zone) {
+  document.getElementById("time_zones").append(...Intl.supportedValuesOf("timeZone").map((name) => new Option(name)));
+  if ("here" in zone.dataset) zone.value = Intl.DateTimeFormat().resolvedOptions().timeZone;
 }
