@@ -78,7 +78,7 @@ TAGS = [
     {"name": "drifts", "description": "What moved since a calibration, from a log's scan alone."},
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "events", "description": "What happens, as it happens."},
-    {"name": "schedules", "description": "Recalibration at fixed times."},
+    {"name": "schedules", "description": "Recalibration and drift checks at fixed times."},
     {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]

@@ -80,6 +80,9 @@ def test_rows_and_names_that_fit_their_patterns_are_read():
             {"name": "disc", "shapes": [{"kind": "disc", "center_mm": [0, 0], "radius_mm": 5}], "follows": "a"},
         ),
         (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6"}),
+        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "kind": "check-drift"}),
+        (ScheduleAsk, {"scanner_id": "example", "cron": "30 5 * * 1-6", "on_pass": "activate"}),
+        (ScheduleAsk, {"scanner_id": "example", "cron": "0 5 * * *", "kind": "check-drift", "on_pass": "activate"}),
     ],
 )
 def test_the_schema_takes_what_the_contract_takes(contract, given):

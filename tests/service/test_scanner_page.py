@@ -156,10 +156,14 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
     page = seeded.get("/scanners/example-spare").text
     assert "Monday to Friday at 05:30, America/Vancouver" in page
     assert "<code>0 */6 * * *</code>, UTC" in page
+    drift = {"kind": "check-drift", "cron": "15 * * * *", "on_pass": "activate"}
+    assert seeded.post(path, data=drift).status_code == 303
+    assert "Look for drift on the newest log</div>" in seeded.get("/scanners/example-spare").text.replace("\n", "")
     made = {each.cron: each for each in store.schedules.page(scanner_id="example-spare").items}
     assert "A calibration that passes is accepted, unless the scanner has moved." in page
     # At its own local time, not at that of this machine or of the browser.
     assert re.search(r">[^<>]*5:30[^<>]*</time> <span class=\"soft\">\(America/Vancouver\)</span>", page)
+    assert (made["15 * * * *"].kind, made["15 * * * *"].on_pass) == ("check-drift", "report")
     gone = made["30 5 * * 1-5"].id
     # Another scanner's page does not delete it.
     assert seeded.post(f"/scanners/example/schedules/{gone}/delete").status_code == 404

@@ -17,6 +17,16 @@ def test_a_schedule_lives_from_creation_to_deletion(seeded):
     assert seeded.get(path).status_code == 404
 
 
+def test_drift_checks_are_scheduled_and_activate_nothing(seeded):
+    checks = {**SPEC, "kind": "check-drift", "drift_options": {"rows": "0:8"}}
+    made = seeded.post("/v1/schedules", json=checks).json()
+    assert (made["kind"], made["drift_options"]["rows"]) == ("check-drift", "0:8")
+    assert seeded.get("/v1/schedules/example").json()["kind"] == "recalibrate"
+    refused = seeded.post("/v1/schedules", json={**checks, "on_pass": "activate"})
+    assert refused.status_code == 422
+    assert "on_pass 'activate' belongs to kind 'recalibrate', not 'check-drift'" in refused.json()["detail"]
+
+
 @pytest.mark.parametrize("cron", ["30 5 * *", "99 5 * * *", "often", "0 0 30 2 *"])
 def test_a_wrong_cron_expression_is_a_problem(seeded, cron):
     answer = seeded.post("/v1/schedules", json={**SPEC, "cron": cron})

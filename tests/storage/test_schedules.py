@@ -5,6 +5,8 @@ from zoneinfo import ZoneInfo
 import pytest
 from racing import race
 
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
@@ -122,6 +124,65 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
     assert (store.scanners.get(scanner.id).active_calibration_id == run.calibration_id) is active
     reasons = [entry.reason for entry in store.scanners.history(scanner.id)]
     assert all(schedule.id in reason for reason in reasons)
+
+
+@pytest.fixture
+def log_scan(store, scanner, finish, clock):
+    """Add a scan without a phantom, all round unless it is told otherwise."""
+
+    def add(views=360, last_deg=359.0):
+        clock.advance(minutes=1)
+        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+        accepted = store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
+        finish(store, shape={"views": views, "rows": 16, "detector": 768}, angular_range_deg=[0.0, last_deg])
+        return accepted.id
+
+    return add
+
+
+@pytest.fixture
+def checks(store, scanner):
+    return store.schedules.create(
+        ScheduleSpec(scanner_id=scanner.id, kind="check-drift", cron="*/30 * * * *", drift_options={"rows": "0:8"})
+    )
+
+
+@pytest.fixture
+def active(store, ready_scan, finish):
+    asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True))
+    finish(store)
+    return asked
+
+
+@pytest.mark.usefixtures("active")
+def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, checks, log_scan, clock):
+    log_scan()
+    newest = log_scan()
+    log_scan(views=20)
+    log_scan(last_deg=180.0)
+    clock.advance(minutes=30)
+    (run,) = store.schedules.run_due()
+    assert (run.outcome, run.calibration_id) == ("queued", None)
+    check = store.drifts.get(run.drift_id)
+    assert (check.scan_id, check.options.rows) == (newest, "0:8")
+    assert store.jobs.get(check.job_id).priority is Priority.BATCH
+    assert store.schedules.runs(checks.id) == [run]
+    # An older log shows the past, and the fit ones have been looked at.
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
+    later = log_scan()
+    store.drifts.accept(DriftAsk(scan_id=later))
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
+
+
+@pytest.mark.usefixtures("checks")
+def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(store, scanner, log_scan, clock):
+    log_scan()
+    clock.advance(minutes=30)
+    assert store.schedules.run_due()[0].outcome == "no-active-calibration"
+    (missed,) = [event for event in store.events.following(0) if event.what == "schedule-missed"]
+    assert (missed.scanner_id, "no active calibration" in missed.detail["reason"]) == (scanner.id, True)
 
 
 def run_due_at(settings: StorageSettings, moment: datetime) -> int:

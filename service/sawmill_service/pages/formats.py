@@ -118,7 +118,7 @@ def iso(time: datetime | str) -> str:
 
 def _local(time: datetime | str, zone: str | None = None) -> datetime:
     moment = datetime.fromisoformat(time) if isinstance(time, str) else time
-    return moment.astimezone(zone and ZoneInfo(zone))
+    return moment.astimezone(None if zone is None else ZoneInfo(zone))
 
 
 def _two_digits(value: float | None) -> int:

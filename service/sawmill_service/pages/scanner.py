@@ -15,7 +15,7 @@ from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.geometry_drawing import scanner_drawing
 from sawmill_service.pages.languages import locale_of, marked
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
-from sawmill_service.pages.schedule_form import DAYS, ScheduleForm, added, plain
+from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
@@ -130,6 +130,8 @@ def _answer(
         history=history,
         schedules=_schedules(store, known.id),
         plain=plain,
+        kinds=KINDS,
+        outcomes=OUTCOMES,
         day_choices=DAYS,
         schedule_form=schedule or ScheduleForm(),
         drawing=scanner_drawing(

@@ -25,6 +25,16 @@ DAYS = {
     "6": marked("Every Saturday"),
     "0": marked("Every Sunday"),
 }
+KINDS = {
+    "recalibrate": marked("Calibrate with the newest phantom scan"),
+    "check-drift": marked("Look for drift on the newest log"),
+}
+# Of a due time at which nothing was queued.
+OUTCOMES = {
+    "no-new-phantom-scan": marked("no new phantom scan"),
+    "no-new-log-scan": marked("no new log that a drift check could use"),
+    "no-active-calibration": marked("no active calibration"),
+}
 ON_PASS = ("report", "activate")
 _PLAIN = re.compile(r"([0-5]?\d) ([01]?\d|2[0-3]) \* \* (\*|1-5|1-6|[0-6])")
 _CLOCK = re.compile(r"([01]?\d|2[0-3]):([0-5]\d)")
@@ -35,7 +45,14 @@ class ScheduleForm:
     """What stands in the fields of a new schedule, and what is wrong with it."""
 
     values: dict[str, str] = field(
-        default_factory=lambda: {"days": "1-5", "clock": "05:30", "time_zone": "UTC", "on_pass": ON_PASS[0], "cron": ""}
+        default_factory=lambda: {
+            "kind": "recalibrate",
+            "days": "1-5",
+            "clock": "05:30",
+            "time_zone": "UTC",
+            "on_pass": ON_PASS[0],
+            "cron": "",
+        }
     )
     errors: dict[str, str] = field(default_factory=dict)
 
@@ -55,10 +72,14 @@ def added(
     cron = form.values["cron"] or _cron_of(form, text)
     if cron is None:
         return form
+    kind: Any = form.values["kind"] if form.values["kind"] in KINDS else "recalibrate"
     on_pass: Any = form.values["on_pass"] if form.values["on_pass"] in ON_PASS else ON_PASS[0]
+    if kind == "check-drift":
+        on_pass = ON_PASS[0]  # the field is for calibrations
     try:
         zone = form.values["time_zone"][:64]
-        store.schedules.create(ScheduleAsk(scanner_id=scanner.id, cron=cron[:100], time_zone=zone, on_pass=on_pass))
+        ask = ScheduleAsk(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
+        store.schedules.create(ask)
     except Invalid as refused:
         form.errors["time_zone" if refused.code == "invalid-zone" else "cron"] = str(refused)
     return form

@@ -21,13 +21,17 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
 @router.post(
     "",
     status_code=201,
-    summary="Schedule a scanner's recalibration",
+    summary="Schedule a scanner's recalibration or drift checks",
     openapi_extra=trying(body=EXAMPLE),
     responses=LOCATED | refuses("scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 @repeatable
 def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
-    """At each due time the newest phantom scan that no calibration has used yet is calibrated."""
+    """At each due time it calibrates the newest phantom scan that no schedule has used, or looks for drift.
+
+    A drift check takes the newest log scan that no drift check has looked at and that goes all round in steps of
+    3 degrees or less.
+    """
     schedule = store.schedules.create(spec)
     response.headers["Location"] = f"/v1/schedules/{schedule.id}"
     return schedule

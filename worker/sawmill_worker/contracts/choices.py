@@ -54,11 +54,24 @@ OnPass = TypeAliasType(
         Literal["report", "activate"], Field(description="report: nothing more is done. activate: it becomes active.")
     ],
 )
+ScheduleKind = TypeAliasType(
+    "ScheduleKind",
+    Annotated[
+        Literal["recalibrate", "check-drift"],
+        Field(
+            description="recalibrate: with the newest phantom scan that no schedule has used. check-drift: on the "
+            "newest log scan that no drift check has looked at."
+        ),
+    ],
+)
 ScheduleOutcome = TypeAliasType(
     "ScheduleOutcome",
     Annotated[
-        Literal["queued", "no-new-phantom-scan"],
-        Field(description="A calibration was queued, or there was no phantom scan that none had used."),
+        Literal["queued", "no-new-phantom-scan", "no-new-log-scan", "no-active-calibration"],
+        Field(
+            description="A job was queued, or there was no new scan for it, or no active calibration to compare a log "
+            "with."
+        ),
     ],
 )
 UnfinishedState = TypeAliasType(

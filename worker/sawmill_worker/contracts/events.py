@@ -63,7 +63,7 @@ class Event(Contract):
         description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
         "`cancel-requested`: its worker was asked to stop; "
-        "`schedule-missed`: a due time passed without a calibration; `clock-off`: the worker's clock differs from the "
+        "`schedule-missed`: a due time passed and nothing was queued; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
         examples=["succeeded"],
     )

@@ -1,20 +1,25 @@
-"""Scheduled recalibration."""
+"""Scheduled recalibration and drift checks."""
 
 from datetime import datetime
+from typing import Any, Self
 
-from pydantic import Field
+from pydantic import ConfigDict, Field, model_validator
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
-from sawmill_worker.contracts.choices import OnPass, ScheduleOutcome
+from sawmill_worker.contracts.choices import OnPass, ScheduleKind, ScheduleOutcome
+from sawmill_worker.contracts.drifts import DriftOptions
 from sawmill_worker.contracts.given import Given
 
 
 class ScheduleSpec(Contract):
-    """When to recalibrate a scanner with its newest phantom scan that no calibration has used yet."""
+    """When to recalibrate a scanner with its newest phantom scan, or to look for drift on its newest log."""
 
-    scanner_id: Identifier = Field(examples=["example"], description="Id of the scanner that is recalibrated.")
+    scanner_id: Identifier = Field(
+        examples=["example"], description="Id of the scanner that is recalibrated or looked at."
+    )
+    kind: ScheduleKind = Field("recalibrate", description="What is done at each due time.", examples=["recalibrate"])
     cron: str = Field(
         max_length=100,
         description="Five fields of cron, by the clocks of `time_zone`: minute, hour, day of the month, month, day of "
@@ -33,25 +38,52 @@ class ScheduleSpec(Contract):
     enabled: bool = Field(default=True, description="False: nothing is due until it is enabled.", examples=[True])
     on_pass: OnPass = Field(
         "report",
-        description="What to do with a calibration whose rays_verdict is pass and which has not moved.",
+        description="Of `recalibrate`: what to do with a calibration whose rays_verdict is pass and which has not "
+        "moved.",
         examples=["report"],
     )
-    options: CalibrationOptions = Field(CalibrationOptions(), description="How it calibrates.")
+    options: CalibrationOptions = Field(
+        CalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+    )
+    drift_options: DriftOptions = Field(
+        DriftOptions(), description="How it looks for drift; `recalibrate` does not use it."
+    )
+
+
+def _state_what_activates(schema: dict[str, Any]) -> None:
+    schema["anyOf"] = [
+        {"properties": {"kind": {"const": "recalibrate"}}},
+        {"properties": {"on_pass": {"const": "report"}}},
+    ]
 
 
 class ScheduleAsk(ScheduleSpec, Given):
     """A schedule that is to be kept."""
 
-    options: GivenCalibrationOptions = Field(GivenCalibrationOptions(), description="How it calibrates.")
+    model_config = ConfigDict(json_schema_extra=_state_what_activates)
+
+    options: GivenCalibrationOptions = Field(
+        GivenCalibrationOptions(), description="How it calibrates; `check-drift` does not use it."
+    )
+
+    @model_validator(mode="after")
+    def _activates_what_it_makes(self) -> Self:
+        if self.kind != "recalibrate" and self.on_pass == "activate":  # noqa: S105 - no password
+            msg = f"on_pass {self.on_pass!r} belongs to kind 'recalibrate', not {self.kind!r}: leave it out"
+            raise ValueError(msg)
+        return self
 
 
 class ScheduleRun(Contract):
     """The outcome of one due time."""
 
     due_at: datetime = Field(description="The due time, RFC 3339, UTC.", examples=["2026-03-02T05:30:00Z"])
-    outcome: ScheduleOutcome = Field(description="Whether a calibration was queued.", examples=["queued"])
+    outcome: ScheduleOutcome = Field(description="Whether a job was queued, and why not.", examples=["queued"])
     calibration_id: Identifier | None = Field(
         None, description="Id of the calibration that was queued. Null: none was.", examples=["example"]
+    )
+    drift_id: Identifier | None = Field(
+        None, description="Id of the drift check that was queued. Null: none was.", examples=["example"]
     )
 
 

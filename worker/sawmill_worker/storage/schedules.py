@@ -1,27 +1,29 @@
-"""Scheduled recalibration: exactly once for each due time, however many processes look."""
+"""Schedules: exactly once for each due time, however many processes look."""
 
 from datetime import datetime
 from typing import Any
 
-from sqlalchemy import exists, select, update
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts import calibrations
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
-from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.phantoms import PhantomState
-from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
-from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.due_times import latest_due, next_due
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
-from sawmill_worker.storage.tables import CalibrationRow, PhantomRow, ScannerRow, ScanRow, ScheduleRow, ScheduleRunRow
+from sawmill_worker.storage.scheduled import queue_due
+from sawmill_worker.storage.tables import ScannerRow, ScheduleRow, ScheduleRunRow
+
+# Of a due time at which nothing was queued, by its outcome.
+_WHY_NOT = {
+    "no-new-phantom-scan": "there was no new scan of a phantom",
+    "no-new-log-scan": "there was no new scan of a log that a drift check could use",
+    "no-active-calibration": "the scanner has no active calibration to compare a log with",
+}
 
 
 class Schedules:
@@ -108,18 +110,12 @@ class Schedules:
             due_at, first_due_at = latest_due(row.cron, row.time_zone, now), row.next_due_at
             if not _moved_on(session, row, now) or _ran_already(session, schedule_id, due_at):
                 return None
-            scan = _new_phantom_scan(session, row.scanner_id)
-            calibration_id = _queue(session, row, scan, now) if scan is not None else None
-            run = ScheduleRun(
-                due_at=due_at,
-                outcome="no-new-phantom-scan" if scan is None else "queued",
-                calibration_id=calibration_id,
-            )
+            run = ScheduleRun(due_at=due_at, **queue_due(session, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
             if first_due_at < due_at:
                 _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")
-            if scan is None:
-                _announce_missed(session, row, now, due_at, "there was no new scan of a phantom")
+            if run.outcome in _WHY_NOT:
+                _announce_missed(session, row, now, due_at, _WHY_NOT[run.outcome])
             return run
 
 
@@ -135,9 +131,10 @@ def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: 
 
 def _describe(row: ScheduleRow, spec: ScheduleSpec, now: datetime) -> None:
     next_due_at = next_due(spec.cron, spec.time_zone, now)
-    row.scanner_id, row.cron, row.time_zone = spec.scanner_id, spec.cron, spec.time_zone
+    row.scanner_id, row.kind, row.cron, row.time_zone = spec.scanner_id, spec.kind, spec.cron, spec.time_zone
     row.enabled, row.on_pass = spec.enabled, spec.on_pass
     row.options = spec.options.model_dump(mode="json")
+    row.drift_options = spec.drift_options.model_dump(mode="json")
     row.next_due_at = next_due_at if spec.enabled else None
 
 
@@ -165,28 +162,6 @@ def _ran_already(session: Session, schedule_id: str, due_at: datetime) -> bool:
     return session.scalar(statement) is not None
 
 
-def _new_phantom_scan(session: Session, scanner_id: str) -> ScanRow | None:
-    """The scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
-    newest = session.scalar(
-        select(ScanRow)
-        .join(PhantomRow, PhantomRow.id == ScanRow.phantom_id)
-        .where(ScanRow.scanner_id == scanner_id, ScanRow.state == ScanState.READY)
-        .where(PhantomRow.state == PhantomState.READY)
-        .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
-        .limit(1)
-    )
-    if newest is None:
-        return None
-    used = exists().where(CalibrationRow.scan_id == newest.id, CalibrationRow.schedule_id.is_not(None))
-    return None if session.scalar(select(used)) else newest
-
-
-def _queue(session: Session, row: ScheduleRow, scan: ScanRow, now: datetime) -> str:
-    ask = CalibrationAsk.model_validate({**row.options, "scan_id": scan.id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
-    given = {"schedule_id": row.id}
-    return queue_asked(session, calibrations.DECLARATION, ask, now, given=given, priority=Priority.BATCH).id
-
-
 def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
     rows = session.scalars(
         select(ScheduleRunRow)
@@ -194,25 +169,10 @@ def _runs(session: Session, schedule_id: str, limit: int) -> list[ScheduleRun]:
         .order_by(ScheduleRunRow.due_at.desc())
         .limit(limit)
     )
-    return [
-        ScheduleRun.model_validate({"due_at": row.due_at, "outcome": row.outcome, "calibration_id": row.calibration_id})
-        for row in rows
-    ]
+    return [ScheduleRun.model_validate({name: getattr(row, name) for name in ScheduleRun.model_fields}) for row in rows]
 
 
 def _read(session: Session, row: ScheduleRow) -> Schedule:
     last = _runs(session, row.id, 1)
-    return Schedule.model_validate(
-        {
-            "id": row.id,
-            "created_at": row.created_at,
-            "scanner_id": row.scanner_id,
-            "cron": row.cron,
-            "time_zone": row.time_zone,
-            "enabled": row.enabled,
-            "on_pass": row.on_pass,
-            "options": row.options,
-            "next_due_at": row.next_due_at,
-            "last_run": last[0] if last else None,
-        }
-    )
+    known = {name: getattr(row, name) for name in Schedule.model_fields if name != "last_run"}
+    return Schedule.model_validate(known | {"last_run": last[0] if last else None})

@@ -379,16 +379,18 @@ class MeasurementRow(Base):
 
 
 class ScheduleRow(Resource):
-    """When to recalibrate; `next_due_at` is null when disabled."""
+    """When to recalibrate or to look for drift; `next_due_at` is null when disabled."""
 
     __tablename__ = "schedules"
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
+    kind: Mapped[str] = mapped_column(String(20))
     cron: Mapped[str] = mapped_column(String(100))
     time_zone: Mapped[str] = mapped_column(String(64))
     enabled: Mapped[bool]
     on_pass: Mapped[str] = mapped_column(String(20))
     options: Mapped[Json]
+    drift_options: Mapped[Json]
     next_due_at: Mapped[datetime | None] = mapped_column(index=True)
 
 
@@ -403,6 +405,7 @@ class ScheduleRunRow(Base):
     due_at: Mapped[datetime]
     outcome: Mapped[str] = mapped_column(String(40))
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+    drift_id: Mapped[str | None] = mapped_column(String(64))
 
 
 class KeyRow(Resource):
