@@ -30,6 +30,7 @@ from sawmill_service.rates import FailedLogins, Rates
 from sawmill_service.repeats import install as install_repeats
 from sawmill_service.request_ids import RequestIds
 from sawmill_service.routes import (
+    alarms,
     asked,
     audit,
     calibrations,
@@ -84,7 +85,7 @@ TAGS = [
 ]
 ROUTERS = (
     *(scanners, phantoms, uploads, inspections, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
-    *(keys, audit, health, login, console),
+    *(alarms, keys, audit, health, login, console),
 )
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from sawmill_service.pages.languages import marked
+from sawmill_worker.contracts.alarms import Alarm, AlarmKind
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded, CalibrationUnfinished, Comparison
 from sawmill_worker.contracts.drifts import Drift, DriftResult
 from sawmill_worker.contracts.jobs import Failure
@@ -16,6 +17,11 @@ from sawmill_worker.storage.store import Store
 SHOWN_SCANNERS = 200  # more than any mill has
 # From here on a scanner is watched, though it is allowed to move by more: the next check may find it beyond.
 NEARLY = 0.7
+ALARMS = {
+    AlarmKind.PHANTOM_EXPIRED: marked("The measurement of its phantom has expired: measure the phantom again."),
+    AlarmKind.SCANNER_QUIET: marked("It has sent no scan for longer than it may: look at the scanner and its network."),
+    AlarmKind.NO_PHANTOM_SCAN: marked("No phantom was scanned for longer than is allowed: scan one and calibrate."),
+}
 
 
 @dataclass(frozen=True)
@@ -63,7 +69,7 @@ class ScannerCondition:
 
     `newest` is the newest calibration that succeeded, `failure` why a newer one did not; `active` is in use; `drift` is
     the newest drift check that succeeded or failed, `seen` the newest that could tell whether it has moved since
-    `active`.
+    `active`. `alarms` are those that are open.
     """
 
     scanner: StoredScanner
@@ -74,6 +80,7 @@ class ScannerCondition:
     seen: Drift | None
     scanned: bool
     calibrating: bool
+    alarms: tuple[Alarm, ...]
 
     @property
     def newest_is_active(self) -> bool:
@@ -134,7 +141,8 @@ class ScannerCondition:
         right = marked("It stands where its calibration says.")
         if not self.is_compared:
             right = marked("It was right when it was calibrated.")
-        return self._out_of_tolerance(newest) or self._to_be_watched(newest) or Standing(marked("Fine"), "good", right)
+        not_fine = self._out_of_tolerance(newest) or self._to_be_watched(newest) or self._alarmed()
+        return not_fine or Standing(marked("Fine"), "good", right)
 
     @property
     def needs_somebody(self) -> bool:
@@ -172,6 +180,9 @@ class ScannerCondition:
                 little_left = marked("It has moved nearly as far as is allowed: accept its newest calibration.")
             return Standing(marked("Watch"), "watch", little_left)
         return None
+
+    def _alarmed(self) -> Standing | None:
+        return Standing(marked("Watch"), "watch", ALARMS[self.alarms[0].what]) if self.alarms else None
 
     def _without_calibration(self) -> Standing:
         if self.failure is not None:
@@ -218,6 +229,7 @@ def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCond
     calibrations = store.calibrations.several([one for one in ids if one is not None])
     check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
     checks = store.drifts.several([one for one in check_ids if one is not None])
+    alarms = store.alarms.open()
 
     def succeeded(identifier: str | None) -> CalibrationSucceeded | None:
         calibration = None if identifier is None else calibrations.get(identifier)
@@ -234,6 +246,7 @@ def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCond
             seen=None if of.seen_id is None else checks.get(of.seen_id),
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
+            alarms=tuple(each for each in alarms if each.scanner_id == of.scanner.id),
         )
 
     return [condition(each) for each in overviews]

@@ -6,6 +6,7 @@ from datetime import datetime
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from sawmill_service.scanner_conditions import ScannerCondition
+from sawmill_worker.contracts.alarms import AlarmKind
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 
 _TEXTS = {
@@ -18,11 +19,13 @@ _TEXTS = {
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
     "calibration_age_seconds": "Since the newest calibration that succeeded was asked for.",
     "drift_check_age_seconds": "Since the newest drift check that ended was asked for.",
+    "alarm": "Whether an alarm of absence is open.",
 }
 _FURTHER_LABELS = {
     "ray_error_millimeters": "calibration",
     "ray_error_upper_95_millimeters": "calibration",
     "movement_millimeters": "seen_by",
+    "alarm": "what",
 }
 Value = tuple[str, str | None, float]
 
@@ -47,6 +50,9 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
     yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
     failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
     yield "calibration_failed", None, int(failed)
+    opened = {each.what for each in condition.alarms}
+    for what in AlarmKind:
+        yield "alarm", what.value, int(what in opened)
     yield from _ray_errors("active", condition.active)
     if newest is not None:
         yield "in_tolerance", None, int(condition.standing.tone != "bad")

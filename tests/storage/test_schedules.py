@@ -128,7 +128,7 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
 
 @pytest.fixture
 def log_scan(store, scanner, finish, clock):
-    """Add a scan without a phantom, all round unless it is told otherwise."""
+    """Add a scan without a phantom, all round unless it is to be another one."""
 
     def add(views=360, last_deg=359.0):
         clock.advance(minutes=1)

@@ -16,7 +16,7 @@ from sawmill_service.pages.geometry_drawing import scanner_drawing
 from sawmill_service.pages.languages import locale_of, marked
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
-from sawmill_service.scanner_conditions import condition_of
+from sawmill_service.scanner_conditions import ALARMS, condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
@@ -121,6 +121,7 @@ def _answer(
         status=422 if (form and form.is_wrong) or (schedule and schedule.errors) else 200,
         scanner=known,
         condition=condition,
+        alarms=ALARMS,
         active=active,
         log=_log(store, condition.newest),
         chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm),

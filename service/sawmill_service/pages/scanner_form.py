@@ -96,6 +96,24 @@ FIELDS = (
         marked("How far the rays may move from the active calibration before the scanner is shown red."),
         marked("Too small: red for nothing. Too large: a scanner that has moved stays green."),
     ),
+    Field(
+        "phantom_scan_every_days",
+        ("alarms", "phantom_scan_every_days"),
+        marked("Longest time between two phantom scans"),
+        marked("In days: an alarm comes when no phantom was scanned for longer. Empty: none comes."),
+        marked("Too short: alarms for nothing. Empty: nobody hears that the phantom was forgotten."),
+        unit="d",
+        needed=False,
+    ),
+    Field(
+        "quiet_after_hours",
+        ("alarms", "quiet_after_hours"),
+        marked("Longest silence"),
+        marked("In hours: an alarm comes when the scanner sent no scan for longer. Empty: none comes."),
+        marked("Shorter than a weekend: an alarm each weekend. Empty: nobody hears that scans no longer arrive."),
+        unit="h",
+        needed=False,
+    ),
 )
 _BY_PLACE = {each.place: each.name for each in FIELDS} | {("name",): "name"}
 # Of what pydantic finds, with the words for it: the limit stands in the details under the name.

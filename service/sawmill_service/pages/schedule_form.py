@@ -68,7 +68,7 @@ def added(
 ) -> ScheduleForm:
     """Add the schedule that somebody typed; the form holds errors where it is none."""
     form = ScheduleForm()
-    form.values |= {name: typed.get(name, "").strip() for name in form.values}
+    form.values |= {name: typed.get(name, value).strip() for name, value in form.values.items()}
     cron = form.values["cron"] or _cron_of(form, text)
     if cron is None:
         return form

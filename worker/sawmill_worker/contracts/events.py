@@ -44,6 +44,8 @@ class EventKind(StrEnum):
     KEY_CREATED = "key-created"
     KEY_ROTATED = "key-rotated"
     KEY_REVOKED = "key-revoked"
+    ALARM_OPENED = "alarm-opened"
+    ALARM_CLOSED = "alarm-closed"
     CLOCK_STEPPED = "clock-stepped"
     CLOCK_OFF = "clock-off"
 
@@ -63,7 +65,8 @@ class Event(Contract):
         description="`queued` to `cancelled` are of the job `job_id`. `lost`: the attempt ended unanswered; `put-off`: "
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
         "`cancel-requested`: its worker was asked to stop; "
-        "`schedule-missed`: a due time passed and nothing was queued; `clock-off`: the worker's clock differs from the "
+        "`schedule-missed`: a due time passed and nothing was queued; `alarm-opened`, `alarm-closed`: "
+        "of a scanner, which `/v1/alarms` lists between the two; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
         examples=["succeeded"],
     )
@@ -92,7 +95,7 @@ class Event(Contract):
         None,
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `reason` of "
         "an activation, a refusal or a missed due time, which is `due_at`; `used_by`, the address of what was made of "
-        "an upload, or the `reason` of its end; or seconds of the clock.",
+        "an upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

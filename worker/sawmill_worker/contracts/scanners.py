@@ -38,6 +38,17 @@ class Tolerances(Contract):
     )
 
 
+class AlarmLimits(Contract):
+    """After how long something that has not come opens an alarm. An expired phantom needs no limit."""
+
+    phantom_scan_every_days: Annotated[float, Field(gt=0, le=3660)] | None = Field(
+        None, description="Number of days without a phantom scan. Null: no alarm.", examples=[14.0]
+    )
+    quiet_after_hours: Annotated[float, Field(gt=0, le=8784)] | None = Field(
+        None, description="Number of hours without any scan. Null: no alarm.", examples=[24.0]
+    )
+
+
 class ScannerSpec(Contract):
     """A scanner as its owner describes it."""
 
@@ -53,6 +64,7 @@ class ScannerSpec(Contract):
         "Null: that of the smallest which holds the phantom where it stood, at most 150 mm.",
         examples=[150.0],
     )
+    alarms: AlarmLimits = Field(AlarmLimits(), description="When its silence is an alarm.")
     handedness: Handedness | None = Field(
         None, description="Null: every calibration tries both.", examples=["as-drawn"]
     )

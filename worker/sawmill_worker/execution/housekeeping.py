@@ -17,7 +17,7 @@ TOLERABLE_S = 5.0
 
 
 class Housekeeping:
-    """A thread that sees to expired leases, due schedules, leftovers and answers that are no longer repeated.
+    """A thread that sees to expired leases, due schedules, alarms, leftovers and answers that are no longer repeated.
 
     Parameters
     ----------
@@ -53,6 +53,7 @@ class Housekeeping:
         for duty in (
             self._take_back_silent,
             self._run_due_schedules,
+            self._check_alarms,
             self._compare_clocks,
             self._remove_uploads,
             self._remove_leftovers,
@@ -93,6 +94,10 @@ class Housekeeping:
     def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
+
+    def _check_alarms(self) -> None:
+        for what, alarm in self._store.alarms.check():
+            structlog.get_logger().warning(what.value, **alarm.model_dump(mode="json", exclude_none=True))
 
     def _remove_uploads(self) -> None:
         """Those that nobody goes on with."""

@@ -17,13 +17,13 @@ from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
 
-# A drift check pairs opposite rays all round in steps of 3 degrees or less: so many views, from the first angle to the
-# last. What else a scan may lack, the check finds.
+# A drift check pairs opposite rays all round in steps of 3 degrees or less: this number of views, from the first
+# angle to the last. What else a scan may lack, the check finds.
 LEAST_VIEWS, LEAST_RANGE_DEG = 120, 354.0
 
 
 class Outcome(NamedTuple):
-    """What came of a due time, and the id of what was queued."""
+    """The outcome of a due time, and the id of what was queued."""
 
     outcome: ScheduleOutcome
     calibration_id: str | None = None

@@ -8,6 +8,7 @@ from sqlalchemy import text
 from sawmill_worker.contracts import drifts, plans, reconstructions
 from sawmill_worker.contracts.built_in import BUILT_IN_PHANTOMS
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_worker.storage.alarms import Alarms
 from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.audit import Audit
 from sawmill_worker.storage.calibrations import Calibrations
@@ -41,7 +42,7 @@ class Store:
     Attributes
     ----------
     scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements, jobs,
-    schedules, events, keys, sessions, audit, repeats
+    schedules, alarms, events, keys, sessions, audit, repeats
         The rows.
     overviews
         Of every scanner at once.
@@ -70,6 +71,7 @@ class Store:
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
         self.schedules = Schedules(self._database)
+        self.alarms = Alarms(self._database)
         self.events = Events(self._database)
         self.overviews = Overviews(self._database)
         self.keys = KeyStore(self._database)

@@ -1,7 +1,7 @@
 """The rows. Specifications and results are JSON: the contracts own their shape, the columns are what is searched by."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from enum import StrEnum
 from typing import Any, ClassVar
 
@@ -19,9 +19,11 @@ from sqlalchemy import (
     String,
     TypeDecorator,
     UniqueConstraint,
+    text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column, relationship
 
+from sawmill_worker.contracts.alarms import AlarmKind
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
@@ -90,6 +92,7 @@ class Base(DeclarativeBase):
     type_annotation_map: ClassVar[Mapping[Any, Any]] = {
         Json: JSON(none_as_null=True),
         datetime: UtcDateTime(),
+        AlarmKind: _words(AlarmKind, 40),
         AuditAction: _words(AuditAction, 40),
         EventKind: _words(EventKind, 40),
         JobKind: _words(JobKind),
@@ -216,7 +219,17 @@ class ScanRow(Resource):
     """A scan; `spec` holds what its uploader gave, apart from the two columns."""
 
     __tablename__ = "scans"
-    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+    # The newest of a scanner, and the newest phantom scan among thousands of logs.
+    __table_args__ = (
+        Index(None, "scanner_id", "created_at"),
+        Index(
+            "ix_scans_of_phantoms",
+            "scanner_id",
+            "created_at",
+            sqlite_where=text("phantom_id IS NOT NULL"),
+            postgresql_where=text("phantom_id IS NOT NULL"),
+        ),
+    )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     phantom_id: Mapped[str | None] = mapped_column(ForeignKey("phantoms.id"), index=True)
@@ -406,6 +419,20 @@ class ScheduleRunRow(Base):
     outcome: Mapped[str] = mapped_column(String(40))
     calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
     drift_id: Mapped[str | None] = mapped_column(String(64))
+
+
+class AlarmRow(Base):
+    """An alarm that is open; the key makes it one of its sort."""
+
+    __tablename__ = "alarms"
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id", ondelete="CASCADE"), primary_key=True)
+    what: Mapped[AlarmKind] = mapped_column(primary_key=True)
+    since: Mapped[datetime]
+    last_at: Mapped[datetime | None]
+    limit_hours: Mapped[float | None] = mapped_column(Float(53))
+    phantom_id: Mapped[str | None] = mapped_column(String(64))
+    expired_on: Mapped[date | None]
 
 
 class KeyRow(Resource):

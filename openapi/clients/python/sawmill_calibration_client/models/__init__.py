@@ -5,6 +5,10 @@ from .activation import Activation
 from .adjustment import Adjustment
 from .agreement import Agreement
 from .air_correction import AirCorrection
+from .alarm import Alarm
+from .alarm_kind import AlarmKind
+from .alarm_limits import AlarmLimits
+from .alarm_list import AlarmList
 from .alpha_rule import AlphaRule
 from .audit_action import AuditAction
 from .audit_entry import AuditEntry
@@ -122,7 +126,9 @@ from .scan_state import ScanState
 from .scanner_ask import ScannerAsk
 from .scanner_constants import ScannerConstants
 from .schedule import Schedule
-from .schedule_ask import ScheduleAsk
+from .schedule_ask_type_0 import ScheduleAskType0
+from .schedule_ask_type_1 import ScheduleAskType1
+from .schedule_kind import ScheduleKind
 from .schedule_outcome import ScheduleOutcome
 from .schedule_page import SchedulePage
 from .schedule_run import ScheduleRun
@@ -158,6 +164,10 @@ __all__ = (
     "Adjustment",
     "Agreement",
     "AirCorrection",
+    "Alarm",
+    "AlarmKind",
+    "AlarmLimits",
+    "AlarmList",
     "AlphaRule",
     "AuditAction",
     "AuditEntry",
@@ -275,7 +285,9 @@ __all__ = (
     "ScanShape",
     "ScanState",
     "Schedule",
-    "ScheduleAsk",
+    "ScheduleAskType0",
+    "ScheduleAskType1",
+    "ScheduleKind",
     "ScheduleOutcome",
     "SchedulePage",
     "ScheduleRun",

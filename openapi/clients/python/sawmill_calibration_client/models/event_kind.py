@@ -2,6 +2,8 @@ from enum import StrEnum
 
 
 class EventKind(StrEnum):
+    ALARM_CLOSED = "alarm-closed"
+    ALARM_OPENED = "alarm-opened"
     CALIBRATION_ACTIVATED = "calibration-activated"
     CALIBRATION_ROLLED_BACK = "calibration-rolled-back"
     CANCELLED = "cancelled"

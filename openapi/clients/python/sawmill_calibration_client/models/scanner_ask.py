@@ -10,6 +10,7 @@ from ..models.rotation import Rotation
 from ..types import UNSET, Unset
 
 if TYPE_CHECKING:
+    from ..models.alarm_limits import AlarmLimits
     from ..models.given_theta_bounds import GivenThetaBounds
     from ..models.scanner_constants import ScannerConstants
     from ..models.tolerances import Tolerances
@@ -26,6 +27,8 @@ class ScannerAsk:
     """ What is known of a scanner without calibrating it. """
     name: str
     """ What people call it. """
+    alarms: AlarmLimits | Unset = UNSET
+    """ After how long something that has not come opens an alarm. An expired phantom needs no limit. """
     bounds: GivenThetaBounds | None | Unset = UNSET
     """ Where theta is searched; null: wherever the phantom can be seen. """
     handedness: Handedness | None | Unset = UNSET
@@ -44,6 +47,10 @@ class ScannerAsk:
         constants = self.constants.to_dict()
 
         name = self.name
+
+        alarms: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.alarms, Unset):
+            alarms = self.alarms.to_dict()
 
         bounds: dict[str, Any] | None | Unset
         if isinstance(self.bounds, Unset):
@@ -87,6 +94,8 @@ class ScannerAsk:
                 "name": name,
             }
         )
+        if alarms is not UNSET:
+            field_dict["alarms"] = alarms
         if bounds is not UNSET:
             field_dict["bounds"] = bounds
         if handedness is not UNSET:
@@ -102,6 +111,7 @@ class ScannerAsk:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.alarm_limits import AlarmLimits  # noqa: PLC0415
         from ..models.given_theta_bounds import GivenThetaBounds  # noqa: PLC0415
         from ..models.scanner_constants import ScannerConstants  # noqa: PLC0415
         from ..models.tolerances import Tolerances  # noqa: PLC0415
@@ -110,6 +120,13 @@ class ScannerAsk:
         constants = ScannerConstants.from_dict(d.pop("constants"))
 
         name = d.pop("name")
+
+        _alarms = d.pop("alarms", UNSET)
+        alarms: AlarmLimits | Unset
+        if isinstance(_alarms, Unset):
+            alarms = UNSET
+        else:
+            alarms = AlarmLimits.from_dict(_alarms)
 
         def _parse_bounds(data: object) -> GivenThetaBounds | None | Unset:
             if data is None:
@@ -181,6 +198,7 @@ class ScannerAsk:
         scanner_ask = cls(
             constants=constants,
             name=name,
+            alarms=alarms,
             bounds=bounds,
             handedness=handedness,
             log_radius_mm=log_radius_mm,

@@ -11,6 +11,7 @@ from ..models.rotation import Rotation
 from ..types import UNSET, Unset
 
 if TYPE_CHECKING:
+    from ..models.alarm_limits import AlarmLimits
     from ..models.scanner_constants import ScannerConstants
     from ..models.theta_bounds import ThetaBounds
     from ..models.tolerances import Tolerances
@@ -33,6 +34,8 @@ class StoredScanner:
     """ What people call it. """
     active_calibration_id: None | str | Unset = UNSET
     """ The calibration that reconstructions use unless another is given. """
+    alarms: AlarmLimits | Unset = UNSET
+    """ After how long something that has not come opens an alarm. An expired phantom needs no limit. """
     bounds: None | ThetaBounds | Unset = UNSET
     """ Where theta is searched; null: wherever the phantom can be seen. """
     handedness: Handedness | None | Unset = UNSET
@@ -61,6 +64,10 @@ class StoredScanner:
             active_calibration_id = UNSET
         else:
             active_calibration_id = self.active_calibration_id
+
+        alarms: dict[str, Any] | Unset = UNSET
+        if not isinstance(self.alarms, Unset):
+            alarms = self.alarms.to_dict()
 
         bounds: dict[str, Any] | None | Unset
         if isinstance(self.bounds, Unset):
@@ -108,6 +115,8 @@ class StoredScanner:
         )
         if active_calibration_id is not UNSET:
             field_dict["active_calibration_id"] = active_calibration_id
+        if alarms is not UNSET:
+            field_dict["alarms"] = alarms
         if bounds is not UNSET:
             field_dict["bounds"] = bounds
         if handedness is not UNSET:
@@ -123,6 +132,7 @@ class StoredScanner:
 
     @classmethod
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
+        from ..models.alarm_limits import AlarmLimits  # noqa: PLC0415
         from ..models.scanner_constants import ScannerConstants  # noqa: PLC0415
         from ..models.theta_bounds import ThetaBounds  # noqa: PLC0415
         from ..models.tolerances import Tolerances  # noqa: PLC0415
@@ -144,6 +154,13 @@ class StoredScanner:
             return cast(None | str | Unset, data)
 
         active_calibration_id = _parse_active_calibration_id(d.pop("active_calibration_id", UNSET))
+
+        _alarms = d.pop("alarms", UNSET)
+        alarms: AlarmLimits | Unset
+        if isinstance(_alarms, Unset):
+            alarms = UNSET
+        else:
+            alarms = AlarmLimits.from_dict(_alarms)
 
         def _parse_bounds(data: object) -> None | ThetaBounds | Unset:
             if data is None:
@@ -218,6 +235,7 @@ class StoredScanner:
             id=id,
             name=name,
             active_calibration_id=active_calibration_id,
+            alarms=alarms,
             bounds=bounds,
             handedness=handedness,
             log_radius_mm=log_radius_mm,

@@ -7,13 +7,14 @@ from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
 from ...models.schedule import Schedule
-from ...models.schedule_ask import ScheduleAsk
+from ...models.schedule_ask_type_0 import ScheduleAskType0
+from ...models.schedule_ask_type_1 import ScheduleAskType1
 from ...types import UNSET, Response, Unset
 
 
 def _get_kwargs(
     *,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
@@ -25,7 +26,10 @@ def _get_kwargs(
         "url": "/v1/schedules",
     }
 
-    _kwargs["json"] = body.to_dict()
+    if isinstance(body, ScheduleAskType0):
+        _kwargs["json"] = body.to_dict()
+    else:
+        _kwargs["json"] = body.to_dict()
 
     headers["Content-Type"] = "application/json"
 
@@ -122,18 +126,23 @@ def _build_response(*, client: AuthenticatedClient | Client, response: httpx.Res
 def sync_detailed(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Problem | Schedule]:
-    """Schedule a scanner's recalibration
+    """Schedule a scanner's recalibration or drift checks
 
-     At each due time the newest phantom scan that no calibration has used yet is calibrated.
+     At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
+    drift.
+
+    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
+    steps of
+    3 degrees or less.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -158,18 +167,23 @@ def sync_detailed(
 def sync(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
     idempotency_key: str | Unset = UNSET,
 ) -> Problem | Schedule | None:
-    """Schedule a scanner's recalibration
+    """Schedule a scanner's recalibration or drift checks
 
-     At each due time the newest phantom scan that no calibration has used yet is calibrated.
+     At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
+    drift.
+
+    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
+    steps of
+    3 degrees or less.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -189,18 +203,23 @@ def sync(
 async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Problem | Schedule]:
-    """Schedule a scanner's recalibration
+    """Schedule a scanner's recalibration or drift checks
 
-     At each due time the newest phantom scan that no calibration has used yet is calibrated.
+     At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
+    drift.
+
+    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
+    steps of
+    3 degrees or less.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -223,18 +242,23 @@ async def asyncio_detailed(
 async def asyncio(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
     idempotency_key: str | Unset = UNSET,
 ) -> Problem | Schedule | None:
-    """Schedule a scanner's recalibration
+    """Schedule a scanner's recalibration or drift checks
 
-     At each due time the newest phantom scan that no calibration has used yet is calibrated.
+     At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
+    drift.
+
+    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
+    steps of
+    3 degrees or less.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

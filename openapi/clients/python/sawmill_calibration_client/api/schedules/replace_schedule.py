@@ -8,14 +8,15 @@ from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
 from ...models.schedule import Schedule
-from ...models.schedule_ask import ScheduleAsk
+from ...models.schedule_ask_type_0 import ScheduleAskType0
+from ...models.schedule_ask_type_1 import ScheduleAskType1
 from ...types import Response
 
 
 def _get_kwargs(
     schedule_id: str,
     *,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
 
@@ -26,7 +27,10 @@ def _get_kwargs(
         ),
     }
 
-    _kwargs["json"] = body.to_dict()
+    if isinstance(body, ScheduleAskType0):
+        _kwargs["json"] = body.to_dict()
+    else:
+        _kwargs["json"] = body.to_dict()
 
     headers["Content-Type"] = "application/json"
 
@@ -124,7 +128,7 @@ def sync_detailed(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
@@ -132,7 +136,7 @@ def sync_detailed(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -158,7 +162,7 @@ def sync(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
@@ -166,7 +170,7 @@ def sync(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -187,7 +191,7 @@ async def asyncio_detailed(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
@@ -195,7 +199,7 @@ async def asyncio_detailed(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -219,7 +223,7 @@ async def asyncio(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAsk,
+    body: ScheduleAskType0 | ScheduleAskType1,
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
@@ -227,7 +231,7 @@ async def asyncio(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAsk): A schedule that is to be kept.
+        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

@@ -1,0 +1,23 @@
+"""/v1/alarms."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from sawmill_service.dependencies import TheStore
+from sawmill_worker.contracts.alarms import AlarmList
+from sawmill_worker.contracts.base import Identifier
+
+router = APIRouter(tags=["scanners"])
+
+
+@router.get("/v1/alarms", summary="List open alarms")
+def list_alarms(
+    store: TheStore,
+    scanner_id: Annotated[
+        Identifier | None,
+        Query(description="Those of this scanner. By default those of all.", examples=["example"]),
+    ] = None,
+) -> AlarmList:
+    """What should have come from a scanner by now and has not; the limits are `alarms` of the scanner."""
+    return AlarmList(alarms=store.alarms.open(scanner_id=scanner_id))

@@ -1,0 +1,63 @@
+"""Open alarms over HTTP, on the pages and in metrics."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from sawmill_worker.contracts.scanners import AlarmLimits
+from sawmill_worker.storage.store import Store
+
+
+@pytest.fixture
+def later(store):
+    """What a scheduler finds three days later, of a scanner that may be silent for a day."""
+    known = store.scanners.get("example")
+    store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits(quiet_after_hours=24)}))
+    other = Store(store.settings, clock=lambda: datetime.now(UTC) + timedelta(days=3))
+    yield other
+    other.close()
+
+
+def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
+    assert seeded.get("/v1/alarms").json() == {"alarms": []}
+    ((_, opened),) = later.alarms.check()
+    (alarm,) = seeded.get("/v1/alarms?scanner_id=example").json()["alarms"]
+    assert (alarm["what"], alarm["scanner_id"], alarm["limit_hours"]) == ("scanner-quiet", "example", 24.0)
+    assert datetime.fromisoformat(alarm["since"]) == opened.since
+    assert seeded.get("/v1/alarms?scanner_id=example-spare").json() == {"alarms": []}
+    sentence = "It has sent no scan for longer than it may: look at the scanner and its network."
+    assert sentence in seeded.get("/scanners/example").text
+    assert sentence in seeded.get("/").text
+    finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
+    assert "Se ei ole lähettänyt skannauksia sallitussa ajassa" in finnish
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in seeded.get("/metrics").text
+    store.alarms.check()
+    assert sentence not in seeded.get("/scanners/example").text
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 0.0' in seeded.get("/metrics").text
+
+
+@pytest.mark.parametrize("limit", [0, -1, 1e6, "often"])
+def test_a_limit_that_is_no_time_is_refused(seeded, limit):
+    scanner = seeded.get("/v1/scanners/example").json()
+    spec = {name: scanner[name] for name in ("name", "constants")}
+    answer = seeded.put("/v1/scanners/example", json={**spec, "alarms": {"quiet_after_hours": limit}})
+    assert answer.status_code == 422
+    assert "alarms.quiet_after_hours" in answer.json()["detail"]
+
+
+def test_limits_are_set_on_the_scanner_s_page(seeded, store):
+    typed = {
+        "name": "Line 3",
+        "source_to_cor_mm": "859.46",
+        "num_detector_pixels": "768",
+        "detector_pitch_mm": "1.5",
+        "ray_error_mm": "0.1",
+        "scale_percent": "0.5",
+        "ray_change_mm": "0.5",
+        "phantom_scan_every_days": "14",
+        "quiet_after_hours": "",
+    }
+    assert seeded.post("/scanners/example/settings", data=typed).status_code == 303
+    assert store.scanners.get("example").alarms == AlarmLimits(phantom_scan_every_days=14)
+    wrong = seeded.post("/scanners/example/settings", data={**typed, "quiet_after_hours": "0"})
+    assert "must be more than 0, not 0" in wrong.text
