@@ -6,6 +6,7 @@ from fastapi import FastAPI, Request
 from fastapi.routing import iter_route_contexts
 from starlette.exceptions import HTTPException
 from starlette.routing import compile_path
+from starlette.types import Scope
 
 
 def methods_by_pattern(app: FastAPI) -> Mapping[str, set[str]]:
@@ -16,11 +17,16 @@ def methods_by_pattern(app: FastAPI) -> Mapping[str, set[str]]:
     return found
 
 
+def methods_of(scope: Scope) -> set[str]:
+    """Those of a request's path; none where nothing is."""
+    path, methods = scope["path"], scope["app"].methods_by_pattern
+    fitting = [path] if path in methods else [each for each in methods if compile_path(each)[0].match(path)]
+    return {method for pattern in fitting for method in methods[pattern]}
+
+
 def allowed_methods(request: Request) -> str:
     """As `Allow` lists them, HEAD wherever GET is; empty where nothing is."""
-    path, methods = request.url.path, request.app.methods_by_pattern
-    fitting = [path] if path in methods else [each for each in methods if compile_path(each)[0].match(path)]
-    found = {method for pattern in fitting for method in methods[pattern]}
+    found = methods_of(request.scope)
     return ", ".join(sorted(found | ({"HEAD"} if "GET" in found else set())))
 
 

@@ -52,6 +52,12 @@ def offset_answered(status: int = 200, *names: str) -> Responses:
     return {status: {"headers": _named("Upload-Complete", "Upload-Length", "Upload-Offset", *names)}}
 
 
+def with_some(responses: Responses, status: int, *names: str) -> Responses:
+    """The same, where only some answers of a status have headers, by name."""
+    headers = {name: HEADERS[name] | {"required": False} for name in names}
+    return responses | {status: responses[status] | {"headers": headers}}
+
+
 def drawn(*codes: str, headers: dict[str, Any] | None = None) -> Responses:
     """Of a picture or an array that is made for the request: 304 for a client that holds it.
 

@@ -21,6 +21,8 @@ from sawmill_service.access import (
     came_in_over_loopback,
     host_name,
 )
+from sawmill_service.allowed_methods import methods_of
+from sawmill_service.body_sums import checked
 from sawmill_service.callers import who
 from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import COME_BACK, Refused, is_navigation, refusal_response
@@ -69,7 +71,7 @@ class ProtectiveHeaders:
 
 
 class Gate:
-    """Refuse unknown hosts, other sites' writes, requests without a key and bodies that are too large.
+    """Refuse unknown hosts, other sites' writes, requests without a key, and bodies that are too large or damaged.
 
     A browser sends the password of HTTP Basic with whatever a page asks for, so other sites are refused first.
 
@@ -80,9 +82,10 @@ class Gate:
     access
         Finds out who sends a request; whatever is done in it is done in that one's name.
     max_body_bytes
-        For every route that `larger_bodies` does not name.
+        For every route that `larger_bodies` does not name. Of such a body `Content-Digest` is checked as it comes.
     larger_bodies
-        Bytes by (method, path); a path that ends with `/*` stands for all directly below.
+        Bytes by (method, path); a path that ends with `/*` stands for all directly below. Of these, which are files,
+        the routes check the digest, in threads.
     refusals
         Counts those who are not let in.
     stopping
@@ -112,25 +115,28 @@ class Gate:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        limit = self._limit(scope["method"], scope["path"])
+        headers, larger = Headers(scope=scope), self._larger(scope["method"], scope["path"])
+        limit = larger or self.max_body_bytes
         try:
-            caller = await self._caller(scope, Headers(scope=scope), limit)
+            caller = await self._caller(scope, headers, limit)
         except Refused as refused:
             await _refusal(scope, self._counted(scope, refused))(scope, receive, send)
             return
         scope.setdefault("state", {})["caller"] = caller
         with acting_as(caller.acting(scope)), structlog.contextvars.bound_contextvars(key_id=caller.key_id):
-            await self.app(scope, _bounded(receive, limit, self.stopping), send)
+            bounded = _bounded(receive, limit, self.stopping)
+            sums_here = larger is None and scope["method"] not in SAFE_METHODS
+            await self.app(scope, checked(bounded, headers) if sums_here else bounded, send)
 
-    def _limit(self, method: str, path: str) -> int:
-        of_all = self.larger_bodies.get((method, f"{path.rpartition('/')[0]}/*"), self.max_body_bytes)
+    def _larger(self, method: str, path: str) -> int | None:
+        of_all = self.larger_bodies.get((method, f"{path.rpartition('/')[0]}/*"))
         return self.larger_bodies.get((method, path), of_all)
 
     async def _caller(self, scope: Scope, headers: Headers, limit: int) -> Caller:
         _check_version(scope)
         self._check_origin(scope, headers)
         caller = ANYBODY if scope["path"] in OPEN_PATHS | LOGIN_PATHS else await self._known(scope, headers)
-        _check_length(headers, limit)
+        _check_length(scope, headers, limit)
         return caller
 
     async def _known(self, scope: Scope, headers: Headers) -> Caller:
@@ -198,11 +204,12 @@ def _check_version(scope: Scope) -> None:
         raise Refused(505, "http-version-unsupported", f"this service speaks HTTP/1.1, not HTTP/{version}")
 
 
-def _check_length(headers: Headers, limit: int) -> None:
+def _check_length(scope: Scope, headers: Headers, limit: int) -> None:
+    """Refuse a body that is too large for a route; that there is none is answered without reading it."""
     declared = headers.get("content-length", "0")
     if not declared.isdecimal():
         raise Refused(400, "bad-length", f"Content-Length must be a count of bytes, not {declared[:100]!r}")
-    if int(declared) > limit:
+    if int(declared) > limit and scope["method"] in methods_of(scope):
         raise too_large(limit)
 
 

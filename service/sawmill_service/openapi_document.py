@@ -78,6 +78,7 @@ class ExampleRequest(NamedTuple):
     operation_id: str
     method: str
     path: str
+    headers: dict[str, str]
     query: dict[str, Any]
     body: Any
     body_file: str | None
@@ -219,6 +220,7 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:
     given = [parameter for parameter in operation.get("parameters", []) if "example" in parameter]
     query = {parameter["name"]: parameter["example"] for parameter in given if parameter["in"] == "query"}
+    headers = {parameter["name"]: str(parameter["example"]) for parameter in given if parameter["in"] == "header"}
     for parameter in given:
         if parameter["in"] == "path":
             path = path.replace(f"{{{parameter['name']}}}", str(parameter["example"]))
@@ -228,6 +230,7 @@ def _example_request(path: str, method: str, operation: dict[str, Any]) -> Examp
         operation_id=operation["operationId"],
         method=method.upper(),
         path=path,
+        headers=headers,
         query=query,
         body=content[media_type].get("example") if media_type else None,
         body_file=operation.get("x-example-file"),

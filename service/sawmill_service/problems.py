@@ -20,6 +20,7 @@ from sawmill_service.allowed_methods import allowed_methods
 from sawmill_service.problem_types import CODE_PATTERN, describe_code, title_of, type_of
 from sawmill_worker.files.errors import FileError, NotStored, OutOfRange
 from sawmill_worker.storage.errors import (
+    Busy,
     Conflict,
     Damaged,
     Invalid,
@@ -35,6 +36,7 @@ MEDIA_TYPE = "application/problem+json"
 STATUS: Mapping[type[Exception], int] = {
     NotFound: 404,
     Conflict: 409,
+    Busy: 409,
     Invalid: 422,
     Damaged: 400,
     UploadTooLarge: 413,
@@ -48,7 +50,7 @@ STATUS: Mapping[type[Exception], int] = {
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
 # Ours, of what no model sees of a query; the message is a sentence.
 REFUSED_IN_QUERY = "query_field"
-COME_BACK = {"Retry-After": "5"}  # of every 503: seconds
+COME_BACK = {"Retry-After": "5"}  # of every 503, and of what is busy: seconds
 
 
 class Place(StrEnum):
@@ -246,7 +248,7 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
     if status is None:
         raise error  # ours, not the client's
     code = cast("StorageError | FileError", error).code
-    headers = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE else None
+    headers = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE or isinstance(error, Busy) else None
     return problem_response(request.url.path, status, code, str(error), headers=headers)
 
 

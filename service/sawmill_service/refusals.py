@@ -18,14 +18,14 @@ _ALWAYS = (
 )
 _WITH_KEY = ("token-required", "scope-too-small")
 _CHANGING = ("other-site", "csrf")
-_WITH_BODY = ("bad-request", "slow-body", "stopping")
-_REPEATABLE = ("bad-idempotency-key", "idempotency-key-reused")
+_WITH_BODY = ("bad-digest", "bad-request", "digest-mismatch", "slow-body", "stopping")
+_REPEATABLE = ("bad-digest", "bad-idempotency-key", "digest-mismatch", "idempotency-key-reused")
 OF_DOWNLOADS = ("bad-range", "precondition-failed", "range-beyond-end")
 _OF_UPLOADS = (
-    *("bad-digest", "bad-encoding", "digest-mismatch", "empty-body", "packed-too-well", "unsupported-encoding"),
-    *("unsupported-media-type", "upload-too-large"),
+    *("bad-encoding", "empty-body", "packed-too-well", "unsupported-encoding", "unsupported-media-type"),
+    "upload-too-large",
 )
-OF_UPLOAD_ID = ("upload-not-found", "upload-incomplete", "upload-used", "two-files")
+OF_UPLOAD_ID = ("upload-not-found", "upload-incomplete", "upload-lost", "upload-used", "two-files")
 OF_SCAN = ("scan-not-found", "scan-ingesting", "scan-refused")
 OF_RESULT = ("reconstruction-not-found", "reconstruction-without-result")
 _OF_REFERENCES = {

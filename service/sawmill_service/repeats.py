@@ -7,20 +7,23 @@ import hashlib
 import inspect
 import json
 import re
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from typing import Annotated, Any, TypeVar, cast
 
 from fastapi import Depends, FastAPI, Header, Request, Response
 from fastapi.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import Refused
-from sawmill_service.uploads import body_sha256
+from sawmill_service.uploads import body_begun, body_sha256
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.storage.arriving import Received
+from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.repeats import Answer, KeyedRequest
 from sawmill_worker.storage.store import Store
 
@@ -97,8 +100,28 @@ class Repeatable:
         finally:
             self.store.files.discard(received)
 
+    @asynccontextmanager
+    async def unless_repeated(self) -> AsyncIterator[None]:
+        """Around what receives a file, or looks up what names one: a repeat is answered before.
+
+        What is refused within may be so because the first request was answered meanwhile: then it is a repeat too,
+        unless a part of its body has been read, of which no checksum can be had any more.
+
+        Raises
+        ------
+        AnsweredBefore, Invalid
+            As by `check_sent`.
+        """
+        await self.check_sent()
+        try:
+            yield
+        except (HTTPException, StorageError):
+            if not body_begun(self.request):
+                await self.check_sent()
+            raise
+
     async def check_sent(self) -> None:
-        """Look before a file is received, or what names one is looked up.
+        """Answer a repeat, for which a file in its body is read.
 
         Raises
         ------

@@ -1,24 +1,19 @@
-"""What the bytes of an upload's body stand for: packed or not, with the checksums of RFC 9530, a file and no page."""
+"""What the bytes of an upload's body stand for: packed or not, a file and no page."""
 
-import hashlib
-import hmac
 import re
 import zlib
-from base64 import b64decode
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Protocol
+from collections.abc import Iterable, Iterator
+from typing import Any
 
 from starlette.datastructures import Headers
 
+from sawmill_service.body_sums import BodySums, all_lines
 from sawmill_service.problems import Refused
 
 BYTES = "application/octet-stream"
-# By RFC 9530, 5: algorithms that still guard against whoever wants to change something; others are ignored.
-ALGORITHMS = {"sha-256": hashlib.sha256, "sha-512": hashlib.sha512}
-_MEMBER = re.compile(r"\s*([a-z*][a-z0-9_.*-]*)\s*=\s*:([A-Za-z0-9+/]*={0,2}):\s*(?:;[^,]*)?")
 # No file is a text that somebody says is one, nor a form; `curl --data-binary` calls any file a urlencoded form.
 _NO_FILE = re.compile(r"text/.*|multipart/.*|application/json|application/xml|.*\+(json|xml)")
-_PAGE = re.compile(rb"\s*<(!doctype\s+html|html|\?xml)", re.IGNORECASE)
+_PAGE = re.compile(rb"(?:\xef\xbb\xbf)?\s*<(!doctype\s+html|html|\?xml)", re.IGNORECASE)
 _FORM = re.compile(rb"--[^\r\n]{1,70}\r\ncontent-disposition:\s*form-data", re.IGNORECASE)
 _PIECE_BYTES = 2**20
 # gzip packs a file of one value a thousandfold; measured counts and line integrals about twofold.
@@ -27,12 +22,23 @@ _FREE_MEMBERS, _LEAST_MEMBER_BYTES = 100, 1024
 _MOST_RATIO, _FREE_BYTES = 100, 16 * 2**20
 
 
-class _Hash(Protocol):
-    def update(self, data: bytes, /) -> None:
-        """Go on with more bytes."""
+class FirstBytes:
+    """Looks at how a file begins, in whatever pieces that comes."""
 
-    def digest(self) -> bytes:
-        """The sum."""
+    NUMBER = 1024
+
+    def __init__(self) -> None:
+        self._seen = b""
+
+    def look(self, piece: bytes) -> None:
+        """Refuse a page or a form that was sent as a file."""
+        if len(self._seen) == self.NUMBER:
+            return
+        self._seen += piece[: self.NUMBER - len(self._seen)]
+        found = "a page (HTML or XML)" if _PAGE.match(self._seen) else "a form" if _FORM.match(self._seen) else None
+        if found:
+            detail = f"the body is {found}, not a file of measurements: send the file's bytes alone, as {BYTES}"
+            raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
 
 
 class SentContent:
@@ -55,45 +61,43 @@ class SentContent:
 
     def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
         check_media_type(headers.get("content-type", ""))
-        encoding = (_all_lines(headers, "content-encoding") or "identity").strip().lower()
+        encoding = (all_lines(headers, "content-encoding") or "identity").strip().lower()
         if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
             detail = f"the body may come as it is{' or packed by gzip' if packed else ''}, not by {encoding[:100]!r}"
             accepted = {"Accept-Encoding": "gzip, identity" if packed else "identity"}
             raise Refused(415, "unsupported-encoding", detail, accepted)
-        self._expected = digests_of(headers)
-        self._sums: Mapping[str, _Hash] = {name: ALGORITHMS[name]() for name in self._expected}
+        self._sums = BodySums(headers)
         self._gzip = Gunzip() if encoding.endswith("gzip") else None
-        self._begun = not begins
+        self._first = FirstBytes() if begins else None
 
     @property
     def has_digest(self) -> bool:
         """Whether it must come whole to be known as right."""
-        return bool(self._expected)
+        return bool(self._sums)
 
     def take(self, part: bytes) -> Iterator[bytes]:
         """The file's bytes in a part of what was sent."""
-        for computed in self._sums.values():
-            computed.update(part)
+        self._sums.update(part)
         for piece in [part] if self._gzip is None else self._gzip.unpack(part):
-            if not self._begun:
-                check_first_bytes(piece)
-            self._begun = True
+            if self._first is not None:
+                self._first.look(piece)
             yield piece
 
     def end(self) -> None:
         """Refuse what was damaged on its way."""
-        for name, computed in self._sums.items():
-            if not hmac.compare_digest(self._expected[name], computed.digest()):
-                detail = f"the bytes that came have another {name} than Content-Digest says: send them again"
-                raise Refused(400, "digest-mismatch", detail)
+        self._sums.check()
         if self._gzip is not None:
             self._gzip.end()
 
 
 class Gunzip:
-    """Unpacks gzip, of one or more members, within bounds."""
+    """Unpacks gzip, of one or more members, within bounds.
+
+    Zeros after the last member are left out, as by gzip(1): RFC 1952 knows none, but who writes whole blocks adds them.
+    """
 
     def __init__(self) -> None:
+        self._padded = False
         self._member: Any = None  # typeshed names no type for it
         self._taken = self._given = self._members = 0
 
@@ -107,6 +111,11 @@ class Gunzip:
         """
         self._taken += len(part)
         while part:
+            if self._member is None and self._members and (self._padded or part[0] == 0):
+                self._padded = True
+                if part.strip(b"\0"):
+                    raise Refused(400, "bad-encoding", "after the zeros that follow what gzip packed, more bytes come")
+                return
             self._member = self._member or zlib.decompressobj(wbits=31)
             try:
                 piece = self._member.decompress(part, _PIECE_BYTES)
@@ -121,9 +130,11 @@ class Gunzip:
                 self._count_member()
 
     def end(self) -> None:
-        """Refuse what broke off."""
+        """Refuse what broke off, and an empty file."""
         if self._member is not None:
             raise Refused(400, "bad-encoding", "the body ends in the middle of what gzip packed: send it again")
+        if not self._given:
+            raise empty_body()
 
     def _count_member(self) -> None:
         self._members += 1
@@ -146,48 +157,6 @@ def check_media_type(content_type: str) -> None:
         raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
 
 
-def check_first_bytes(first: bytes) -> None:
-    """Refuse a page or a form that was sent as a file."""
-    found = "a page (HTML or XML)" if _PAGE.match(first) else "a form" if _FORM.match(first) else None
-    if found:
-        detail = f"the body is {found}, not a file of measurements: send the file's bytes alone, as {BYTES}"
-        raise Refused(415, "unsupported-media-type", detail, {"Accept": BYTES})
-
-
-def digests_of(headers: Headers) -> dict[str, bytes]:
-    """Of `Content-Digest` (RFC 9530), those whose algorithm is known here.
-
-    Raises
-    ------
-    Refused
-        400 `bad-digest`: it cannot be read.
-    """
-    given = _all_lines(headers, "content-digest")
-    members = [] if given is None else [_MEMBER.fullmatch(member) for member in given.split(",")]
-    found = dict[str, bytes]()
-    for member in members:
-        if member is None:
-            raise _bad_digest(given)
-        if member[1] in ALGORITHMS:
-            found[member[1]] = _decoded(member[1], member[2])
-    return found
-
-
-def _all_lines(headers: Headers, name: str) -> str | None:
-    """A header's value, of several lines all (RFC 9110, section 5.3)."""
-    return ",".join(headers.getlist(name)) or None
-
-
-def _decoded(name: str, text: str) -> bytes:
-    try:
-        value = b64decode(text, validate=True)
-    except ValueError:
-        value = b""
-    if len(value) != ALGORITHMS[name]().digest_size:
-        raise _bad_digest(f"{name}=:{text}:")
-    return value
-
-
-def _bad_digest(given: str | None) -> Refused:
-    example = "sha-256=:47DEQpj8HBSa+/TImW+5JCeuQeRkm5NMpJWZG3hSuFU=:"
-    return Refused(400, "bad-digest", f"Content-Digest must be as in {example}, not {(given or '')[:100]!r}")
+def empty_body() -> Refused:
+    """Refuse a file of no bytes."""
+    return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")

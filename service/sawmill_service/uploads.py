@@ -8,14 +8,13 @@ from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
+from sawmill_service.body_sums import BodySums
 from sawmill_service.problems import Refused
-from sawmill_service.sent_content import SentContent, check_first_bytes
+from sawmill_service.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.storage.arriving import Received, in_parts
 from sawmill_worker.storage.errors import UploadTooLarge
 from sawmill_worker.storage.store import Store
-
-_FIRST_BYTES = 1024
 
 InspectionId = Annotated[
     Identifier | None,
@@ -44,9 +43,11 @@ async def received_file(
         return await received_body(request, store, max_bytes=max_bytes)
     if inspection_id is not None and upload_id is not None:
         raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
+    sums = BodySums(request.headers)
     async for chunk in request.stream():
         if chunk:
             raise Refused(422, "two-files", "send a file or name an earlier one: the body has bytes, and one is named")
+    sums.check()
     if inspection_id is not None:
         return await run_in_threadpool(store.inspections.received_again, inspection_id)
     received = await run_in_threadpool(store.uploads.received, str(upload_id))
@@ -62,7 +63,7 @@ def _check(received: Received, max_bytes: int) -> None:
     if received.size_bytes > max_bytes:
         raise UploadTooLarge(max_bytes)
     with received.path.open("rb") as file:
-        check_first_bytes(file.read(_FIRST_BYTES))
+        FirstBytes().look(file.read(FirstBytes.NUMBER))
 
 
 async def received_body(request: Request, store: Store, *, max_bytes: int) -> Received:
@@ -113,17 +114,19 @@ async def chunks(request: Request) -> AsyncIterator[bytes]:
     The gate bounds the total; a client that goes away raises `ClientDisconnect`.
     """
     if request.headers.get("content-length") == "0":
-        raise _empty()
+        raise empty_body()
+    request.state.body_begun = True
     received = 0
     async for chunk in request.stream():
         received += len(chunk)
         if chunk:
             yield chunk
     if received == 0:
-        raise _empty()
+        raise empty_body()
     if declared_bytes(request) not in {0, received}:
         raise Refused(400, "bad-length", f"Content-Length says {declared_bytes(request)} bytes, but {received} came")
 
 
-def _empty() -> Refused:
-    return Refused(422, "empty-body", "the body is empty: send the file's bytes as the body")
+def body_begun(request: Request) -> bool:
+    """Whether a part of the file in the body has been read, by `chunks`."""
+    return getattr(request.state, "body_begun", False)

@@ -49,10 +49,11 @@ IN_ORDER = sorted(REQUESTS.glob("*.json"), key=lambda path: (path.stem.startswit
 @pytest.mark.parametrize("path", IN_ORDER, ids=lambda path: path.stem)
 def test_the_console_can_try_every_operation(seeded, path):
     example = json.loads(path.read_text())
-    options = {"params": example["query"]}
+    options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         offered = seeded.get(example["body_file"])
-        options |= {"content": offered.content, "headers": {"Content-Type": example["media_type"]}}
+        options["content"] = offered.content
+        options["headers"] |= {"Content-Type": example["media_type"]}
     elif example["media_type"]:
         options["json"] = example["body"]
     # The examples hold no key: one that nobody has would guard nothing.

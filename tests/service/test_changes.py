@@ -61,10 +61,11 @@ def changing_requests():
 
 
 def options_of(client, example):
-    options = {"params": example["query"]}
+    options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         content = client.get(example["body_file"]).content
-        return options | {"content": content, "headers": {"Content-Type": example["media_type"]}}
+        headers = example["headers"] | {"Content-Type": example["media_type"]}
+        return options | {"content": content, "headers": headers}
     return options | ({"json": example["body"]} if example["media_type"] else {})
 
 

@@ -16,11 +16,12 @@ FILES = sorted((FOLDER / "requests").glob("*.json"))
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_the_committed_example_request_works(seeded, store, path):
     example = json.loads(path.read_text())
-    options = {"params": example["query"]}
+    options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         offered = seeded.get(example["body_file"])
         assert offered.status_code == 200
-        options |= {"content": offered.content, "headers": {"Content-Type": example["media_type"]}}
+        options["content"] = offered.content
+        options["headers"] |= {"Content-Type": example["media_type"]}
     elif example["media_type"]:
         options["json"] = example["body"]
     # A fresh data folder holds no key: one that nobody has would guard nothing.

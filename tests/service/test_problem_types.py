@@ -22,6 +22,7 @@ SOURCES = [*(ROOT / "service").rglob("*.py"), *(ROOT / "worker" / "sawmill_worke
 CODES_AT = {
     "Refused": (1, "{}"),
     "problem_response": (2, "{}"),
+    "Busy": (0, "{}"),
     "Conflict": (0, "{}"),
     "Invalid": (0, "{}"),
     "OutOfRange": (0, "{}"),

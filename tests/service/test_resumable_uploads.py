@@ -1,10 +1,15 @@
 """Uploads in parts, without a network; tests/end_to_end/test_broken_uploads.py has one."""
 
 import hashlib
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from documented import check_documented
+from write_lock import write_lock
 
 from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.storage.upload_parts import Part
 
 CONTENT = bytes(range(256)) * 40
 SCANS = "/v1/scans?scanner_id=example&data=counts&upload_id="
@@ -89,4 +94,98 @@ def test_uploads_need_the_scope_to_submit(seeded, store):
     for scope, status in ((Scope.READ, 403), (Scope.SUBMIT, 201)):
         seeded.headers["Authorization"] = f"Bearer {store.keys.create(KeyAsk(name='own', scope=scope)).secret}"
         assert seeded.post("/v1/uploads", json={"size_bytes": 3}).status_code == status
-    assert seeded.request("PATCH", "/v1/uploads/example", content=b"abc").status_code == 200
+    assert patch(seeded, "/v1/uploads/example", 0, b"abc").status_code == 200
+
+
+@pytest.mark.parametrize(
+    ("headers", "sentence"),
+    [
+        ([], "Upload-Offset is missing"),
+        ([("Upload-Offset", "")], "Upload-Offset must be a count of bytes"),
+        ([("Upload-Offset", "7.0")], "as in 1048576, not '7.0'"),
+        ([("Upload-Offset", "+7")], "not '+7'"),
+        ([("Upload-Offset", "-1")], "not '-1'"),
+        ([("Upload-Offset", "7;")], "not '7;'"),
+        ([("Upload-Offset", "7"), ("Upload-Offset", "7")], "not '7, 7'"),
+        ([("Upload-Offset", "1" * 16)], "Upload-Offset must be"),
+        ([("Upload-Offset", "7"), ("Upload-Complete", "1")], "Upload-Complete must be ?1 or ?0, not '1'"),
+        ([("Upload-Offset", "7"), ("Upload-Complete", "true")], "Upload-Complete must be"),
+        ([("Upload-Offset", "7"), ("Upload-Length", "many")], "Upload-Length must be"),
+    ],
+    ids=lambda value: value.split(" ", 1)[0] if isinstance(value, str) else str(value)[:60],
+)
+def test_a_malformed_head_of_a_part_is_refused_with_a_sentence(seeded, headers, sentence):
+    path = begin(seeded)
+    patch(seeded, path, 0, CONTENT[:7])
+    refused = seeded.request("PATCH", path, content=CONTENT[7:], headers=headers)
+    assert (refused.status_code, refused.json()["code"]) == (400, "bad-upload-header"), refused.text
+    assert sentence in refused.json()["detail"]
+    assert seeded.get(path).json()["offset_bytes"] == 7
+    assert patch(seeded, path, "7;from=disk", CONTENT[7:]).status_code == 200, "unknown parameters mean nothing"
+
+
+async def unannounced(content):
+    yield content
+
+
+def test_a_part_that_is_no_last_one_may_not_say_so(seeded):
+    path = begin(seeded)
+    for content, kept in ((CONTENT[:5], 0), (unannounced(CONTENT[:5]), 5)):
+        refused = patch(seeded, path, 0, content, **{"Upload-Complete": "?1"})
+        assert (refused.status_code, refused.json()["code"]) == (400, "inconsistent-length"), refused.text
+        assert f"{len(CONTENT) - 5} bytes are missing" in refused.json()["detail"]
+        assert seeded.get(path).json()["offset_bytes"] == kept
+    wrong = patch(seeded, path, 5, CONTENT[5:], **{"Upload-Length": "5"})
+    assert (wrong.status_code, wrong.json()["code"]) == (400, "inconsistent-length")
+    assert patch(seeded, path, 5, CONTENT[5:9], **{"Upload-Complete": "?0"}).status_code == 200
+    right = {"Upload-Complete": "?1", "Upload-Length": str(len(CONTENT))}
+    assert patch(seeded, path, 9, CONTENT[9:], **right).headers["Upload-Complete"] == "?1"
+
+
+def test_a_busy_upload_says_when_to_come_back(seeded, store):
+    path = begin(seeded)
+    part = store.uploads.begin_part(path.rpartition("/")[2], 0)
+    busy = patch(seeded, path, 0, CONTENT)
+    part.close()
+    assert (busy.status_code, busy.json()["code"], busy.headers["Retry-After"]) == (409, "upload-busy", "5")
+    check_documented(busy)
+
+
+def test_a_page_cut_into_parts_is_not_used(seeded):
+    path = begin(seeded)
+    page = b"<html>" + CONTENT[6:]
+    assert patch(seeded, path, 0, page[:1]).status_code == 200
+    assert patch(seeded, path, 1, page[1:]).status_code == 200
+    refused = seeded.post(f"{SCANS}{path.rpartition('/')[2]}")
+    assert (refused.status_code, refused.json()["code"]) == (415, "unsupported-media-type")
+
+
+def test_a_locked_database_is_answered_before_a_part_is_read(seeded, store):
+    path = begin(seeded)
+    with write_lock(store.files.folder / "sawmill.db"):
+        assert patch(seeded, path, 0, CONTENT).status_code == 503
+
+        async def untouchable():
+            raise AssertionError("a byte of the body was asked for")
+            yield b""
+
+        assert patch(seeded, path, 0, untouchable()).status_code == 503
+
+
+def test_the_sum_of_a_large_file_keeps_no_other_part_waiting(seeded, monkeypatch):
+    """As many files as there are threads for sums are being summed up."""
+    summing, go_on = threading.Semaphore(0), threading.Event()
+
+    def slow_sum(_):
+        summing.release()
+        assert go_on.wait(20)
+        return hashlib.sha256(CONTENT).hexdigest()
+
+    monkeypatch.setattr(Part, "_sha256", slow_sum)
+    paths = [begin(seeded) for _ in range(3)]
+    with ThreadPoolExecutor(2) as pool:
+        whole = [pool.submit(patch, seeded, path, 0, CONTENT) for path in paths[:2]]
+        assert all(summing.acquire(timeout=20) for _ in whole)
+        assert patch(seeded, paths[2], 0, CONTENT[:9]).json()["offset_bytes"] == 9
+        go_on.set()
+        assert [answer.result().headers["Upload-Complete"] for answer in whole] == ["?1", "?1"]

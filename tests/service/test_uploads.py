@@ -4,9 +4,11 @@ import gzip
 import hashlib
 import shutil
 from base64 import b64encode
+from json import dumps
 
 import numpy as np
 import pytest
+from documented import check_documented
 from write_lock import write_lock
 
 from sawmill_service.app import create_app
@@ -79,6 +81,14 @@ def test_a_page_or_a_form_is_not_stored_whatever_it_is_called(seeded, store, pag
     assert incoming(store) == []
 
 
+def test_a_page_is_known_however_it_is_cut(seeded, store):
+    page = b"\xef\xbb\xbf <!doctype html>" + bytes(2000)
+    packed = b"".join(gzip.compress(page[begin : begin + 1]) for begin in range(20)) + gzip.compress(page[20:])
+    answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})
+    assert (answer.status_code, answer.json()["code"]) == (415, "unsupported-media-type")
+    assert incoming(store) == []
+
+
 @pytest.mark.parametrize("name", ["sha256", "sha512"])
 def test_a_digest_is_checked(seeded, store, name):
     good = seeded.post(SCANS, content=b"scan", headers={"Content-Digest": f"unixsum=:AA==:, {digest(b'scan', name)}"})
@@ -124,8 +134,15 @@ def test_a_packed_body_is_unpacked_and_its_digest_is_of_what_was_sent(seeded):
         (b"no gzip", 400, "bad-encoding"),
         # Nothing in it counts as long, but each member costs time.
         (gzip.compress(b"", mtime=0) * 200, 400, "bad-encoding"),
+        (gzip.compress(b"", mtime=0), 422, "empty-body"),
+        (gzip.compress(b"scan", mtime=0) + bytes(9) + gzip.compress(b"scan", mtime=0), 400, "bad-encoding"),
+        (gzip.compress(b"scan", mtime=0) + b"more", 400, "bad-encoding"),
+        (bytes(9) + gzip.compress(b"scan", mtime=0), 400, "bad-encoding"),
     ],
-    ids=["too large", "cut short", "no gzip", "empty members"],
+    ids=[
+        *("too large", "cut short", "no gzip", "empty members", "empty file", "a member after zeros", "garbage"),
+        "zeros before",
+    ],
 )
 def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, packed, status, code):
     answer = seeded.post(SCANS, content=packed, headers={"Content-Encoding": "gzip"})
@@ -133,8 +150,69 @@ def test_a_body_that_unpacks_to_too_much_or_badly_is_refused(seeded, store, pack
     assert incoming(store) == []
 
 
+@pytest.mark.parametrize("pieces", [1, 7, 600])
+def test_zeros_after_the_last_member_are_left_out_as_by_gzip(seeded, pieces):
+    content = np.random.default_rng(2).bytes(700)
+    sent = gzip.compress(content[:300]) + gzip.compress(content[300:]) + bytes(1000)
+
+    async def body():
+        for begin in range(0, len(sent), step := -(-len(sent) // pieces)):
+            yield sent[begin : begin + step]
+
+    scan = seeded.post(SCANS, content=body(), headers={"Content-Encoding": "gzip"}).json()
+    assert (scan["size_bytes"], scan["sha256"]) == (len(content), hashlib.sha256(content).hexdigest())
+
+
 def test_a_bomb_is_refused_by_its_ratio(seeded, settings, store):
     seeded.app = create_app(settings.model_copy(update={"max_upload_bytes": 2**30}), store, print)
     answer = seeded.post(SCANS, content=gzip.compress(bytes(2**26)), headers={"Content-Encoding": "gzip"})
     assert (answer.status_code, answer.json()["code"]) == (413, "packed-too-well")
     assert incoming(store) == []
+
+
+SCANNER = {
+    "name": "Line 7",
+    "constants": {"source_to_cor_mm": 859.46, "num_detector_pixels": 16, "detector_pitch_mm": 1},
+}
+
+
+def test_the_digest_of_any_other_body_is_checked_too(seeded, store):
+    body, json = str.encode(dumps(SCANNER)), {"Content-Type": "application/json"}
+    # Damaged so that it is JSON no more, and so that it is another scanner: neither is answered as if it was meant.
+    for damaged in (body[:-1] + b"?", body.replace(b"Line 7", b"Line 8")):
+        answer = seeded.post("/v1/scanners", content=damaged, headers=json | {"Content-Digest": digest(body)})
+        assert (answer.status_code, answer.json()["code"]) == (400, "digest-mismatch")
+        check_documented(answer)
+    malformed = seeded.post("/v1/scanners", content=untouchable(), headers=json | {"Content-Digest": "sha-256=5"})
+    assert (malformed.status_code, malformed.json()["code"]) == (400, "bad-digest")
+    assert len(store.scanners.page().items) == 2, "those of the examples"
+    for good in (digest(body), f'unixsum=:AA==:;by="a,b", {digest(body, "sha512")}', "md5=:AAAA:", ""):
+        answer = seeded.post("/v1/scanners", content=body, headers=json | {"Content-Digest": good})
+        assert answer.status_code == 201, (good, answer.text)
+
+
+@pytest.mark.parametrize("path", ["/v1/jobs/example/cancel", SCANS + "&inspection_id=example"])
+def test_the_digest_of_a_body_that_is_empty_is_checked_too(seeded, path):
+    wrong = seeded.post(path, headers={"Content-Digest": digest(b"something")})
+    assert (wrong.status_code, wrong.json()["code"]) == (400, "digest-mismatch")
+    assert seeded.post(path, headers={"Content-Digest": digest(b"")}).status_code == 202
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "code"),
+    [
+        ("POST", "/v1/scanz", 404, "unknown-path"),
+        ("POST", "/nothing", 404, "unknown-path"),
+        ("PATCH", "/v1/scans", 405, "method-not-allowed"),
+        ("PUT", "/v1/phantoms/pictures", 405, "method-not-allowed"),
+        ("POST", "/v1/uploads/example", 405, "method-not-allowed"),
+        ("POST", "/static/console.js", 405, "method-not-allowed"),
+        ("PUT", "/v1/scanners/example", 413, "body-too-large"),
+        ("POST", "/v1/scanners", 413, "body-too-large"),
+        ("DELETE", "/v1/phantoms/pictures", 405, "method-not-allowed"),
+    ],
+)
+def test_what_is_no_route_is_answered_before_the_length_of_a_body(seeded, method, path, status, code):
+    answer = seeded.request(method, path, content=untouchable(), headers={"Content-Length": str(10**9)})
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert ("Allow" in answer.headers) is (status == 405)

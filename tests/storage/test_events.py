@@ -122,8 +122,10 @@ def test_uploads_that_are_refused_or_expire_are_announced_with_the_reason(store,
     )
     part = store.uploads.begin_part(other.id, 0)
     part.take(AsSent(), b"scan", commits=True)
+    part.finish(AsSent())
     with pytest.raises(Damaged):
-        part.finish(AsSent())
+        part.complete()
+    part.close()
     clock.advance(days=2)
     store.uploads.remove_expired()
     assert [(event.what.value, event.subject_id, event.detail) for event in reader.read()[2:]] == [

@@ -5,11 +5,13 @@ from typing import Any
 
 import pytest
 
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.arriving import AsSent
-from sawmill_worker.storage.errors import Conflict, Damaged, NotFound
+from sawmill_worker.storage.errors import Conflict, Damaged, NotFound, StorageFull
+from sawmill_worker.storage.repeats import Answer, KeyedRequest
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
 from sawmill_worker.vocabulary import DataKind
@@ -26,6 +28,9 @@ def send(store: Store, upload: Upload, first: int, end: int) -> Upload:
     part = store.uploads.begin_part(upload.id, first)
     part.take(AsSent(), CONTENT[first:end], commits=True)
     part.finish(AsSent())
+    if not part.missing_bytes:
+        part.complete()
+    part.close()
     return store.uploads.get(upload.id)
 
 
@@ -62,7 +67,7 @@ def test_one_part_comes_at_a_time_and_what_was_not_counted_never_came(store):
     part.take(AsSent(), b"dam", commits=False)
     with pytest.raises(Conflict, match="another part"):
         store.uploads.begin_part(upload.id, 0)
-    part.break_off(commits=False)
+    part.close()
     send(store, upload, 0, 3)
     with pytest.raises(Conflict, match="lacks 7 of 10 bytes, but the part has 8"):
         store.uploads.begin_part(upload.id, 3, part_bytes=8)
@@ -73,14 +78,6 @@ def test_one_part_comes_at_a_time_and_what_was_not_counted_never_came(store):
     assert send(store, upload, 3, 10).sha256 == hashlib.sha256(CONTENT).hexdigest()
 
 
-def test_a_part_that_breaks_after_its_last_byte_completes_the_upload(store):
-    upload = create(store)
-    part = store.uploads.begin_part(upload.id, 0)
-    part.take(AsSent(), CONTENT, commits=True)
-    part.break_off(commits=True)
-    assert store.uploads.get(upload.id).sha256 == hashlib.sha256(CONTENT).hexdigest()
-
-
 def test_an_upload_whose_sum_was_not_ended_is_completed_by_an_empty_part(store):
     upload = create(store)
     part = store.uploads.begin_part(upload.id, 0)
@@ -89,8 +86,7 @@ def test_an_upload_whose_sum_was_not_ended_is_completed_by_an_empty_part(store):
     part.close()
     with pytest.raises(Conflict, match="send an empty part"):
         store.uploads.received(upload.id)
-    part = store.uploads.begin_part(upload.id, 10)
-    part.finish(AsSent())
+    send(store, upload, 10, 10)
     assert store.uploads.get(upload.id).state is UploadState.COMPLETE
 
 
@@ -98,8 +94,9 @@ def test_a_file_that_is_another_one_than_declared_goes(store):
     upload = create(store, sha256="0" * 64)
     part = store.uploads.begin_part(upload.id, 0)
     part.take(AsSent(), CONTENT, commits=True)
+    part.finish(AsSent())
     with pytest.raises(Damaged, match="send it again"):
-        part.finish(AsSent())
+        part.complete()
     part.close()
     with pytest.raises(NotFound):
         store.uploads.get(upload.id)
@@ -114,6 +111,58 @@ def test_a_deleted_upload_takes_no_more(store):
     with pytest.raises(NotFound):
         part.finish(AsSent())
     part.close()
+
+
+def test_an_upload_that_is_deleted_before_its_sum_is_gone(store):
+    upload = create(store)
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=True)
+    part.finish(AsSent())
+    store.uploads.delete(upload.id)
+    with pytest.raises(NotFound):
+        part.complete()
+    part.close()
+    assert list((store.files.folder / "unfinished").iterdir()) == []
+
+
+def test_a_part_that_counts_as_a_whole_does_not_take_the_reserve_either(store, monkeypatch):
+    monkeypatch.setattr("sawmill_worker.storage.upload_parts.STEP_BYTES", 4)
+    upload = create(store)
+    for commits in (False, True):
+        part = store.uploads.begin_part(upload.id, 0, reserve_bytes=2**62)
+        with pytest.raises(StorageFull, match="SAWMILL_DISK_RESERVE_BYTES"):
+            part.take(AsSent(), CONTENT, commits=commits)
+        part.close()
+    assert send(store, upload, 0, 10).state is UploadState.COMPLETE
+
+
+def test_the_bytes_of_a_used_upload_have_one_name_after_the_commit_and_its_own_where_there_is_none(store, scanner):
+    spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+    used, kept = create(store), create(store)
+    for upload in (used, kept):
+        send(store, upload, 0, 10)
+    scan = store.scans.accept(spec, store.uploads.received(used.id))
+    assert store.files.upload(JobKind.INGEST, scan.id).stat().st_nlink == 1
+    assert not store.files.unfinished(used.id).exists()
+
+    def refused():
+        store.scans.accept(spec, store.uploads.received(kept.id))
+        raise Conflict("scan-in-use", "something that comes after it in the same transaction")
+
+    with pytest.raises(Conflict, match="after it"):
+        store.repeats.once(KeyedRequest("somebody", "once", "0" * 64), refused, lambda _: Answer(202, {}, ""))
+    assert store.uploads.get(kept.id).state is UploadState.COMPLETE
+    again = store.scans.accept(spec, store.uploads.received(kept.id))
+    assert store.files.upload(JobKind.INGEST, again.id).read_bytes() == CONTENT
+    assert list((store.files.folder / "unfinished").iterdir()) == []
+
+
+def test_an_upload_whose_file_is_lost_says_so(store):
+    upload = create(store)
+    send(store, upload, 0, 10)
+    store.files.unfinished(upload.id).unlink()
+    with pytest.raises(Conflict, match="are gone: delete it"):
+        store.uploads.received(upload.id)
 
 
 def test_what_a_key_and_all_may_leave_waiting_is_bounded(store):

@@ -60,14 +60,14 @@ async def inspect_file(
     repeatable: TheRepeatableWithFile,
 ) -> Inspection:
     """As declared."""
-    await repeatable.check_sent()
-    received = await received_file(
-        request,
-        store,
-        max_bytes=settings.max_upload_bytes,
-        inspection_id=upload.inspection_id,
-        upload_id=upload.upload_id,
-    )
+    async with repeatable.unless_repeated():
+        received = await received_file(
+            request,
+            store,
+            max_bytes=settings.max_upload_bytes,
+            inspection_id=upload.inspection_id,
+            upload_id=upload.upload_id,
+        )
 
     def accepted() -> Inspection:
         inspection = store.inspections.accept_file(upload.options, received, name=upload.name, priority=upload.priority)

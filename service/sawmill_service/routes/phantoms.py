@@ -89,8 +89,8 @@ async def upload_phantom_picture(
     Bright is wood. A row of the picture is +x, a column +y, its centre the rotation centre.
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
-    await repeatable.check_sent()
-    received = await received_file(request, store, max_bytes=settings.max_picture_bytes, upload_id=upload.upload_id)
+    async with repeatable.unless_repeated():
+        received = await received_file(request, store, max_bytes=settings.max_picture_bytes, upload_id=upload.upload_id)
 
     def accepted() -> StoredPhantom:
         phantom = store.phantoms.accept_picture(upload.picture, received, priority=upload.priority)

@@ -91,15 +91,15 @@ async def upload_scan(
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """
-    await repeatable.check_sent()
-    await run_in_threadpool(store.scans.check, upload.spec)
-    received = await received_file(
-        request,
-        store,
-        max_bytes=settings.max_upload_bytes,
-        inspection_id=upload.inspection_id,
-        upload_id=upload.upload_id,
-    )
+    async with repeatable.unless_repeated():
+        await run_in_threadpool(store.scans.check, upload.spec)
+        received = await received_file(
+            request,
+            store,
+            max_bytes=settings.max_upload_bytes,
+            inspection_id=upload.inspection_id,
+            upload_id=upload.upload_id,
+        )
 
     def accepted() -> Scan:
         scan = store.scans.accept(upload.spec, received, priority=upload.priority)

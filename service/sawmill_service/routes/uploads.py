@@ -2,23 +2,21 @@
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
-from typing import Annotated
 
-from fastapi import APIRouter, Header, Request, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from pydantic import Field
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
+from sawmill_service.announced_part import HEADERS, AnnouncedPart, announced_part
 from sawmill_service.dependencies import TheSettings, TheStore
-from sawmill_service.described_answers import offset_answered
+from sawmill_service.described_answers import offset_answered, with_some
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
 from sawmill_service.refusals import refuses, refuses_upload
 from sawmill_service.repeats import repeatable
 from sawmill_service.sent_content import BYTES, SentContent
 from sawmill_service.settings import ServiceSettings
-from sawmill_service.uploads import declared_bytes
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.uploads import Upload, UploadAsk, UploadState
 from sawmill_worker.storage.arriving import in_parts
@@ -30,12 +28,6 @@ from sawmill_worker.storage.uploads import UploadQuota, WrongOffset
 router = APIRouter(prefix="/v1/uploads", tags=["uploads"])
 # Summing up a large file takes as long as reading it; the threads that write others do not wait for that.
 _SUMS = ThreadPoolExecutor(2, "sums-of-uploads")
-
-Offset = Annotated[
-    int,
-    Header(description="Where the part begins, in bytes: the offset that `HEAD` gives.", examples=[0]),
-    Field(ge=0, le=10**18),
-]
 
 
 @router.post(
@@ -71,21 +63,26 @@ def get_upload(upload_id: Identifier, store: TheStore, response: Response) -> Up
     "/{upload_id}",
     summary="Send a part of an upload",
     responses=offset_answered()
-    | refuses_upload(
-        *("upload-not-found", "upload-busy", "upload-complete", "upload-too-long", "upload-used", "wrong-offset")
+    | with_some(
+        refuses_upload(
+            *("bad-upload-header", "inconsistent-length", "upload-not-found", "upload-busy", "upload-complete"),
+            *("upload-lost", "upload-too-long", "upload-used", "wrong-offset"),
+        ),
+        409,
+        *("Retry-After", "Upload-Offset"),
     ),
-    openapi_extra=trying_file(BYTES, "/examples/phantom-scan.npz", required=False, upload_id="example"),
+    openapi_extra={"parameters": HEADERS}
+    | trying_file(BYTES, "/examples/phantom-scan.npz", required=False, upload_id="example"),
 )
-async def send_part(
-    upload_id: Identifier, request: Request, store: TheStore, response: Response, upload_offset: Offset = 0
-) -> Upload:
+async def send_part(upload_id: Identifier, request: Request, store: TheStore, response: Response) -> Upload:
     """The body is the file's bytes from the offset on, all that are missing or fewer.
 
     What came before a connection broke is kept, unless the part has a `Content-Digest`: then it counts as a whole.
     """
-    content = SentContent(request.headers, packed=False, begins=upload_offset == 0)
-    part = await run_in_threadpool(_begin, store, upload_id, upload_offset, declared_bytes(request))
-    await _receive(part, request, content)
+    announced = announced_part(request.headers)
+    content = SentContent(request.headers, packed=False, begins=announced.offset_bytes == 0)
+    part = await run_in_threadpool(_begin, store, upload_id, announced)
+    await _receive(part, announced, request, content)
     return _with_headers(response, await run_in_threadpool(store.uploads.get, upload_id))
 
 
@@ -101,27 +98,45 @@ def delete_upload(upload_id: Identifier, store: TheStore) -> None:
     store.uploads.delete(upload_id)
 
 
-async def _receive(part: Part, request: Request, content: SentContent) -> None:
+async def _receive(part: Part, announced: AnnouncedPart, request: Request, content: SentContent) -> None:
     """Write a part in threads; however it ends, the file is free for the next one."""
     commits = not content.has_digest
     try:
         async for piece in in_parts(request.stream()):
             await asyncio.to_thread(part.take, content, piece, commits=commits)
-        await asyncio.get_running_loop().run_in_executor(_SUMS, part.finish, content)
+        announced.check_end(part.missing_bytes)
+        await asyncio.to_thread(part.finish, content)
+        await _complete_if_whole(part)
     except (ClientDisconnect, HTTPException):  # the sender's
-        await asyncio.to_thread(part.break_off, commits=commits)
+        if commits:
+            await asyncio.to_thread(part.commit)
+            await _complete_if_whole(part)
         raise
-    except BaseException:
+    finally:
         part.close()
-        raise
 
 
-def _begin(store: Store, upload_id: str, offset_bytes: int, part_bytes: int) -> Part:
-    reserve_bytes = store.settings.disk_reserve_bytes
+async def _complete_if_whole(part: Part) -> None:
+    if not part.missing_bytes:
+        await asyncio.get_running_loop().run_in_executor(_SUMS, part.complete)
+
+
+def _begin(store: Store, upload_id: str, announced: AnnouncedPart) -> Part:
     try:
-        return store.uploads.begin_part(upload_id, offset_bytes, part_bytes=part_bytes, reserve_bytes=reserve_bytes)
+        part = store.uploads.begin_part(
+            upload_id,
+            announced.offset_bytes,
+            part_bytes=announced.part_bytes or 0,
+            reserve_bytes=store.settings.disk_reserve_bytes,
+        )
     except WrongOffset as error:
         raise Refused(409, "wrong-offset", str(error), {"Upload-Offset": str(error.expected_bytes)}) from error
+    try:
+        announced.check(part.upload)
+    except Refused:
+        part.close()
+        raise
+    return part
 
 
 def _quota(settings: ServiceSettings) -> UploadQuota:

@@ -3,6 +3,7 @@
 StorageError
 ├── NotFound            no such resource, or it has no such file
 ├── Conflict            the resource's state forbids it
+│   └── Busy            for a moment only
 ├── Invalid             a value that cannot be right, such as a cron expression of four fields
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
@@ -39,6 +40,10 @@ class Conflict(StorageError):  # noqa: N818
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
         self.code = code
+
+
+class Busy(Conflict):
+    """Somebody else is at it; asking again in a moment may help."""
 
 
 class Invalid(StorageError):  # noqa: N818

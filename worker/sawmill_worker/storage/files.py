@@ -139,7 +139,7 @@ class FileStore:
             for name in names:
                 with suppress(FileNotFoundError):
                     (checkpoints_of(output) / _checked(name)).rename(folder / name)
-            _flush(folder)
+            flush(folder)
 
     def forget_kept(self, job_id: str) -> None:
         """Remove the checkpoints of a job."""
@@ -150,7 +150,7 @@ class FileStore:
         with disk_full_reported("publishing a result"):
             self.remove(final)
             output.rename(final)
-            _flush(final.parent)
+            flush(final.parent)
 
     def remove(self, path: Path) -> None:
         """Remove a file or folder in one step, as others see it; nothing happens if there is none."""
@@ -208,8 +208,8 @@ class FileStore:
                 received.path.rename(path)
             except FileNotFoundError as error:
                 raise StorageUnavailable("the upload stood still until it was given up: send it again") from error
-            _flush(path.parent)
-            _flush(path.parent.parent)
+            flush(path.parent)
+            flush(path.parent.parent)
 
     def receive_again(self, kind: JobKind, subject_id: str, *, size_bytes: int, sha256: str) -> Received | None:
         """An upload that has an owner, under a second name for another one: no byte is copied. None: it is gone."""
@@ -305,7 +305,7 @@ class FileStore:
         except FileNotFoundError:
             self.discard(made)
             raise NotFound(path.name.replace(".", "-"), path.parent.name) from None
-        _flush(path.parent)
+        flush(path.parent)
 
     def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
         path = self.folder / "incoming" / uuid4().hex
@@ -354,11 +354,12 @@ def flush_tree(folder: Path) -> None:
     """
     with disk_full_reported("a result"):
         for path in folder.rglob("*"):
-            _flush(path)
-        _flush(folder)
+            flush(path)
+        flush(folder)
 
 
-def _flush(path: Path) -> None:
+def flush(path: Path) -> None:
+    """Make a file durable, or of a folder the names in it."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -17,8 +17,9 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.uploads import Upload, UploadState
 from sawmill_worker.storage.arriving import STEP_BYTES, Content, check_free
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.errors import Conflict, Damaged, NotFound, disk_full_reported
+from sawmill_worker.storage.errors import Busy, Conflict, Damaged, NotFound, disk_full_reported
 from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.files import flush
 from sawmill_worker.storage.tables import UploadRow
 
 # A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
@@ -36,7 +37,7 @@ class Part:
 
     Raises
     ------
-    Conflict
+    Busy
         Another part of it is coming.
     """
 
@@ -52,7 +53,7 @@ class Part:
         except BlockingIOError:
             os.close(self._file)
             msg = f"another part of upload {upload_id!r} is coming: wait for its end, and ask for the offset"
-            raise Conflict("upload-busy", msg) from None
+            raise Busy("upload-busy", msg) from None
 
     def begin(self, upload: Upload, *, reserve_bytes: int = 0) -> None:
         """Go on where the row says.
@@ -62,16 +63,21 @@ class Part:
         Conflict
             The file has lost what the row says has come.
         """
-        self._upload, self._reserve_bytes = upload, reserve_bytes
+        self.upload, self._reserve_bytes = upload, reserve_bytes
         self._committed = self._written = upload.offset_bytes
-        self._committed_s = time.monotonic()
+        self._flushed, self._flushed_s = self._written, time.monotonic()
         if os.fstat(self._file).st_size < upload.offset_bytes:
-            raise Conflict("upload-lost", f"the bytes of upload {self._id!r} are gone: delete it, and send them again")
+            raise lost(self._id)
         os.ftruncate(self._file, upload.offset_bytes)
         os.lseek(self._file, upload.offset_bytes, os.SEEK_SET)
 
+    @property
+    def missing_bytes(self) -> int:
+        """What must still come before the file is whole."""
+        return self.upload.size_bytes - self._written
+
     def take(self, content: Content, part: bytes, *, commits: bool) -> None:
-        """Write on, and count now and then what is durable, where it counts before the part has come whole.
+        """Write on, and now and then flush what has come; it is counted where it may before the part has come whole.
 
         Raises
         ------
@@ -79,44 +85,40 @@ class Part:
             The file would become too long, has been deleted, or there is no room for it.
         """
         for chunk in content.take(part):
-            if self._written + len(chunk) > self._upload.size_bytes:
-                msg = f"more comes than the {self._upload.size_bytes} bytes that upload {self._id!r} was declared with"
+            if self._written + len(chunk) > self.upload.size_bytes:
+                msg = f"more comes than the {self.upload.size_bytes} bytes that upload {self._id!r} was declared with"
                 raise Conflict("upload-too-long", msg)
             self._write(chunk)
-        due = self._written - self._committed >= STEP_BYTES or time.monotonic() - self._committed_s > _STEP_S
-        if commits and due:
+        if self._written - self._flushed >= STEP_BYTES or time.monotonic() - self._flushed_s > _STEP_S:
             check_free(self._path.parent, self._reserve_bytes, needed_by="SAWMILL_DISK_RESERVE_BYTES")
-            self.commit()
+            if commits:
+                self.commit()
+            else:
+                self._flush()
 
     def commit(self) -> None:
         """Make what has come durable, then count it."""
-        with self._open(), disk_full_reported("the upload"):
-            os.fdatasync(self._file)
+        self._flush()
         with self._database.write() as session:
             self._change(session, offset_bytes=self._written)
-        self._committed, self._committed_s = self._written, time.monotonic()
+        self._committed = self._written
 
     def finish(self, content: Content) -> None:
-        """End the part; the last one makes the upload complete.
+        """Count the rest of a part that has come whole."""
+        content.end()
+        self.commit()
+
+    def complete(self) -> None:
+        """Make the upload complete; for a large file the sum takes long.
 
         Raises
         ------
         Damaged
             The file is another one than declared: nothing of it is kept.
+        NotFound
+            It has been deleted.
         """
-        content.end()
-        self.commit()
-        self._complete_if_whole()
-        self.close()
-
-    def break_off(self, *, commits: bool) -> None:
-        """End a part that did not come whole; what has come counts, unless it was to be checked as a whole."""
-        try:
-            if commits:
-                self.commit()
-                self._complete_if_whole()
-        finally:
-            self.close()
+        self._complete(self._sha256())
 
     def close(self) -> None:
         """Let others write."""
@@ -128,8 +130,16 @@ class Part:
     def _open(self) -> Iterator[None]:
         with self._writing:
             if self._closed:
-                raise Conflict("upload-busy", f"this part of upload {self._id!r} was ended: ask for the offset")
+                raise Busy("upload-busy", f"this part of upload {self._id!r} was ended: ask for the offset")
             yield
+
+    def _flush(self) -> None:
+        """Make what has come durable, at first with the file's name."""
+        with self._open(), disk_full_reported("the upload"):
+            os.fdatasync(self._file)
+            if not self._committed:
+                flush(self._path.parent)
+        self._flushed, self._flushed_s = self._written, time.monotonic()
 
     def _write(self, chunk: bytes) -> None:
         with self._open(), disk_full_reported("the upload"):
@@ -138,27 +148,22 @@ class Part:
                 left = left[os.write(self._file, left) :]
         self._written += len(chunk)
 
-    def _complete_if_whole(self) -> None:
-        if self._committed == self._upload.size_bytes:
-            self._complete(self._sha256())
-
     def _sha256(self) -> str:
         """Of what lies on the disk: the parts may have come to several processes. Ends when the part is closed."""
         computed = hashlib.sha256()
-        with self._path.open("rb") as file:
-            while piece := file.read(_PIECE_BYTES):
-                computed.update(piece)
-                with self._open():
-                    pass
+        for begin in range(0, self.upload.size_bytes, _PIECE_BYTES):
+            with self._open():
+                piece = os.pread(self._file, _PIECE_BYTES, begin)
+            computed.update(piece)
         return computed.hexdigest()
 
     def _complete(self, sha256: str) -> None:
-        if self._upload.sha256 not in {None, sha256}:
+        if self.upload.sha256 not in {None, sha256}:
             with self._database.write() as session:
                 session.execute(delete(UploadRow).where(UploadRow.id == self._id))
                 announce_deleted(session, self._database.now(), self._id, "the file that came has another sha256")
             self._path.unlink(missing_ok=True)
-            msg = f"the file that came has the sha256 {sha256}, not {self._upload.sha256}: send it again"
+            msg = f"the file that came has the sha256 {sha256}, not {self.upload.sha256}: send it again"
             raise Damaged(msg)
         with self._database.write() as session:
             now = self._change(session, sha256=sha256, state=UploadState.COMPLETE)
@@ -172,6 +177,11 @@ class Part:
         if changed.rowcount != 1:  # type: ignore[attr-defined]
             raise NotFound("upload", self._id)
         return now
+
+
+def lost(upload_id: str) -> Conflict:
+    """The disk does not have what the row says has come."""
+    return Conflict("upload-lost", f"the bytes of upload {upload_id!r} are gone: delete it, and send them again")
 
 
 def announce_deleted(session: Session, now: datetime, upload_id: str, reason: str) -> None:

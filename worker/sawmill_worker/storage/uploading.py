@@ -3,12 +3,13 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.arriving import Received
-from sawmill_worker.storage.database import lock_files_of
+from sawmill_worker.storage.database import after_commit, lock_files_of
 from sawmill_worker.storage.errors import StorageFull
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.uploads import use_up
@@ -20,7 +21,8 @@ def kept_upload(
 ) -> Iterator[Callable[[Session, datetime], None]]:
     """Yield the function that gives the upload its owner; call it last in the transaction that writes the rows.
 
-    An upload that can be resumed is used up in the same transaction; its own name goes with the `leftovers`.
+    An upload that can be resumed is used up in the same transaction. After the commit its own name goes, with the
+    `leftovers` where the process was killed between the two.
 
     When the block raises before that call, the upload is discarded; a file that an older subject of the same id owns is
     not touched. After it, only the commit is left to fail. A full disk is the database's own answer: there are no rows,
@@ -43,3 +45,5 @@ def kept_upload(
         if named and isinstance(error, StorageFull):
             files.remove_upload(kind, subject_id)
         raise
+    if received.upload_id is not None:
+        after_commit(partial(files.unfinished(received.upload_id).unlink, missing_ok=True))

@@ -18,7 +18,7 @@ from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, new_id, refuse_taken
 from sawmill_worker.storage.tables import UploadRow
-from sawmill_worker.storage.upload_parts import Part, announce_deleted
+from sawmill_worker.storage.upload_parts import Part, announce_deleted, lost
 
 _QUOTA_LOCK = "uploads"
 
@@ -79,7 +79,7 @@ class Uploads:
             return _read(found(session, UploadRow, "upload", upload_id))
 
     def begin_part(self, upload_id: str, offset_bytes: int, *, part_bytes: int = 0, reserve_bytes: int = 0) -> Part:
-        """Open an upload for its next part, which nobody else writes meanwhile; `finish` or `break_off` must follow.
+        """Open an upload for its next part, which nobody else writes meanwhile; `close` must follow.
 
         Parameters
         ----------
@@ -95,7 +95,10 @@ class Uploads:
         NotFound, WrongOffset, Conflict
             There is no such upload, it goes on elsewhere, it is complete or would become too long, or another part of
             it is coming.
+        StorageUnavailable
+            The database does not answer, or could not take the part.
         """
+        self._database.check_writable()
         self._awaited(upload_id, offset_bytes, part_bytes)  # before a file of this name is made
         part = Part(self._files.unfinished(upload_id), upload_id, self._database)
         try:
@@ -121,7 +124,7 @@ class Uploads:
             self._files.unfinished(upload_id), size_bytes=upload.size_bytes, sha256=str(upload.sha256)
         )
         if again is None:
-            raise NotFound("upload", upload_id)
+            raise _not_usable(self.get(upload_id))  # somebody has just used it, or deleted it
         return Received(again.path, again.size_bytes, again.sha256, upload_id)
 
     def promised_bytes(self) -> int:
@@ -216,8 +219,11 @@ def _check_quota(session: Session, row: UploadRow, quota: UploadQuota) -> None:
 
 
 def _not_usable(upload: Upload) -> Conflict:
+    """Why nothing can be made of it; of one that is complete, that its file is gone."""
     if upload.state is UploadState.USED:
         return Conflict("upload-used", f"upload {upload.id!r} has become {upload.used_by}: send the file again")
+    if upload.state is UploadState.COMPLETE:
+        return lost(upload.id)
     if upload.offset_bytes == upload.size_bytes:
         msg = f"upload {upload.id!r} has come whole and was not yet summed up: send an empty part at its end"
         return Conflict("upload-incomplete", msg)

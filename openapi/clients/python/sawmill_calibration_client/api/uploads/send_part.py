@@ -15,11 +15,18 @@ def _get_kwargs(
     upload_id: str,
     *,
     body: File | Unset = UNSET,
-    upload_offset: int | Unset = 0,
+    upload_offset: int,
+    upload_complete: str | Unset = UNSET,
+    upload_length: int | Unset = UNSET,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
-    if not isinstance(upload_offset, Unset):
-        headers["upload-offset"] = str(upload_offset)
+    headers["Upload-Offset"] = str(upload_offset)
+
+    if not isinstance(upload_complete, Unset):
+        headers["Upload-Complete"] = upload_complete
+
+    if not isinstance(upload_length, Unset):
+        headers["Upload-Length"] = str(upload_length)
 
     _kwargs: dict[str, Any] = {
         "method": "patch",
@@ -137,7 +144,9 @@ def sync_detailed(
     *,
     client: AuthenticatedClient,
     body: File | Unset = UNSET,
-    upload_offset: int | Unset = 0,
+    upload_offset: int,
+    upload_complete: str | Unset = UNSET,
+    upload_length: int | Unset = UNSET,
 ) -> Response[Problem | Upload]:
     """Send a part of an upload
 
@@ -148,8 +157,9 @@ def sync_detailed(
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
-        upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
-            gives. Default: 0.
+        upload_offset (int):
+        upload_complete (str | Unset):
+        upload_length (int | Unset):
         body (File | Unset):
 
     Raises:
@@ -164,6 +174,8 @@ def sync_detailed(
         upload_id=upload_id,
         body=body,
         upload_offset=upload_offset,
+        upload_complete=upload_complete,
+        upload_length=upload_length,
     )
 
     response = client.get_httpx_client().request(
@@ -178,7 +190,9 @@ def sync(
     *,
     client: AuthenticatedClient,
     body: File | Unset = UNSET,
-    upload_offset: int | Unset = 0,
+    upload_offset: int,
+    upload_complete: str | Unset = UNSET,
+    upload_length: int | Unset = UNSET,
 ) -> Problem | Upload | None:
     """Send a part of an upload
 
@@ -189,8 +203,9 @@ def sync(
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
-        upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
-            gives. Default: 0.
+        upload_offset (int):
+        upload_complete (str | Unset):
+        upload_length (int | Unset):
         body (File | Unset):
 
     Raises:
@@ -206,6 +221,8 @@ def sync(
         client=client,
         body=body,
         upload_offset=upload_offset,
+        upload_complete=upload_complete,
+        upload_length=upload_length,
     ).parsed
 
 
@@ -214,7 +231,9 @@ async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
     body: File | Unset = UNSET,
-    upload_offset: int | Unset = 0,
+    upload_offset: int,
+    upload_complete: str | Unset = UNSET,
+    upload_length: int | Unset = UNSET,
 ) -> Response[Problem | Upload]:
     """Send a part of an upload
 
@@ -225,8 +244,9 @@ async def asyncio_detailed(
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
-        upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
-            gives. Default: 0.
+        upload_offset (int):
+        upload_complete (str | Unset):
+        upload_length (int | Unset):
         body (File | Unset):
 
     Raises:
@@ -241,6 +261,8 @@ async def asyncio_detailed(
         upload_id=upload_id,
         body=body,
         upload_offset=upload_offset,
+        upload_complete=upload_complete,
+        upload_length=upload_length,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -253,7 +275,9 @@ async def asyncio(
     *,
     client: AuthenticatedClient,
     body: File | Unset = UNSET,
-    upload_offset: int | Unset = 0,
+    upload_offset: int,
+    upload_complete: str | Unset = UNSET,
+    upload_length: int | Unset = UNSET,
 ) -> Problem | Upload | None:
     """Send a part of an upload
 
@@ -264,8 +288,9 @@ async def asyncio(
 
     Args:
         upload_id (str): Lower-case letters, digits and hyphens.
-        upload_offset (int | Unset): Where the part begins, in bytes: the offset that `HEAD`
-            gives. Default: 0.
+        upload_offset (int):
+        upload_complete (str | Unset):
+        upload_length (int | Unset):
         body (File | Unset):
 
     Raises:
@@ -282,5 +307,7 @@ async def asyncio(
             client=client,
             body=body,
             upload_offset=upload_offset,
+            upload_complete=upload_complete,
+            upload_length=upload_length,
         )
     ).parsed

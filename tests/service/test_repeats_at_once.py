@@ -1,0 +1,69 @@
+"""One key and one upload at the same time, over HTTP: every repeat gets the first answer, on both databases."""
+
+import threading
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+
+from sawmill_service.app import create_app
+from sawmill_worker.contracts.uploads import UploadAsk
+from sawmill_worker.storage.arriving import AsSent
+from sawmill_worker.storage.uploads import UploadQuota
+
+AT_ONCE = 8
+CONTENT = b"a scan or a picture"
+PATHS = {
+    "scans": "/v1/scans?scanner_id=example&data=counts&upload_id={}",
+    "phantoms": "/v1/phantoms/pictures?name=ell&width_mm=400&upload_id={}",
+    "inspections": "/v1/inspections?upload_id={}",
+}
+
+
+@pytest.fixture(params=["sqlite", "postgresql"])
+def each_store(request):
+    if request.param == "postgresql":
+        return request.getfixturevalue("postgresql_store")
+    request.getfixturevalue("seeded")
+    return request.getfixturevalue("store")
+
+
+def complete_upload(store):
+    upload = store.uploads.create(UploadAsk(size_bytes=len(CONTENT)), UploadQuota(9, 2**30, 2**30))
+    part = store.uploads.begin_part(upload.id, 0)
+    part.take(AsSent(), CONTENT, commits=False)
+    part.finish(AsSent())
+    part.complete()
+    part.close()
+    return upload.id
+
+
+@pytest.mark.parametrize("kind", PATHS)
+def test_all_that_use_one_upload_under_one_key_get_one_answer(seeded, each_store, settings, monkeypatch, kind):
+    """Half of them come to the upload only when it has been used, though nobody had an answer when they looked."""
+    seeded.app = create_app(settings, each_store, print)
+    seeded.get("/health/live")  # the first request puts the application together
+    path, find = PATHS[kind].format(complete_upload(each_store)), each_store.repeats.find
+    looked, answered, in_time = threading.Barrier(AT_ONCE), threading.Event(), threading.Semaphore(AT_ONCE // 2)
+    again = threading.local()
+
+    def find_together(request):
+        kept = find(request)
+        if not hasattr(again, "is"):
+            setattr(again, "is", True)
+            looked.wait(20)
+            if not in_time.acquire(blocking=False):
+                assert answered.wait(20)
+        return kept
+
+    monkeypatch.setattr(each_store.repeats, "find", find_together)
+
+    def send(_):
+        answer = seeded.post(path, headers={"Idempotency-Key": "once"})
+        answered.set()
+        return answer
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        answers = list(pool.map(send, range(AT_ONCE)))
+    assert {answer.status_code for answer in answers} == {202}, [answer.text for answer in answers]
+    assert len({(answer.content, answer.headers["Location"]) for answer in answers}) == 1
+    assert sum("Idempotency-Replayed" in answer.headers for answer in answers) == AT_ONCE - 1
