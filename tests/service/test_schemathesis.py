@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import schemathesis
-from schemathesis.config import SchemathesisConfig
+from schemathesis.config import ProjectConfig, SchemathesisConfig
 from schemathesis.engine import Status, events, from_schema
 from schemathesis.generation import GenerationMode
 
@@ -47,6 +47,27 @@ def settings() -> ServiceSettings:
     return ServiceSettings(**sizes, event_poll_s=0.01, change_rate_limit="6000/minute")
 
 
+@pytest.fixture
+def _settled(monkeypatch):
+    """schemathesis merges its settings anew for each request, and looks for proxies: a fifth of its time."""
+    monkeypatch.setenv("no_proxy", "*")
+    for name in ("phases_for", "generation_for", "checks_config_for"):
+        monkeypatch.setattr(ProjectConfig, name, merged_once(getattr(ProjectConfig, name)))
+
+
+def merged_once(merge):
+    made = {}
+
+    def merged(config, *, operation=None, phase=None):
+        key = (operation.label if operation else None, phase)
+        if key not in made:
+            made[key] = merge(config, operation=operation, **({} if phase is None else {"phase": phase}))
+        return made[key]
+
+    return merged
+
+
+@pytest.mark.usefixtures("_settled")
 @pytest.mark.timeout(7200 if EXAMPLES else 300)
 def test_schemathesis_finds_nothing(seeded):
     # Streams end at once.
