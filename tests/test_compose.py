@@ -182,14 +182,14 @@ def make_token(folder: Path) -> Path:
 
 
 @pytest.fixture
-def start(services, redis_url, tmp_path) -> Iterator[tuple[Place, Callable[[str], None]]]:
-    """The place, and a function that starts a service there by compose's own command."""
+def start(services, redis_url, tmp_path) -> Iterator[tuple[Place, Callable[[str], Path]]]:
+    """The place, and a function that starts a service there by compose's own command; it gives its log."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         place = Place(redis_url, free.getsockname()[1], tmp_path / "data", make_token(tmp_path))
     with ExitStack() as stack:
 
-        def run(name: str) -> None:
+        def run(name: str) -> Path:
             log = stack.enter_context((tmp_path / f"{name}.log").open("w"))
             process = subprocess.Popen(
                 [place.moved(word) for word in services[name]["command"]],
@@ -200,6 +200,7 @@ def start(services, redis_url, tmp_path) -> Iterator[tuple[Place, Callable[[str]
             )
             stack.callback(process.wait, 30)
             stack.callback(process.terminate)
+            return Path(log.name)
 
         yield place, run
 
@@ -220,16 +221,23 @@ def wait_until(holds: Callable[[], bool], what: str) -> None:
 
 def test_the_services_start_and_their_health_checks_tell_the_truth(services, start):
     place, run = start
-    for name in ("api", "worker"):
+    # Its examples have been made: their jobs would keep the worker busy.
+    (place.data / "examples").mkdir(parents=True)
+    (place.data / "examples/complete").touch()
+    for name, started in (("api", "serving"), ("worker", " ready.")):
         assert not is_healthy(place, services[name]), f"{name} does not run yet"
-        run(name)
+        log = run(name)
+        # Celery's check takes seconds of a core: it is not asked before it can succeed.
+        wait_until(lambda log=log, started=started: started in log.read_text(), f"{name} started")
         wait_until(lambda name=name: is_healthy(place, services[name]), f"{name} healthy")
     address = f"http://127.0.0.1:{place.port}"
     assert httpx.get(f"{address}/v1/scans/example", trust_env=False).status_code == 401
     token = {"Authorization": f"Bearer {place.token.read_text().strip()}"}
     with httpx.Client(base_url=address, headers=token, trust_env=False) as client:
-        # The examples' jobs reach the worker through Redis.
-        wait_until(lambda: client.get("/v1/scans/example").json().get("state") == "ready", "example scan ready")
+        # A job reaches the worker through Redis.
+        asked = client.post("/v1/inspections", content=b"no scan").json()
+        job = f"/v1/jobs/{asked['job_id']}"
+        wait_until(lambda: client.get(job).json()["state"] in {"succeeded", "failed"}, f"{client.get(job).text} ended")
 
 
 def test_redis_health_check_reports_the_truth(services, redis_url):
