@@ -18,6 +18,7 @@ from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.vocabulary.version import VERSION
 
 PACKAGE = "sawmill-calibration"
 # SQLite's write-ahead log needs memory that all its users share, and locks that hold.
@@ -45,7 +46,7 @@ def packages() -> Iterator[Finding]:
                 f"{wanted} is needed, and {found} is installed",
                 f"install {PACKAGE} again with its constraints.txt",
             )
-    yield Finding("versions", State.GOOD, f"{PACKAGE} {version(PACKAGE)}, Python {platform.python_version()}")
+    yield Finding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
 
 
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
