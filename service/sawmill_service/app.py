@@ -43,6 +43,7 @@ from sawmill_service.routes import (
     login,
     phantoms,
     reconstructions,
+    scan_forms,
     scanners,
     scans,
     schedules,
@@ -84,8 +85,8 @@ TAGS = [
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
-    *(scanners, phantoms, uploads, inspections, scans, calibrations, reconstructions, volumes, jobs, events, schedules),
-    *(alarms, keys, audit, health, login, console),
+    *(scanners, phantoms, uploads, inspections, scans, scan_forms, calibrations, reconstructions, volumes),
+    *(jobs, events, schedules, alarms, keys, audit, health, login, console),
 )
 
 
@@ -161,6 +162,7 @@ def create_app(
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,
+            ("POST", "/v1/scans/form"): settings.max_form_bytes + settings.max_json_bytes,
             ("POST", "/v1/inspections"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
             ("PATCH", "/v1/uploads/*"): settings.max_upload_bytes,

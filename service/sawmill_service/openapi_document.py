@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from fastapi import FastAPI
+from pydantic import BaseModel
 
 from sawmill_service.access import OPEN_PATHS, needed_scope
 from sawmill_service.allowed_methods import methods_by_pattern
@@ -16,6 +17,7 @@ from sawmill_service.openapi_words import complete
 from sawmill_service.problem_types import PATH as PROBLEMS
 from sawmill_service.problems import Problem
 from sawmill_service.refusals import CODES_KEY, list_refusals
+from sawmill_service.sent_form import MEDIA_TYPE as FORM
 
 TRY = "x-try"
 SECURITY_SCHEMES = {
@@ -45,6 +47,18 @@ def trying_file(
         "x-example-file": file,
         "requestBody": {"required": required, "content": {media_type: {"schema": BINARY}}},
     }
+
+
+def trying_form(
+    model: type[BaseModel],
+    file: str,
+    **fields: Any,  # noqa: ANN401 - any JSON value
+) -> dict[str, Any]:
+    """As `trying_file`, for an operation that takes a form of a model's fields and a file apart itself."""
+    schema = model.model_json_schema(ref_template="#/components/schemas/{model}")
+    schema["properties"] = {name: _not_null(described) for name, described in schema["properties"].items()}
+    content = {FORM: {"schema": schema}}
+    return {TRY: {"body": fields}, "x-example-file": file, "requestBody": {"required": True, "content": content}}
 
 
 class Application(FastAPI):
@@ -116,9 +130,11 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
     schemas = components.setdefault("schemas", {})
     for generated in ("HTTPValidationError", "ValidationError"):
         schemas.pop(generated, None)
-    problem = Problem.model_json_schema(ref_template="#/components/schemas/{model}")
-    schemas.update(problem.pop("$defs"))
-    schemas["Problem"] = problem
+    _share(Problem.model_json_schema(ref_template="#/components/schemas/{model}"), schemas)
+    for _, _, operation in _operations(document):
+        form = operation.get("requestBody", {}).get("content", {}).get(FORM)
+        if form:
+            form["schema"] = _share(form["schema"], schemas)
     _name_by_title(document, schemas)
     components["headers"] = HEADERS
     components["securitySchemes"] = SECURITY_SCHEMES
@@ -133,6 +149,13 @@ def _finish(document: dict[str, Any]) -> dict[str, Any]:
         _give_examples(operation, operation.pop(TRY, {}))
     components["responses"] = _shared_refusals(operation["responses"] for _, _, operation in _operations(document))
     return document
+
+
+def _share(schema: dict[str, Any], schemas: dict[str, Any]) -> dict[str, str]:
+    """Put a schema and those within it beside FastAPI's own, and refer to it."""
+    schemas.update(schema.pop("$defs", {}))
+    schemas[schema["title"]] = schema
+    return {"$ref": f"#/components/schemas/{schema['title']}"}
 
 
 def _name_by_title(document: dict[str, Any], schemas: dict[str, Any]) -> None:
@@ -190,11 +213,12 @@ def _drop_generated_refusal(responses: dict[str, Any]) -> None:
 def _describe_parameters(operation: dict[str, Any]) -> None:
     """A parameter that is left out is null; none can be given as that."""
     for parameter in operation.get("parameters", []):
-        schema = parameter["schema"]
-        given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
-        if len(given) == 1:
-            del schema["anyOf"]
-            parameter["schema"] = given[0] | schema
+        parameter["schema"] = _not_null(parameter["schema"])
+
+
+def _not_null(schema: dict[str, Any]) -> dict[str, Any]:
+    given = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+    return given[0] | {key: value for key, value in schema.items() if key != "anyOf"} if len(given) == 1 else schema
 
 
 def _describe_repeats(operation: dict[str, Any]) -> None:
@@ -214,7 +238,8 @@ def _give_examples(operation: dict[str, Any], values: dict[str, Any]) -> None:
         elif parameter["required"] and examples:
             parameter["example"] = examples[0]
     if "body" in values:
-        operation["requestBody"]["content"]["application/json"]["example"] = values["body"]
+        [media] = operation["requestBody"]["content"].values()
+        media["example"] = values["body"]
 
 
 def _example_request(path: str, method: str, operation: dict[str, Any]) -> ExampleRequest:

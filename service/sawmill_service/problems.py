@@ -48,8 +48,8 @@ STATUS: Mapping[type[Exception], int] = {
 }
 # Pydantic's remark on a default that depends on a refused value.
 FOLLOWS_FROM_OTHERS = frozenset({"default_factory_not_called"})
-# Ours, of what no model sees of a query; the message is a sentence.
-REFUSED_IN_QUERY = "query_field"
+# Ours, of what no model sees of a query or a form; the message is a sentence.
+STATED = "stated"
 COME_BACK = {"Retry-After": "5"}  # of every 503, and of what is busy: seconds
 
 
@@ -208,7 +208,7 @@ def _message(error: Mapping[str, Any]) -> str:
         return "is required"
     if error["type"] in {"extra_forbidden", "unexpected_keyword_argument"}:
         return "is not a known field"
-    if error["type"] == REFUSED_IN_QUERY:
+    if error["type"] == STATED:
         return message
     if error["type"] == "value_error":
         refusal = message.removeprefix("Value error, ")

@@ -1,7 +1,7 @@
 """Queries: what a route would pass over is refused, as in bodies: fields that it does not know, and repeated ones."""
 
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from difflib import get_close_matches
 from typing import get_args, get_origin
 
@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
-from sawmill_service.problems import REFUSED_IN_QUERY
+from sawmill_service.problems import STATED
 
 
 async def check_query(request: Request) -> None:
@@ -34,7 +34,7 @@ async def check_query(request: Request) -> None:
     for name in query:
         values = query.getlist(name)
         if name not in known:
-            errors.append(_refused(name, values, f"is not a known field{_near(name, known)}"))
+            errors.append(_refused(name, values, f"is not a known field{near_name(name, known)}"))
         elif len(values) > 1 and not _is_list(known[name]):
             errors.append(_refused(name, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}"))
     if errors:
@@ -57,10 +57,11 @@ def _is_list(annotation: object) -> bool:
     return get_origin(annotation) is list or any(map(_is_list, get_args(annotation)))
 
 
-def _near(name: str, known: dict[str, object]) -> str:
+def near_name(name: str, known: Iterable[str]) -> str:
+    """A known name that is like an unknown one, as the end of a sentence about it; empty: none is."""
     near = get_close_matches(name, sorted(known), n=1)
     return f": {near[0]!r} is" if near else ""
 
 
 def _refused(name: str, values: list[str], sentence: str) -> dict[str, object]:
-    return {"type": REFUSED_IN_QUERY, "loc": ("query", name), "msg": sentence, "input": values}
+    return {"type": STATED, "loc": ("query", name), "msg": sentence, "input": values}

@@ -20,6 +20,8 @@ from starlette.exceptions import HTTPException
 from sawmill_service.access import caller_of
 from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import Refused
+from sawmill_service.sent_content import SentContent
+from sawmill_service.sent_form import SentForm
 from sawmill_service.uploads import body_begun, body_sha256
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.storage.arriving import Received
@@ -93,34 +95,39 @@ class Repeatable:
             raise _repeated(made)
         return made
 
-    def once_with(self, received: Received, make: Callable[[], Made], *, sent: bool) -> Made:
-        """As `once`, where `make` takes a file, which is discarded otherwise; `sent`: it came in this request."""
+    def once_with(self, received: Received, make: Callable[[], Made], *, sent_sha256: str | None) -> Made:
+        """As `once`, where `make` takes a file, which is discarded otherwise; null: it came before this request."""
         try:
-            return self.once(make, file_sha256=received.sha256 if sent else None)
+            return self.once(make, file_sha256=sent_sha256)
         finally:
             self.store.files.discard(received)
 
     @asynccontextmanager
-    async def unless_repeated(self) -> AsyncIterator[None]:
+    async def unless_repeated(self, content: SentForm[Any] | None = None) -> AsyncIterator[None]:
         """Around what receives a file, or looks up what names one: a repeat is answered before.
 
         What is refused within may be so because the first request was answered meanwhile: then it is a repeat too,
         unless a part of its body has been read, of which no checksum can be had any more.
+
+        Parameters
+        ----------
+        content
+            What the body stands for; null: it is the file.
 
         Raises
         ------
         AnsweredBefore, Invalid
             As by `check_sent`.
         """
-        await self.check_sent()
+        await self.check_sent(content)
         try:
             yield
         except (HTTPException, StorageError):
             if not body_begun(self.request):
-                await self.check_sent()
+                await self.check_sent(content)
             raise
 
-    async def check_sent(self) -> None:
+    async def check_sent(self, content: SentForm[Any] | None = None) -> None:
         """Answer a repeat, for which a file in its body is read.
 
         Raises
@@ -137,7 +144,10 @@ class Repeatable:
             return
         sent = kept.request.file_sha256 is not None and kept.request.request_sha256 == self.keyed.request_sha256
         max_bytes = self.request.app.state.settings.max_upload_bytes
-        digest = await body_sha256(self.request, max_bytes=max_bytes) if sent else None
+        digest = None
+        if sent:
+            what = content or SentContent(self.request.headers)
+            digest = await body_sha256(self.request, what, max_bytes=max_bytes)
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)))
 
     def _kept(self, made: Contract) -> Answer:

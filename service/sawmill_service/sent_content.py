@@ -52,6 +52,8 @@ class SentContent:
         Whether they may be packed by gzip.
     begins
         Whether they are the file's first ones.
+    of_form
+        Whether they are those of a form, and no file's: whoever takes it apart looks at its type and its file.
 
     Raises
     ------
@@ -59,8 +61,9 @@ class SentContent:
         415 `unsupported-media-type`, `unsupported-encoding`; 400 `bad-digest`.
     """
 
-    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True) -> None:
-        check_media_type(headers.get("content-type", ""))
+    def __init__(self, headers: Headers, *, packed: bool = True, begins: bool = True, of_form: bool = False) -> None:
+        if not of_form:
+            check_media_type(headers.get("content-type", ""))
         encoding = (all_lines(headers, "content-encoding") or "identity").strip().lower()
         if encoding not in ({"identity", "gzip", "x-gzip"} if packed else {"identity"}):
             detail = f"the body may come as it is{' or packed by gzip' if packed else ''}, not by {encoding[:100]!r}"
@@ -68,12 +71,16 @@ class SentContent:
             raise Refused(415, "unsupported-encoding", detail, accepted)
         self._sums = BodySums(headers)
         self._gzip = Gunzip() if encoding.endswith("gzip") else None
-        self._first = FirstBytes() if begins else None
+        self._first = FirstBytes() if begins and not of_form else None
 
     @property
     def has_digest(self) -> bool:
         """Whether it must come whole to be known as right."""
         return bool(self._sums)
+
+    def sha256_with(self, file_sha256: str) -> str:
+        """By which what was sent is known again: the file is all."""
+        return file_sha256
 
     def take(self, part: bytes) -> Iterator[bytes]:
         """The file's bytes in a part of what was sent."""

@@ -77,6 +77,10 @@ class ServiceSettings(BaseSettings):
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."
     )
+    max_form_bytes: Annotated[int, Field(gt=0)] = Field(
+        64 * MIB,
+        description="Bytes of a scan that is sent in a form; its other fields may have `max_json_bytes` together.",
+    )
     max_picture_bytes: Annotated[int, Field(gt=0)] = Field(
         32 * MIB, description="Bytes of one phantom picture: a photograph-sized PNG has less."
     )

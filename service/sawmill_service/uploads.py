@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import AsyncIterator, Iterable
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Request
 from fastapi.concurrency import run_in_threadpool
@@ -11,8 +11,9 @@ from pydantic import Field
 from sawmill_service.body_sums import BodySums
 from sawmill_service.problems import Refused
 from sawmill_service.sent_content import FirstBytes, SentContent, empty_body
+from sawmill_service.sent_form import SentForm
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.arriving import Received, in_parts
+from sawmill_worker.storage.arriving import Content, Received, in_parts
 from sawmill_worker.storage.errors import UploadTooLarge
 from sawmill_worker.storage.store import Store
 
@@ -66,8 +67,13 @@ def _check(received: Received, max_bytes: int) -> None:
         FirstBytes().look(file.read(FirstBytes.NUMBER))
 
 
-async def received_body(request: Request, store: Store, *, max_bytes: int) -> Received:
+async def received_body(request: Request, store: Store, *, max_bytes: int, content: Content | None = None) -> Received:
     """The file in the body; what can be refused by its head alone is, before a byte is read.
+
+    Parameters
+    ----------
+    content
+        What the body stands for; null: it is the file.
 
     Raises
     ------
@@ -76,23 +82,22 @@ async def received_body(request: Request, store: Store, *, max_bytes: int) -> Re
     UploadTooLarge, StorageFull
         It has more bytes than allowed, or there is no room for it.
     """
-    content = SentContent(request.headers)
+    content = content or SentContent(request.headers)
     reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
     return await store.files.receive_stream(
         chunks(request), max_bytes=max_bytes, reserve_bytes=reserve_bytes, content=content
     )
 
 
-async def body_sha256(request: Request, *, max_bytes: int) -> str:
-    """Of the file in the body, which is kept nowhere; refused as by `received_body` where it cannot be read."""
-    size = 0
-    content, digest = SentContent(request.headers), hashlib.sha256()
+async def body_sha256(request: Request, content: SentContent | SentForm[Any], *, max_bytes: int) -> str:
+    """Of what is sent, which is kept nowhere; refused as by `received_body` where it cannot be read."""
+    size, digest = 0, hashlib.sha256()
     async for part in in_parts(chunks(request)):
         size += await run_in_threadpool(_add, digest, content.take(part))
         if size > max_bytes:
             raise UploadTooLarge(max_bytes)
     content.end()
-    return digest.hexdigest()
+    return content.sha256_with(digest.hexdigest())
 
 
 def _add(digest: "hashlib._Hash", pieces: Iterable[bytes]) -> int:

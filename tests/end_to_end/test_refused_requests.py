@@ -116,6 +116,8 @@ def test_a_client_that_waits_for_the_go_ahead_sends_nothing(live):
         ("/v1/scans?scanner_id={scanner}&data=counts", "text/html", SENT, 415, "unsupported-media-type"),
         ("/v1/scans?scanner_id={scanner}&data=counts", "application/octet-stream", 10**12, 413, "body-too-large"),
         ("/v1/scans?scanner_id={scanner}", "application/octet-stream", SENT, 422, "invalid-request"),
+        ("/v1/scans/form", "multipart/form-data; boundary=x", 2**27, 413, "body-too-large"),
+        ("/v1/scans/form", "application/octet-stream", SENT, 415, "unsupported-media-type"),
         ("/v1/phantoms/pictures?name=ell&width_mm=400", "text/html", 1000, 415, "unsupported-media-type"),
         ("/v1/inspections", "text/html", SENT, 415, "unsupported-media-type"),
     ],

@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from example_requests import with_file
 
 from sawmill_service.app import create_app
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -19,6 +20,7 @@ READ_ALONE = {"GET", "HEAD"}
 FOLLOWED_BY = {
     "upload_phantom_picture": ("queued", "phantom"),
     "upload_scan": ("queued", "scan"),
+    "upload_scan_form": ("queued", "scan"),
     "activate_calibration": ("calibration-rolled-back", "calibration"),
     "cancel_job": ("cancelled", "calibration"),
     "ask_calibration": ("queued", "calibration"),
@@ -63,9 +65,7 @@ def changing_requests():
 def options_of(client, example):
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
-        content = client.get(example["body_file"]).content
-        headers = example["headers"] | {"Content-Type": example["media_type"]}
-        return options | {"content": content, "headers": headers}
+        return options | with_file(example, client.get(example["body_file"]).content)
     return options | ({"json": example["body"]} if example["media_type"] else {})
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 from documented import check_documented
+from example_requests import with_file
 
 from sawmill_service.openapi_document import write
 from sawmill_worker.contracts.keys import KeyAsk, Scope
@@ -20,8 +21,7 @@ def test_the_committed_example_request_works(seeded, store, path):
     if example["body_file"]:
         offered = seeded.get(example["body_file"])
         assert offered.status_code == 200
-        options["content"] = offered.content
-        options["headers"] |= {"Content-Type": example["media_type"]}
+        options |= with_file(example, offered.content)
     elif example["media_type"]:
         options["json"] = example["body"]
     # A fresh data folder holds no key: one that nobody has would guard nothing.

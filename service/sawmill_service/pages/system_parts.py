@@ -24,6 +24,7 @@ PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery"
 # What a person runs into: uploads, requests, streams. Places and secrets are none of a page's.
 LIMITS = (
     "max_upload_bytes",
+    "max_form_bytes",
     "max_picture_bytes",
     "max_json_bytes",
     "max_connections",

@@ -107,7 +107,8 @@ async def upload_scan(
         accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
         return scan
 
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent=upload.sends_file)
+    sent_sha256 = received.sha256 if upload.sends_file else None
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)
 
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))

@@ -36,7 +36,7 @@ class KeyedRequest:
     request_sha256 : str
         Of everything that makes it the same request, but for a file.
     file_sha256 : str or None
-        Of the file that was sent with it; null: none was.
+        Of the file that was sent with it, of a form of the fields beside it too; null: none was.
     """
 
     caller: str

@@ -120,6 +120,7 @@ from .ring_removal import RingRemoval
 from .rotation import Rotation
 from .row_alignment import RowAlignment
 from .scan import Scan
+from .scan_form import ScanForm
 from .scan_page import ScanPage
 from .scan_shape import ScanShape
 from .scan_state import ScanState
@@ -279,6 +280,7 @@ __all__ = (
     "Rotation",
     "RowAlignment",
     "Scan",
+    "ScanForm",
     "ScannerAsk",
     "ScannerConstants",
     "ScanPage",

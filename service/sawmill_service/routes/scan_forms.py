@@ -1,0 +1,92 @@
+"""/v1/scans/form."""
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Request, Response
+from fastapi.concurrency import run_in_threadpool
+from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
+
+from sawmill_service.answers import AskedPriority, accept
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.described_answers import BINARY
+from sawmill_service.openapi_document import trying_form
+from sawmill_service.refusals import refuses_upload
+from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.sent_form import FILE, SentForm
+from sawmill_service.uploads import received_body
+from sawmill_worker.contracts.base import Name
+from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.jobs import Priority
+from sawmill_worker.contracts.scans import Scan, ScanSpec
+
+router = APIRouter(prefix="/v1/scans", tags=["scans"])
+
+
+def _without_default_name(schema: dict[str, Any]) -> None:
+    """Clients would send it in place of the file's name."""
+    del schema["properties"]["name"]["default"]
+
+
+class ScanForm(Queried, ScanSpec):
+    """A scan's file, what is given with it, and how urgent its reading is."""
+
+    model_config = ConfigDict(json_schema_extra=_without_default_name)
+
+    name: Name = Field(
+        "scan",
+        description="What people call it; left out: the file's name.",
+        examples=["phantom of week 10"],
+    )
+    priority: AskedPriority = Priority.WAITED_FOR
+    file: Annotated[str, WithJsonSchema(BINARY)] = Field(
+        description="The file's bytes; `filename` beside them is its name.", examples=["mill.h5"]
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _is_called_as_its_file(cls, given: dict[str, str]) -> dict[str, str]:
+        return {"name": given[FILE], **given} if given.get(FILE) else given
+
+    @property
+    def spec(self) -> ScanSpec:
+        """What is stored of it."""
+        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
+
+
+@router.post(
+    "/form",
+    status_code=202,
+    summary="Upload a scan as a form",
+    openapi_extra=trying_form(
+        ScanForm, "/examples/phantom-scan.npz", scanner_id="example", data="counts", phantom_id="l-shape"
+    ),
+    responses=refuses_upload("bad-form", "two-files", "scanner-not-found", "phantom-not-found", "phantom-refused"),
+)
+async def upload_scan_form(
+    *,
+    request: Request,
+    response: Response,
+    store: TheStore,
+    settings: TheSettings,
+    wake: TheWake,
+    repeatable: TheRepeatableWithFile,
+) -> Scan:
+    """As `POST /v1/scans`, with the file and its description as the parts of a form, for consoles and `curl -F`.
+
+    The file is the field `file`, of 64 MiB at most (`SAWMILL_MAX_FORM_BYTES`). Fields that stand before it are
+    checked before it is received.
+    """
+    content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
+    max_bytes = min(settings.max_form_bytes, settings.max_upload_bytes)
+    async with repeatable.unless_repeated(content):
+        content.check = lambda form: store.scans.check(form.spec)
+        received = await received_body(request, store, max_bytes=max_bytes, content=content)
+
+    def accepted() -> Scan:
+        scan = store.scans.accept(content.form.spec, received, priority=content.form.priority)
+        wake(scan.job_id)
+        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
+        return scan
+
+    sent_sha256 = content.sha256_with(received.sha256)
+    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)

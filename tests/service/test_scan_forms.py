@@ -1,0 +1,359 @@
+"""POST /v1/scans/form: a scan as a form, by httpx and by bytes of any shape."""
+
+import gzip
+import hashlib
+import importlib
+import io
+from base64 import b64encode
+from pathlib import Path
+
+import numpy as np
+import pytest
+from documented import check_documented
+from pydantic import SecretStr
+
+from sawmill_service.app import create_app
+from sawmill_service.session_cookie import csrf_token
+from sawmill_service.settings import ServiceSettings
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.storage.arriving import PART_BYTES
+from sawmill_worker.storage.store import Store
+
+FORM = "/v1/scans/form"
+CONTENT = np.random.default_rng(15).bytes(3000) + b"\r\n--x\r\n--xx\r\r\n--x-\r\n-" + bytes(range(256))
+FIELDS = {"scanner_id": "example", "data": "counts"}
+TYPE = {"Content-Type": "multipart/form-data; boundary=xyz"}
+
+
+def part(name, value, head=""):
+    value = value if isinstance(value, bytes) else value.encode()
+    return f'--xyz\r\nContent-Disposition: form-data; name="{name}"{head}\r\n\r\n'.encode() + value + b"\r\n"
+
+
+FILE = part("file", CONTENT, '; filename="mill.npz"')
+GIVEN = part("scanner_id", "example") + part("data", "counts")
+END = b"--xyz--\r\n"
+
+
+def incoming(store):
+    return [path.name for path in (store.files.folder / "incoming").iterdir()]
+
+
+def send(client, body, **headers):
+    answer = client.post(FORM, content=body, headers={**TYPE, **headers})
+    check_documented(answer)
+    return answer
+
+
+async def in_pieces(body, *cuts):
+    for begin, end in zip([0, *cuts], [*cuts, len(body)], strict=True):
+        yield body[begin:end]
+
+
+async def until_the_file(fields):
+    """The fields and the file's beginning; then nobody may ask for more than the one part that comes meanwhile."""
+    yield fields + part("file", bytes(PART_BYTES), '; filename="mill.npz"')
+    yield bytes(PART_BYTES)
+    raise AssertionError("more was asked for")
+
+
+async def untouchable():
+    raise AssertionError("a byte of the body was asked for")
+    yield b""
+
+
+def kept(store, scan):
+    return store.files.upload(JobKind.INGEST, scan["id"]).read_bytes()
+
+
+@pytest.mark.parametrize("fields_first", [True, False])
+def test_a_form_becomes_a_scan_whatever_stands_first(seeded, store, woken, fields_first):
+    fields = [(name, (None, value)) for name, value in {**FIELDS, "phantom_id": "l-shape", "rings": "sorting"}.items()]
+    file = [("file", ("folder/week 10.npz", CONTENT))]
+    answer = seeded.post(FORM, files=fields + file if fields_first else file + fields)
+    check_documented(answer)
+    scan = answer.json()
+    assert (answer.status_code, answer.headers["location"]) == (202, f"/v1/scans/{scan['id']}")
+    assert (scan["scanner_id"], scan["phantom_id"], scan["rings"]) == ("example", "l-shape", "sorting")
+    assert (scan["name"], scan["sha256"]) == ("week 10.npz", hashlib.sha256(CONTENT).hexdigest())
+    assert kept(store, scan) == CONTENT
+    assert woken == [scan["job_id"]]
+
+
+def test_a_name_that_is_given_stands_before_the_files_own(seeded):
+    files = {"file": ("C:\\scans\\mill.h5", CONTENT)}
+    assert seeded.post(FORM, data=FIELDS, files=files).json()["name"] == "mill.h5"
+    assert seeded.post(FORM, data={**FIELDS, "name": "mine"}, files=files).json()["name"] == "mine"
+    assert send(seeded, GIVEN + part("file", CONTENT) + END).json()["name"] == "scan"
+
+
+def test_a_form_as_dotnet_writes_it_is_taken(seeded, store):
+    body = (
+        b"--5c9d-01\r\nContent-Type: text/plain; charset=utf-8\r\n"
+        b"Content-Disposition: form-data; name=scanner_id\r\n\r\n"
+        b"example\r\n--5c9d-01\r\nContent-Type: text/plain; charset=utf-8\r\n"
+        b"Content-Disposition: form-data; name=data\r\n\r\ncounts\r\n--5c9d-01\r\n"
+        b"Content-Disposition: form-data; name=file; filename=mill.h5; filename*=utf-8''mill.h5\r\n\r\n"
+        + CONTENT
+        + b"\r\n--5c9d-01--\r\n"
+    )
+    scan = send(seeded, body, **{"Content-Type": 'multipart/form-data; boundary="5c9d-01"'}).json()
+    assert (scan["name"], kept(store, scan)) == ("mill.h5", CONTENT)
+
+
+def test_the_generated_client_sends_a_form(seeded, store, monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "openapi/clients/python")
+    sending = importlib.import_module("sawmill_calibration_client.api.scans.upload_scan_form")
+    models, types = (importlib.import_module(f"sawmill_calibration_client.{name}") for name in ("models", "types"))
+    file = types.File(payload=io.BytesIO(CONTENT), file_name="mill.npz")
+    form = models.ScanForm(scanner_id="example", data=models.DataKind.COUNTS, file=file)
+    request = sending._get_kwargs(body=form)
+    answer = seeded.request(request.pop("method"), request.pop("url"), **request)
+    assert (answer.status_code, answer.json()["name"]) == (202, "mill.npz")
+    assert kept(store, answer.json()) == CONTENT
+
+
+def test_a_form_may_be_cut_anywhere(seeded, store):
+    body = GIVEN + part("file", b"\r\n--xyzz\r\n--xy\r\n", '; filename="a"') + part("name", "cut") + END
+    for cut in range(1, len(body)):
+        scan = send(seeded, in_pieces(body, cut)).json()
+        assert kept(store, scan) == b"\r\n--xyzz\r\n--xy\r\n", cut
+        assert scan["name"] == "cut"
+
+
+def test_a_form_in_many_pieces_is_taken_bit_for_bit(seeded, store, monkeypatch):
+    monkeypatch.setattr("sawmill_worker.storage.arriving.PART_BYTES", 1)
+    body, generator = GIVEN + FILE + END, np.random.default_rng(16)
+    for _ in range(10):
+        cuts = np.unique(generator.integers(1, len(body), 40)).tolist()
+        assert kept(store, send(seeded, in_pieces(body, *cuts)).json()) == CONTENT
+    assert kept(store, send(seeded, in_pieces(body, *range(1, len(body)))).json()) == CONTENT
+
+
+MANY = b"".join(part(f"field{number}", "1") for number in range(10_000))
+NESTED = b'--xyz\r\nContent-Disposition: form-data; name="file"\r\nContent-Type: multipart/mixed; boundary=in\r\n\r\n'
+REFUSED = {
+    "no boundary": (GIVEN + FILE + END, {"Content-Type": "multipart/form-data"}, 400, "bad-form"),
+    "a long boundary": (END, {"Content-Type": f"multipart/form-data; boundary={'x' * 71}"}, 400, "bad-form"),
+    "another boundary": (
+        (GIVEN + FILE + END).replace(b"--xyz", b"--abc"),
+        {},
+        400,
+        "bad-form",
+    ),
+    "no form": (GIVEN + FILE + END, {"Content-Type": "application/octet-stream"}, 415, "unsupported-media-type"),
+    "packed": (gzip.compress(GIVEN + FILE + END), {"Content-Encoding": "gzip"}, 415, "unsupported-encoding"),
+    "no last boundary": (GIVEN + FILE, {}, 400, "bad-form"),
+    "half of the last boundary": (GIVEN + FILE + END[:4], {}, 400, "bad-form"),
+    "broken off in the file": ((GIVEN + FILE)[:-30], {}, 400, "bad-form"),
+    "broken off in a head": (GIVEN + FILE[:30], {}, 400, "bad-form"),
+    "nothing": (b"", {}, 422, "empty-body"),
+    "no part": (END, {}, 422, "invalid-request"),
+    "no file": (GIVEN + END, {}, 422, "invalid-request"),
+    "an empty file": (GIVEN + part("file", "", '; filename=""') + END, {}, 422, "empty-body"),
+    "two files": (GIVEN + FILE + FILE + END, {}, 422, "two-files"),
+    "a file by another name": (
+        GIVEN + part("scan", CONTENT, '; filename="a"') + FILE + END,
+        {},
+        422,
+        "invalid-request",
+    ),
+    "a file as a field": (FILE + part("data", b"\xff", '; filename="a"') + END, {}, 422, "invalid-request"),
+    "a field twice": (GIVEN + part("data", "counts") + FILE + END, {}, 422, "invalid-request"),
+    "a field twice after the file": (GIVEN + FILE + part("data", "counts") + END, {}, 422, "invalid-request"),
+    "10 000 parts": (MANY + GIVEN + FILE + END, {}, 422, "invalid-request"),
+    "a head of 1 MB": (part("file", CONTENT, "; a=" + "x" * 10**6) + END, {}, 400, "bad-form"),
+    "a part of 100 heads": (GIVEN + part("file", CONTENT, "\r\nX: y" * 100) + END, {}, 400, "bad-form"),
+    "a part without a name": (GIVEN + b"--xyz\r\nX: y\r\n\r\n1\r\n" + FILE + END, {}, 400, "bad-form"),
+    "a large field": (part("angles_deg", "1," * 2**19 + "1") + GIVEN + FILE + END, {}, 413, "body-too-large"),
+    "a nested form": (GIVEN + NESTED + FILE.replace(b"xyz", b"in") + END, {}, 415, "unsupported-media-type"),
+    "a page": (GIVEN + part("file", "<!doctype html><p>", '; filename="a"') + END, {}, 415, "unsupported-media-type"),
+    "a page by its type": (
+        GIVEN + part("file", CONTENT, "\r\nContent-Type: text/html") + END,
+        {},
+        415,
+        "unsupported-media-type",
+    ),
+    "base64": (
+        GIVEN + part("file", b64encode(CONTENT), "\r\nContent-Transfer-Encoding: base64") + END,
+        {},
+        415,
+        "unsupported-encoding",
+    ),
+    "bytes as a field": (part("name", b"\xff\xfe") + GIVEN + FILE + END, {}, 400, "bad-form"),
+    "a name with NUL": (GIVEN + part("file", CONTENT, '; filename="a\0b"') + END, {}, 422, "invalid-request"),
+    "a name of two lines": (part("name", "a\r\nb") + GIVEN + FILE + END, {}, 422, "invalid-request"),
+    "an unknown scanner": (
+        part("scanner_id", "no") + part("data", "counts") + FILE + END,
+        {},
+        404,
+        "scanner-not-found",
+    ),
+    "an unknown scanner at the end": (
+        FILE + part("data", "counts") + part("scanner_id", "no") + END,
+        {},
+        404,
+        "scanner-not-found",
+    ),
+    "another digest": (
+        GIVEN + FILE + END,
+        {"Content-Digest": f"sha-256=:{b64encode(bytes(32)).decode()}:"},
+        400,
+        "digest-mismatch",
+    ),
+    "a large file": (GIVEN + part("file", bytes(50_001)) + END, {}, 413, "upload-too-large"),
+}
+
+
+@pytest.mark.parametrize(("body", "headers", "status", "code"), REFUSED.values(), ids=REFUSED)
+def test_what_is_refused_leaves_nothing(seeded, settings, store, body, headers, status, code):
+    limits = {"max_form_bytes": 50_000, "max_json_bytes": 2**20}
+    seeded.app = create_app(settings.model_copy(update=limits), store, print)
+    scans = len(seeded.get("/v1/scans").json()["items"])
+    for sent in (body, in_pieces(body)):
+        answer = send(seeded, sent, **headers)
+        assert (answer.status_code, answer.json()["code"]) == (status, code), answer.text
+    assert incoming(store) == []
+    assert len(seeded.get("/v1/scans").json()["items"]) == scans
+
+
+@pytest.mark.parametrize(
+    ("fields", "status", "code"),
+    [
+        ({"scanner_id": "nowhere", "data": "counts"}, 404, "scanner-not-found"),
+        ({**FIELDS, "phantom_id": "nothing"}, 404, "phantom-not-found"),
+        ({"data": "guess"}, 422, "invalid-request"),
+        ({"scanerid": "example"}, 422, "invalid-request"),
+    ],
+)
+def test_fields_before_the_file_are_checked_before_it_is_received(seeded, store, settings, fields, status, code):
+    limits = {"max_upload_bytes": 2**22}
+    seeded.app = create_app(settings.model_copy(update=limits), store, print)
+    sent = b"".join(part(name, value) for name, value in fields.items())
+    answer = send(seeded, until_the_file(sent))
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert incoming(store) == []
+
+
+@pytest.mark.parametrize(
+    ("headers", "status", "code"),
+    [
+        ({"Content-Type": "text/html"}, 415, "unsupported-media-type"),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, 415, "unsupported-media-type"),
+        ({"Content-Encoding": "gzip"}, 415, "unsupported-encoding"),
+        ({"Content-Digest": "what?"}, 400, "bad-digest"),
+        ({"Content-Length": str(2**27)}, 413, "body-too-large"),
+        ({"Idempotency-Key": "two words"}, 400, "bad-idempotency-key"),
+        ({"Authorization": "Bearer nobody"}, 401, "token-required"),
+    ],
+)
+def test_what_the_head_tells_is_refused_before_a_byte_is_read(seeded, store, headers, status, code):
+    answer = send(seeded, untouchable(), **headers)
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert incoming(store) == []
+
+
+def test_a_full_disk_is_answered_before_a_byte_is_read(seeded, settings, store):
+    full = Store(store.settings.model_copy(update={"disk_reserve_bytes": 2**62}))
+    seeded.app = create_app(settings, full, print)
+    assert send(seeded, untouchable()).json()["code"] == "storage-full"
+    full.close()
+
+
+def test_64_mib_go_into_a_form_and_no_byte_more():
+    assert ServiceSettings().max_form_bytes == 64 * 2**20
+
+
+def test_a_form_of_unknown_length_ends_at_the_limit(seeded, settings, store):
+    seeded.app = create_app(
+        settings.model_copy(update={"max_form_bytes": 2**20, "max_upload_bytes": 2**30}), store, print
+    )
+
+    async def endless():
+        yield GIVEN + part("file", b"scan", '; filename="a"')[:-2]
+        for _ in range(100):
+            yield bytes(2**18)
+        raise AssertionError("more was asked for")
+
+    answer = send(seeded, endless())
+    assert (answer.status_code, answer.json()["code"]) in {(413, "upload-too-large"), (413, "body-too-large")}
+    assert incoming(store) == []
+    exact = send(seeded, GIVEN + part("file", bytes(2**20)) + END)
+    assert (exact.status_code, exact.json()["size_bytes"]) == (202, 2**20)
+
+
+def test_a_body_that_is_shorter_than_its_length_leaves_nothing(seeded, store):
+    body = GIVEN + FILE + END
+    answer = send(seeded, in_pieces(body), **{"Content-Length": str(len(body) + 1)})
+    assert (answer.status_code, answer.json()["code"]) == (400, "bad-length")
+    assert incoming(store) == []
+
+
+def test_errors_name_their_field_and_a_near_one(seeded):
+    answer = send(seeded, GIVEN + part("fantom_id", "l-shape") + FILE + END).json()
+    assert answer["detail"] == "body.fantom_id is not a known field: 'phantom_id' is"
+    assert answer["errors"][0]["pointer"] == "#/fantom_id"
+    missing = send(seeded, part("name", "mine") + END).json()
+    assert [each["pointer"] for each in missing["errors"]] == ["#/data", "#/scanner_id", "#/file"]
+    assert {each["message"] for each in missing["errors"]} == {"is required"}
+
+
+def test_a_digest_is_of_the_whole_body(seeded):
+    body = GIVEN + FILE + END
+    right = {"Content-Digest": f"sha-256=:{b64encode(hashlib.sha256(body).digest()).decode()}:"}
+    assert send(seeded, body, **right).status_code == 202
+    assert send(seeded, body + b"\r\n", **right).json()["code"] == "digest-mismatch"
+
+
+def test_a_repeat_makes_nothing_again_whatever_its_boundary(seeded, store, woken):
+    first = seeded.post(FORM, data=FIELDS, files={"file": CONTENT}, headers={"Idempotency-Key": "once"})
+    again = seeded.post(
+        FORM,
+        files=[("file", CONTENT), *((name, (None, value)) for name, value in reversed(FIELDS.items()))],
+        headers={"Idempotency-Key": "once"},
+    )
+    check_documented(again)
+    assert (again.status_code, again.content) == (202, first.content)
+    assert again.headers["Idempotency-Replayed"] == "true"
+    assert len(woken) == 1
+    for fields, content in (({**FIELDS, "name": "other"}, CONTENT), (FIELDS, CONTENT + b"\0")):
+        other = seeded.post(FORM, data=fields, files={"file": content}, headers={"Idempotency-Key": "once"})
+        assert (other.status_code, other.json()["code"]) == (422, "idempotency-key-reused")
+    assert incoming(store) == []
+
+
+def test_what_was_refused_may_be_mended_under_the_same_key(seeded):
+    key = {"Idempotency-Key": "mended"}
+    assert send(seeded, GIVEN + FILE, **key).json()["code"] == "bad-form"
+    assert send(seeded, GIVEN + FILE + END, **key).status_code == 202
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "http://evil.example", "Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "no-cors"},
+        {"Sec-Fetch-Site": "same-site"},
+        {"Origin": "http://evil.example"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:9000"},
+    ],
+)
+def test_a_form_of_another_site_makes_nothing_on_loopback(seeded, headers):
+    """A browser asks nobody before it sends a form elsewhere, and on loopback no key is needed."""
+    answer = send(seeded, untouchable(), **headers)
+    assert (answer.status_code, answer.json()["code"]) == (403, "other-site")
+    own = {"Origin": "http://127.0.0.1:8000", "Sec-Fetch-Site": "same-origin"}
+    assert send(seeded, GIVEN + FILE + END, **own).status_code == 202
+
+
+def test_a_session_needs_its_token_beside_the_cookie(seeded, store, settings):
+    token = "t" * 40
+    seeded.app = create_app(settings.model_copy(update={"token": SecretStr(token)}), store, print)
+    login = seeded.post("/login", data={"key": token}, headers={"Origin": "http://127.0.0.1:8000"})
+    cookie = login.headers["Set-Cookie"].partition(";")[0]
+    session = {"Cookie": cookie, "Origin": "http://127.0.0.1:8000"}
+    assert send(seeded, untouchable(), **session).json()["code"] == "csrf"
+    in_body = part("csrf", csrf_token(cookie.partition("=")[2]))
+    assert send(seeded, in_body + GIVEN + FILE + END, **session).json()["code"] == "csrf"
+    named = {"X-CSRF-Token": csrf_token(cookie.partition("=")[2])}
+    assert send(seeded, GIVEN + FILE + END, **session, **named).status_code == 202
