@@ -45,7 +45,7 @@ def test_a_failure_s_sentence_comes_first_and_its_attempts_are_listed(seeded, st
     sentence = "the phantom is too large for the detector"
     store.jobs.fail(worker.claim(), Failure(kind=FailureKind.INPUT, code="phantom-too-large", detail=sentence))
     shown = text_of(seeded.get("/jobs?state=failed").text)
-    assert f"Plan of a calibration Failed {sentence} Asked for by the service" in shown
+    assert f"Plan of a calibration Failed {sentence} phantom-too-large Asked for by the service" in shown
     assert "The queue" not in shown
     history = text_of(seeded.get(f"/jobs/{job_id}/history").text)
     assert "attempt 1 started on test" in history
