@@ -27,7 +27,6 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
 from sawmill_worker.storage.settings import StorageSettings
@@ -123,7 +122,7 @@ def ingest(path: Path, kind: DataKind) -> None:
         upload.symlink_to(path)
         output = Path(folder) / "output"
         output.mkdir()
-        run(Attempt(job, given_to(store, job), output, report=lambda _: None, announce=lambda _: None))
+        run(Attempt(job, store.jobs.handed_over(job.id), output, report=lambda _: None, announce=lambda _: None))
         store.close()
 
 

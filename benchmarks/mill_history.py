@@ -21,7 +21,6 @@ from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs.running import Attempt, run
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.built_in import L_SHAPE
@@ -183,6 +182,6 @@ def _run_next(store: Store) -> None:
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
     job = store.jobs.get(claim.job_id)
     attempt = Attempt(
-        job=job, given=given_to(store, job), output=output, report=lambda _: None, announce=lambda _: None
+        job=job, given=store.jobs.handed_over(job.id), output=output, report=lambda _: None, announce=lambda _: None
     )
     store.jobs.succeed(claim, run(attempt), output)

@@ -15,7 +15,6 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import Job, JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import Scan, ScanSpec
-from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
 from sawmill_worker.storage.settings import StorageSettings
@@ -40,7 +39,7 @@ def attempt(store: Store, tmp_path: Path) -> Callable[..., Attempt]:
         output = tmp_path / f"output-{job.id}"
         output.mkdir()
         report = [].append if reported is None else reported.append
-        return Attempt(job=job, given=given_to(store, job), output=output, report=report, announce=[].append)
+        return Attempt(job=job, given=store.jobs.handed_over(job.id), output=output, report=report, announce=[].append)
 
     return at
 

@@ -13,7 +13,6 @@ from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs.running import run
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
@@ -155,7 +154,7 @@ def test_a_calibration_of_another_detector_is_refused(asked, log_scan, store):
     wider = replace(scanner.constants, detector_pitch_mm=3.1)
     store.scanners.update("line-2", ScannerSpec(name="Line 2", constants=wider))
     with pytest.raises(JobFailure, match=r"384 cells of 3 mm and the scan of 384 of 3\.1 mm") as failure:
-        run(replace(looking, given=given_to(store, looking.job)))
+        run(replace(looking, given=store.jobs.handed_over(looking.job.id)))
     assert failure.value.code == "contradiction"
 
 

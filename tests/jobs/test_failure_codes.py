@@ -30,7 +30,7 @@ def test_the_list_has_the_codes_of_the_sources():
     paths = [path for room in ROOMS for path in (WORKER / room).rglob("*.py")] + [WORKER / "storage" / "jobs.py"]
     found = {code for path in paths for code in codes_in(path)}
     assert len(found) > 50  # else the search finds nothing
-    # What a job works on may have been deleted before it is handed over (`execution/handing_over.py`).
+    # What a job works on may have been deleted before it is handed over (`storage/handing_over.py`).
     gone = {NotFound(kind, "").code for kind in Reference if kind is not Reference.THETA}
     raised = found | {StorageFull.code, StorageUnavailable.code} | gone
     assert not raised - CODES, "add these to contracts/failure_codes.py"

@@ -13,7 +13,6 @@ import pytest
 from sawmill_worker.contracts.calibrations import CalibrationAsk, PaperOptions
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
-from sawmill_worker.execution.handing_over import given_to
 from sawmill_worker.jobs import keeping
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run
@@ -116,13 +115,13 @@ def test_progress_that_does_not_fit_is_passed_over(search, store, attempt, spec,
     if damage == "truncated":
         path.write_bytes(path.read_bytes()[:-7])
     elif damage == "another version":
-        monkeypatch.setattr(keeping, "version", lambda _: "0.0.1")
+        monkeypatch.setattr(keeping, "software", lambda: "0.0.1")
     else:
         constants = replace(store.scanners.get("line-2").constants, source_to_cor_mm=900.0)
         store.scanners.update("line-2", spec().model_copy(update={"constants": constants}))
     log = []
     monkeypatch.setattr(keeping.structlog, "get_logger", lambda: Log(log))
-    run(replace(job, given=given_to(store, job.job), announce=lambda _: None))
+    run(replace(job, given=store.jobs.handed_over(job.job.id), announce=lambda _: None))
     assert ("checkpoint-passed-over", "search") in log
 
 

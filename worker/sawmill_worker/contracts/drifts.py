@@ -2,11 +2,11 @@
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rows, Stamped
+from sawmill_worker.contracts.base import Contract, Identifier, Rows
 from sawmill_worker.contracts.choices import DisturbedPart
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.given import Given
-from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
+from sawmill_worker.contracts.given import FreshAsk
+from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation, Reference, stored_as
 from sawmill_worker.vocabulary import Rotation
 
@@ -21,7 +21,7 @@ class DriftOptions(Contract):
     )
 
 
-class DriftAsk(DriftOptions, Given):
+class DriftAsk(DriftOptions, FreshAsk):
     """Ask whether a scanner has moved since a calibration. The scan must go all round in steps of 3 degrees or less."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
@@ -157,7 +157,7 @@ class DriftLinks(Contract):
     )
 
 
-class Drift(Stamped):
+class Drift(Answerable):
     """A drift check as it stands."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])

@@ -93,9 +93,10 @@ class Event(Contract):
     worker: str | None = Field(None, description="Host and process.", examples=["mill:71"])
     detail: dict[str, Any] | None = Field(
         None,
-        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `reason` of "
-        "an activation, a refusal or a missed due time, which is `due_at`; `used_by`, the address of what was made of "
-        "an upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
+        description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; "
+        "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal "
+        "or a missed due time, which is `due_at`; `used_by`, the address of what was made of an upload, or the "
+        "`reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

@@ -7,8 +7,9 @@ from typing import Any
 
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Name, Stamped, Time
-from sawmill_worker.contracts.jobs import Failure, JobKind, JobState
+from sawmill_worker.contracts.base import Contract, Identifier, Name, Time
+from sawmill_worker.contracts.given import FreshAsk
+from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, Operation
 from sawmill_worker.contracts.scans import AnglesText, Dataset, ScanShape
 from sawmill_worker.vocabulary import DataKind
@@ -165,6 +166,10 @@ class InspectedFile(InspectionOptions):
     )
 
 
+class InspectionAsk(InspectedFile, FreshAsk):
+    """A file that was sent to be inspected."""
+
+
 class InspectionLinks(Contract):
     """Where it hangs together."""
 
@@ -172,7 +177,7 @@ class InspectionLinks(Contract):
     job: str = Field(description="Path of its job.", examples=["/v1/jobs/example"])
 
 
-class Inspection(Stamped):
+class Inspection(Answerable):
     """An inspection as it stands. It succeeds for a file that cannot be read too: its result has the reason."""
 
     state: JobState = Field(description="State of its job.", examples=["succeeded"])
@@ -196,7 +201,7 @@ DECLARATION = AskedKind(
     noun="inspection",
     upload="file",
     lighter="give a smaller file",
-    ask=InspectedFile,
+    ask=InspectionAsk,
     options=InspectedFile,
     result=InspectionResult,
     answer=Inspection,

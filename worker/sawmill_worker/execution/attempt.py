@@ -29,6 +29,7 @@ from sawmill_worker.execution.threading_layer import load
 from sawmill_worker.jobs.running import Attempt, make_ready, needs_of, run, warm_up
 from sawmill_worker.storage.files import flush_tree, work_of
 from sawmill_worker.storage.noted_digests import note_digests
+from sawmill_worker.storage.software import software
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import Progress
 
@@ -39,6 +40,7 @@ def main() -> None:
     configure_logs(settings.log_format)
     attempt = partial(_attempt, settings=settings)
     installation()
+    software()
     if REQUESTS in os.environ:
         load(Path(os.environ[TBB]))
         warm_up()
@@ -53,7 +55,7 @@ def _attempt(channel: BinaryIO, settings: ExecutionSettings) -> None:
     """Wait for the assignment on standard input, and answer it."""
     supervisor = open(0, "rb", buffering=0, closefd=False)  # noqa: SIM115 - lives as long as the process
     try:
-        channel.write(to_line(Ready()))
+        channel.write(to_line(Ready(software=software())))
     except BrokenPipeError:  # the supervisor was killed meanwhile
         return
     line = _line_from(supervisor)

@@ -69,6 +69,8 @@ class AttemptProcess:
         self._unread = b""
         self._ready = False
         self.hung_up = False
+        # Known once it is ready.
+        self.software: str | None = None
 
     @property
     def alive(self) -> bool:
@@ -88,7 +90,9 @@ class AttemptProcess:
             left_s = deadline - time.monotonic()
             if left_s <= 0:
                 raise AttemptNotStarted(f"a process was not ready after {timeout_s:g} s")
-            self._ready = any(isinstance(message, Ready) for message in self.receive(left_s))
+            for message in self.receive(left_s):
+                if isinstance(message, Ready):
+                    self._ready, self.software = True, message.software
             if self.hung_up:
                 raise AttemptNotStarted(f"a process ended with exit code {self._process.wait()} before it was ready")
 

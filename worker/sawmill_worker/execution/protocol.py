@@ -27,9 +27,10 @@ class Assignment(Contract):
 
 
 class Ready(Contract):
-    """Everything is imported."""
+    """Everything is imported; `software` is that which was, null where results must answer no other job."""
 
     kind: Literal["ready"] = "ready"
+    software: str | None = None
 
 
 class ProgressMade(Contract):

@@ -11,8 +11,8 @@ from sawmill_worker.files.checkpoint import UnusableCheckpoint, read_checkpoint,
 from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.storage.errors import StorageFull, disk_full_reported
 from sawmill_worker.storage.files import check_room
+from sawmill_worker.storage.software import software
 from sawmill_worker.use_cases.keeping import Arrays, MadeWith
-from sawmill_worker.vocabulary.version import VERSION
 
 # Seconds of work from one checkpoint to the next: a short job never writes one, and a long one is written seldom beside
 # its work. An attempt after another begins at once and doubles its pauses, so that it gets on however soon it ends.
@@ -29,14 +29,14 @@ class AttemptKeeper:
     Parameters
     ----------
     origin : mapping
-        JSON-able: what the progress depends on. The version of the software is added.
+        JSON-able: what the progress depends on. The software is added.
     still_to_write_bytes : int
         What the attempt's results may need of the disk: checkpoints leave that free.
     """
 
     def __init__(self, attempt: Attempt, origin: Mapping[str, Any], *, still_to_write_bytes: int = 0) -> None:
         self._attempt = attempt
-        self._origin = {**origin, "software_version": VERSION}
+        self._origin = {**origin, "software": software()}
         self._still_to_write_bytes = still_to_write_bytes
         self._announced_at = time.monotonic()
         self._pause_s = PAUSE_S if attempt.job.attempt <= 1 else 0.0

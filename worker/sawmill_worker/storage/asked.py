@@ -15,8 +15,10 @@ from sqlalchemy.orm import Session
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.kinds import Answer, Ask, AskedKind
+from sawmill_worker.storage.asked_rows import found_asked, read_asked
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.errors import NotFound
+from sawmill_worker.storage.earlier import answer_at_once
+from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import created_between, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import looked_up
@@ -31,14 +33,15 @@ class Asked(Generic[Ask, Answer]):
 
     Parameters
     ----------
-    database
-        Where the rows are.
+    database, files
+        Where the rows are, and what jobs leave beside them.
     declared
         The kind's declaration.
     """
 
-    def __init__(self, database: Database, declared: AskedKind[Ask, Answer]) -> None:
+    def __init__(self, database: Database, files: FileStore, declared: AskedKind[Ask, Answer]) -> None:
         self._database = database
+        self._files = files
         self._declared = declared
 
     def accept(
@@ -50,7 +53,7 @@ class Asked(Generic[Ask, Answer]):
         priority: Priority = Priority.WAITED_FOR,
         given: Mapping[str, str] = NOTHING,
     ) -> Answer:
-        """Queue a job; while others make what it refers to, it waits for them.
+        """Queue a job, or answer it from an earlier result; while others make what it refers to, it waits for them.
 
         Parameters
         ----------
@@ -75,6 +78,7 @@ class Asked(Generic[Ask, Answer]):
         with self._database.write() as session:
             row = queue_asked(
                 session,
+                self._files,
                 self._declared,
                 ask,
                 self._database.now(),
@@ -116,12 +120,12 @@ class Asked(Generic[Ask, Answer]):
             return {row.id: self._read(row) for row in session.scalars(statement)}
 
     def _read(self, row: Answered) -> Answer:
-        columns = {column.key: getattr(row, column.key) for column in row.__table__.columns}
-        return self._declared.read(columns | {"state": row.job.state, "failure": row.job.failure})
+        return read_asked(self._declared, row)
 
 
 def queue_asked(
     session: Session,
+    files: FileStore,
     declared: AskedKind[Ask, Answer],
     ask: Ask,
     now: datetime,
@@ -131,7 +135,7 @@ def queue_asked(
     priority: Priority = Priority.WAITED_FOR,
     given: Mapping[str, str] = NOTHING,
 ) -> Answered:
-    """Write a row and its job inside the caller's transaction; the rest as in `Asked.accept`."""
+    """Write a row and its job inside the caller's transaction, or answer it; the rest as in `Asked.accept`."""
     table, identifier = table_of(declared.kind), identifier or new_id()
     refuse_taken(session, table, declared.noun, identifier)
     known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
@@ -152,26 +156,15 @@ def queue_asked(
             needs=needs,
             job_id=job_id,
             priority=priority,
+            fresh=known.get("fresh", False),
         ),
         **{name: known[name] for name in table.own_columns() if name in known},
     )
     session.add(row)
     session.flush()
     session.refresh(row, ["job"])
-    return row
-
-
-def found_asked(session: Session, declared: AskedKind[Any, Any], identifier: str) -> Answered:
-    """The row with this id.
-
-    Raises
-    ------
-    NotFound
-        There is none of this kind.
-    """
-    row = session.get(table_of(declared.kind), identifier)
-    if row is None or row.job.kind is not declared.kind:
-        raise NotFound(declared.noun, identifier)
+    if not needs and not row.job.fresh:
+        answer_at_once(session, files, row.job, now)
     return row
 
 

@@ -2,10 +2,11 @@
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.inspections import DECLARATION, InspectedFile, Inspection, InspectionOptions
+from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.storage.arriving import Received
-from sawmill_worker.storage.asked import Asked, found_asked, queue_asked
+from sawmill_worker.storage.asked import Asked, queue_asked
+from sawmill_worker.storage.asked_rows import found_asked, read_asked
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
@@ -15,12 +16,11 @@ from sawmill_worker.storage.paging import new_id
 from sawmill_worker.storage.uploading import kept_upload
 
 
-class Inspections(Asked[InspectedFile, Inspection]):
+class Inspections(Asked[InspectionAsk, Inspection]):
     """As of every kind that is asked for, and their files; every method is one transaction."""
 
     def __init__(self, database: Database, files: FileStore) -> None:
-        super().__init__(database, DECLARATION)
-        self._files = files
+        super().__init__(database, files, DECLARATION)
 
     def accept_file(
         self,
@@ -30,6 +30,7 @@ class Inspections(Asked[InspectedFile, Inspection]):
         name: str = "file",
         identifier: str | None = None,
         priority: Priority = Priority.WAITED_FOR,
+        fresh: bool = False,
     ) -> Inspection:
         """Keep an upload and queue the job that inspects it.
 
@@ -45,19 +46,27 @@ class Inspections(Asked[InspectedFile, Inspection]):
             A fixed id; null for a new one.
         priority
             Which jobs go before it.
+        fresh
+            Look at it even where the same file was looked at before.
 
         Raises
         ------
         Conflict
             The id is taken.
         """
-        file = InspectedFile(**options.model_dump(), name=name, size_bytes=received.size_bytes, sha256=received.sha256)
+        file = InspectionAsk(
+            **options.model_dump(),
+            name=name,
+            size_bytes=received.size_bytes,
+            sha256=received.sha256,
+            fresh=fresh,
+        )
         identifier = identifier or new_id()
         with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
             now = self._database.now()
-            row = queue_asked(session, self._declared, file, now, identifier=identifier, priority=priority)
+            row = queue_asked(session, self._files, self._declared, file, now, identifier=identifier, priority=priority)
             keep(session, now)
-            return self._read(row)
+            return read_asked(self._declared, row)
 
     def received_again(self, identifier: str) -> Received:
         """The inspected file as if it had been sent once more; `accept` or `discard` must follow, as after an upload.

@@ -19,12 +19,15 @@ from sqlalchemy.orm import Session, aliased
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, after_commit, lock_files_of
+from sawmill_worker.storage.earlier import Earlier, earlier_result
 from sawmill_worker.storage.errors import Conflict, LeaseLost, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import PEAK_MEMORY, record, record_cancel_requested
 from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.handing_over import handed_over
 from sawmill_worker.storage.outlook import NOTHING_KNOWN, ORDER, Outlook, Outlooks
 from sawmill_worker.storage.paging import found, narrowed, rows_of_page
 from sawmill_worker.storage.retries import LONGEST_WAIT_S, Retries
@@ -217,6 +220,26 @@ class Jobs:
             raise LeaseLost(claim.job_id, claim.attempt)
         return cancel
 
+    def handed_over(self, job_id: str) -> HandedOver:
+        """What a job works on.
+
+        Raises
+        ------
+        NotFound
+            What it refers to was deleted since it was asked for, as a plan's phantom, which a plan does not keep.
+        StorageUnavailable
+            The database does not answer.
+        """
+        with self._database.read() as session:
+            return handed_over(session, self._files, found(session, JobRow, "job", job_id))
+
+    def earlier(self, claim: Claim, origin: str) -> Earlier | None:
+        """A result of the same origin that may answer the job; None where there is none, or it must be computed."""
+        with self._database.read() as session:
+            if found(session, JobRow, "job", claim.job_id).fresh:
+                return None
+            return earlier_result(session, self._files, claim.job.kind, origin)
+
     def keep(self, claim: Claim, output: Path, names: Sequence[str]) -> None:
         """Keep an attempt's checkpoints with the job: it has made progress, so that its losses are counted anew.
 
@@ -241,7 +264,14 @@ class Jobs:
             row.losses = row.outages = 0
 
     def succeed(
-        self, claim: Claim, result: dict[str, Any], output: Path, *, peak_memory_bytes: int | None = None
+        self,
+        claim: Claim,
+        result: dict[str, Any],
+        output: Path,
+        *,
+        peak_memory_bytes: int | None = None,
+        origin: str | None = None,
+        answered_from: str | None = None,
     ) -> None:
         """Publish an attempt's files and result, both or neither.
 
@@ -255,6 +285,10 @@ class Jobs:
             The attempt's folder, flushed (`flush_tree`) by whoever wrote it; renamed to its subject's.
         peak_memory_bytes
             The most memory that the attempt's process held, for its event.
+        origin
+            What the result depends on (`storage/origins.py`): it may answer other jobs. Null: it never does.
+        answered_from
+            Id of the subject for which the result was computed; null: for this one.
 
         Raises
         ------
@@ -267,7 +301,9 @@ class Jobs:
         checked = checked_result(kind, result)
         with self._ending() as session:
             row = _held(session, claim)
-            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=_measured(peak_memory_bytes))
+            row.origin, row.answered_from = origin, answered_from
+            detail = _measured(peak_memory_bytes) if answered_from is None else {"answered_from": answered_from}
+            self._end(session, row, JobState.SUCCEEDED, EventKind.SUCCEEDED, detail=detail)
             record_success(session, kind, subject_id, checked, self._database.now())
             session.flush()
             # Renamed while the row is locked: a late attempt cannot replace a newer one's files. When the commit fails
@@ -550,5 +586,6 @@ def _read(row: JobRow, outlook: Outlook = NOTHING_KNOWN) -> Job:
             "started_at": row.started_at,
             "finished_at": row.finished_at,
             "failure": row.failure,
+            "answered_from": row.answered_from,
         }
     )

@@ -10,7 +10,7 @@ import threading
 from pathlib import Path
 
 from sawmill_worker.storage.errors import StorageUnavailable, disk_full_reported
-from sawmill_worker.storage.files import SCAN_FILE
+from sawmill_worker.storage.files import SCAN_FILE, note_of
 
 # Smaller files are read within some 30 ms.
 NOTED_FROM_BYTES = 8 * 1024**2
@@ -34,7 +34,7 @@ def note_digests(folder: Path) -> None:
 def noted_digest(path: Path, status: os.stat_result) -> bytes | None:
     """The digest that is noted of a file as it was when `status` was taken."""
     try:
-        digest, _, noted_for = _note_of(path).read_text().partition(" ")
+        digest, _, noted_for = note_of(path).read_text().partition(" ")
     except FileNotFoundError:
         return None
     return bytes.fromhex(digest) if noted_for == _stamp(status) else None
@@ -42,7 +42,7 @@ def noted_digest(path: Path, status: os.stat_result) -> bytes | None:
 
 def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
     """Keep a digest beside its file; a note is there whole or not at all."""
-    note = _note_of(path)
+    note = note_of(path)
     new = note.with_name(f"{note.name}.{os.getpid()}-{threading.get_ident()}")
     new.write_text(f"{digest.hex()} {_stamp(status)}")
     new.replace(note)
@@ -64,10 +64,6 @@ def compute_digest(path: Path, status: os.stat_result) -> bytes:
     if _stamp(read) != _stamp(status):
         raise StorageUnavailable(f"{path.name} was replaced while it was read: ask for it again")
     return digest
-
-
-def _note_of(path: Path) -> Path:
-    return path.with_name(f".{path.name}.sha256")
 
 
 def _stamp(status: os.stat_result) -> str:

@@ -61,7 +61,7 @@ class Phantoms:
             refuse_taken(session, PhantomRow, "phantom", row.id)
             session.add(row)
             announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
-            return _read(row)
+            return read_phantom(row)
 
     def measure(self, phantom_id: str, measured: MeasurementsAsk) -> StoredPhantom:
         """Add a phantom as it is measured now; the one before stays as it is, for what refers to it.
@@ -86,7 +86,7 @@ class Phantoms:
             row = self._drawn(new_id(), drawing, built_in=False)
             session.add(row)
             announce(session, row.created_at, EventKind.PHANTOM_CREATED, "phantom", row.id)
-            return _read(row)
+            return read_phantom(row)
 
     def followers(self) -> dict[str, str]:
         """The ids of phantoms that were measured anew, each with that of the newest phantom made so."""
@@ -143,12 +143,12 @@ class Phantoms:
             session.add(row)
             session.flush()
             keep(session, row.created_at)
-        return _read(row)
+        return read_phantom(row)
 
     def get(self, phantom_id: str) -> StoredPhantom:
         """One phantom, or `NotFound`."""
         with self._database.read() as session:
-            return _read(found(session, PhantomRow, "phantom", phantom_id))
+            return read_phantom(found(session, PhantomRow, "phantom", phantom_id))
 
     def usable(self, phantom_id: str) -> StoredPhantom:
         """One that a calibration may use.
@@ -161,26 +161,17 @@ class Phantoms:
         with self._database.read() as session:
             row = found(session, PhantomRow, "phantom", phantom_id)
             check_usable(row)
-            return _read(row)
+            return read_phantom(row)
 
     def picture(self, phantom_id: str) -> PhantomPicture:
-        """What its uploader gave with the picture, for the job that traces it.
-
-        Raises
-        ------
-        NotFound, Conflict
-            There is no such phantom, or it was drawn and has no picture.
-        """
+        """What its uploader gave with the picture, or `NotFound`; `Conflict` where it was drawn and has none."""
         with self._database.read() as session:
-            row = found(session, PhantomRow, "phantom", phantom_id)
-            if row.picture is None:
-                raise Conflict("phantom-without-picture", f"phantom {phantom_id!r} was drawn, it has no picture")
-            return PhantomPicture.model_validate(row.picture)
+            return picture_of(found(session, PhantomRow, "phantom", phantom_id))
 
     def page(self, *, after: str | None = None, limit: int = 50) -> Page[StoredPhantom]:
         """All phantoms, newest first."""
         with self._database.read() as session:
-            return read_page(session, select(PhantomRow), PhantomRow, _read, after=after, limit=limit)
+            return read_page(session, select(PhantomRow), PhantomRow, read_phantom, after=after, limit=limit)
 
     def delete(self, phantom_id: str) -> None:
         """Remove a phantom that nothing refers to, and its files after the commit.
@@ -220,7 +211,8 @@ class Phantoms:
         )
 
 
-def _read(row: PhantomRow) -> StoredPhantom:
+def read_phantom(row: PhantomRow) -> StoredPhantom:
+    """The phantom of a row."""
     return StoredPhantom.model_validate(
         {
             "id": row.id,
@@ -233,3 +225,16 @@ def _read(row: PhantomRow) -> StoredPhantom:
             "job_id": row.job_id,
         }
     )
+
+
+def picture_of(row: PhantomRow) -> PhantomPicture:
+    """What its uploader gave with the picture, for the job that traces it.
+
+    Raises
+    ------
+    Conflict
+        It was drawn and has no picture.
+    """
+    if row.picture is None:
+        raise Conflict("phantom-without-picture", f"phantom {row.id!r} was drawn, it has no picture")
+    return PhantomPicture.model_validate(row.picture)

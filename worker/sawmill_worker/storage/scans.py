@@ -86,7 +86,7 @@ class Scans:
             session.add(row)
             session.flush()
             keep(session, row.created_at)
-        return _read(row)
+        return read_scan(row)
 
     def check(self, spec: ScanSpec) -> None:
         """Refuse before a file is sent what `accept` would refuse after it.
@@ -107,13 +107,13 @@ class Scans:
     def get(self, scan_id: str) -> Scan:
         """One scan, or `NotFound`."""
         with self._database.read() as session:
-            return _read(found(session, ScanRow, "scan", scan_id))
+            return read_scan(found(session, ScanRow, "scan", scan_id))
 
     def several(self, scan_ids: Collection[str]) -> dict[str, Scan]:
         """Those that there are, by their ids."""
         with self._database.read() as session:
             rows = session.scalars(select(ScanRow).where(ScanRow.id.in_(scan_ids)))
-            return {row.id: _read(row) for row in rows}
+            return {row.id: read_scan(row) for row in rows}
 
     def page(
         self,
@@ -129,7 +129,7 @@ class Scans:
         statement = narrowed(select(ScanRow), {ScanRow.scanner_id: scanner_id, ScanRow.state: state})
         statement = created_between(statement, ScanRow, created_from, created_before)
         with self._database.read() as session:
-            return read_page(session, statement, ScanRow, _read, after=after, limit=limit)
+            return read_page(session, statement, ScanRow, read_scan, after=after, limit=limit)
 
     def uploaded_bytes(self) -> int:
         """Of all scans as they were uploaded."""
@@ -160,7 +160,8 @@ class Scans:
         self._files.remove_upload(JobKind.INGEST, scan_id)
 
 
-def _read(row: ScanRow) -> Scan:
+def read_scan(row: ScanRow) -> Scan:
+    """The scan of a row."""
     return Scan.model_validate(
         {
             **row.spec,

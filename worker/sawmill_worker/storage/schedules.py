@@ -14,6 +14,7 @@ from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.due_times import latest_due, next_due
 from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.scheduled import queue_due
 from sawmill_worker.storage.tables import ScannerRow, ScheduleRow, ScheduleRunRow
@@ -29,8 +30,9 @@ _WHY_NOT = {
 class Schedules:
     """Every method is one transaction, `run_due` one for each due schedule."""
 
-    def __init__(self, database: Database) -> None:
+    def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
+        self._files = files
 
     def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
         """Add a schedule.
@@ -110,7 +112,7 @@ class Schedules:
             due_at, first_due_at = latest_due(row.cron, row.time_zone, now), row.next_due_at
             if not _moved_on(session, row, now) or _ran_already(session, schedule_id, due_at):
                 return None
-            run = ScheduleRun(due_at=due_at, **queue_due(session, row, now)._asdict())
+            run = ScheduleRun(due_at=due_at, **queue_due(session, self._files, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
             if first_due_at < due_at:
                 _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")

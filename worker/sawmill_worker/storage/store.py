@@ -63,14 +63,14 @@ class Store:
         self.scans = Scans(self._database, self.files)
         self.inspections = Inspections(self._database, self.files)
         self.uploads = Uploads(self._database, self.files)
-        self.calibrations = Calibrations(self._database)
+        self.calibrations = Calibrations(self._database, self.files)
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.measurements = Measurements(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
-        self.schedules = Schedules(self._database)
+        self.schedules = Schedules(self._database, self.files)
         self.alarms = Alarms(self._database)
         self.events = Events(self._database)
         self.overviews = Overviews(self._database)
@@ -81,7 +81,7 @@ class Store:
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
-        return Asked(self._database, declared)
+        return Asked(self._database, self.files, declared)
 
     def leftovers(self, *, grace_s: float) -> Leftovers:
         """An observer of what no row knows, which removes it after a grace."""

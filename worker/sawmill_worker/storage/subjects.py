@@ -11,7 +11,7 @@ from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.acting import THE_SERVICE, Actor, acting_as
-from sawmill_worker.storage.asked import found_asked
+from sawmill_worker.storage.asked_rows import found_asked
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.measurements import record_measurement
 from sawmill_worker.storage.paging import found

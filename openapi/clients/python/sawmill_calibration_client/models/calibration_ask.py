@@ -28,6 +28,9 @@ class CalibrationAsk:
     activate: bool | Unset = False
     """ Make it the scanner's active calibration if its rays_verdict is pass: an uncertain scale blurs nothing and
     does not stop it. """
+    fresh: bool | Unset = False
+    """ Compute it even where the same was computed before, of the same input, with the same parameters and the same
+    version of the software. Otherwise that result answers at once, and `answered_from` names it. """
     handedness: Handedness | None | Unset = UNSET
     """ From which end the phantom was seen. By default the scanner's, else both are tried. """
     log_rows: None | str | Unset = UNSET
@@ -63,6 +66,8 @@ class CalibrationAsk:
         scan_id = self.scan_id
 
         activate = self.activate
+
+        fresh = self.fresh
 
         handedness: None | str | Unset
         if isinstance(self.handedness, Unset):
@@ -150,6 +155,8 @@ class CalibrationAsk:
         )
         if activate is not UNSET:
             field_dict["activate"] = activate
+        if fresh is not UNSET:
+            field_dict["fresh"] = fresh
         if handedness is not UNSET:
             field_dict["handedness"] = handedness
         if log_rows is not UNSET:
@@ -187,6 +194,8 @@ class CalibrationAsk:
         scan_id = d.pop("scan_id")
 
         activate = d.pop("activate", UNSET)
+
+        fresh = d.pop("fresh", UNSET)
 
         def _parse_handedness(data: object) -> Handedness | None | Unset:
             if data is None:
@@ -321,6 +330,7 @@ class CalibrationAsk:
         calibration_ask = cls(
             scan_id=scan_id,
             activate=activate,
+            fresh=fresh,
             handedness=handedness,
             log_rows=log_rows,
             method=method,

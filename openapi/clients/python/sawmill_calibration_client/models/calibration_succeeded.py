@@ -108,6 +108,10 @@ class CalibrationSucceeded:
     """ Number of views that were used. """
     adjustments: list[str] | Unset = UNSET
     """ What was found in the scan beyond the plain model, and done. """
+    answered_from: None | str | Unset = UNSET
+    """ Id of the earlier one of its kind whose result it has: computed of the same input, with the same parameters
+    and the same version of the software. The seconds in the result are those of that computation. Null: it was
+    computed itself, or has no result. """
     comparison: Comparison | None | Unset = UNSET
     """ What changed since the scanner's active calibration. Null: there was none. """
     limits: CalibrationLimits | None | Unset = UNSET
@@ -245,6 +249,12 @@ class CalibrationSucceeded:
         if not isinstance(self.adjustments, Unset):
             adjustments = self.adjustments
 
+        answered_from: None | str | Unset
+        if isinstance(self.answered_from, Unset):
+            answered_from = UNSET
+        else:
+            answered_from = self.answered_from
+
         comparison: dict[str, Any] | None | Unset
         if isinstance(self.comparison, Unset):
             comparison = UNSET
@@ -360,6 +370,8 @@ class CalibrationSucceeded:
         )
         if adjustments is not UNSET:
             field_dict["adjustments"] = adjustments
+        if answered_from is not UNSET:
+            field_dict["answered_from"] = answered_from
         if comparison is not UNSET:
             field_dict["comparison"] = comparison
         if limits is not UNSET:
@@ -552,6 +564,15 @@ class CalibrationSucceeded:
 
         adjustments = cast(list[str], d.pop("adjustments", UNSET))
 
+        def _parse_answered_from(data: object) -> None | str | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(None | str | Unset, data)
+
+        answered_from = _parse_answered_from(d.pop("answered_from", UNSET))
+
         def _parse_comparison(data: object) -> Comparison | None | Unset:
             if data is None:
                 return data
@@ -730,6 +751,7 @@ class CalibrationSucceeded:
             verdict=verdict,
             views=views,
             adjustments=adjustments,
+            answered_from=answered_from,
             comparison=comparison,
             limits=limits,
             links=links,

@@ -38,6 +38,10 @@ class CalibrationUnfinished:
     """ Id of the scanner that is calibrated. """
     state: UnfinishedState
     """ A job's states but `succeeded`: those in which there is no answer. """
+    answered_from: None | str | Unset = UNSET
+    """ Id of the earlier one of its kind whose result it has: computed of the same input, with the same parameters
+    and the same version of the software. The seconds in the result are those of that computation. Null: it was
+    computed itself, or has no result. """
     failure: Failure | None | Unset = UNSET
     """ Why it failed. Null: it has not. """
     links: CalibrationLinks | None | Unset = UNSET
@@ -64,6 +68,12 @@ class CalibrationUnfinished:
         scanner_id = self.scanner_id
 
         state = self.state.value
+
+        answered_from: None | str | Unset
+        if isinstance(self.answered_from, Unset):
+            answered_from = UNSET
+        else:
+            answered_from = self.answered_from
 
         failure: dict[str, Any] | None | Unset
         if isinstance(self.failure, Unset):
@@ -101,6 +111,8 @@ class CalibrationUnfinished:
                 "state": state,
             }
         )
+        if answered_from is not UNSET:
+            field_dict["answered_from"] = answered_from
         if failure is not UNSET:
             field_dict["failure"] = failure
         if links is not UNSET:
@@ -132,6 +144,15 @@ class CalibrationUnfinished:
         scanner_id = d.pop("scanner_id")
 
         state = UnfinishedState(d.pop("state"))
+
+        def _parse_answered_from(data: object) -> None | str | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(None | str | Unset, data)
+
+        answered_from = _parse_answered_from(d.pop("answered_from", UNSET))
 
         def _parse_failure(data: object) -> Failure | None | Unset:
             if data is None:
@@ -185,6 +206,7 @@ class CalibrationUnfinished:
             scan_id=scan_id,
             scanner_id=scanner_id,
             state=state,
+            answered_from=answered_from,
             failure=failure,
             links=links,
             schedule_id=schedule_id,

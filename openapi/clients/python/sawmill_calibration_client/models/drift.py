@@ -39,6 +39,10 @@ class Drift:
     """ Id of the scanner. """
     state: JobState
     """ A job's life: queued, running, then one of the three ends. """
+    answered_from: None | str | Unset = UNSET
+    """ Id of the earlier one of its kind whose result it has: computed of the same input, with the same parameters
+    and the same version of the software. The seconds in the result are those of that computation. Null: it was
+    computed itself, or has no result. """
     failure: Failure | None | Unset = UNSET
     """ Why it failed. Null: it has not. """
     links: DriftLinks | None | Unset = UNSET
@@ -66,6 +70,12 @@ class Drift:
         scanner_id = self.scanner_id
 
         state = self.state.value
+
+        answered_from: None | str | Unset
+        if isinstance(self.answered_from, Unset):
+            answered_from = UNSET
+        else:
+            answered_from = self.answered_from
 
         failure: dict[str, Any] | None | Unset
         if isinstance(self.failure, Unset):
@@ -105,6 +115,8 @@ class Drift:
                 "state": state,
             }
         )
+        if answered_from is not UNSET:
+            field_dict["answered_from"] = answered_from
         if failure is not UNSET:
             field_dict["failure"] = failure
         if links is not UNSET:
@@ -137,6 +149,15 @@ class Drift:
         scanner_id = d.pop("scanner_id")
 
         state = JobState(d.pop("state"))
+
+        def _parse_answered_from(data: object) -> None | str | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(None | str | Unset, data)
+
+        answered_from = _parse_answered_from(d.pop("answered_from", UNSET))
 
         def _parse_failure(data: object) -> Failure | None | Unset:
             if data is None:
@@ -198,6 +219,7 @@ class Drift:
             scan_id=scan_id,
             scanner_id=scanner_id,
             state=state,
+            answered_from=answered_from,
             failure=failure,
             links=links,
             result=result,

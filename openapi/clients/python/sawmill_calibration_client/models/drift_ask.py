@@ -18,6 +18,9 @@ class DriftAsk:
     """ Id of the scan to look at. """
     calibration_id: None | str | Unset = UNSET
     """ To compare with; null: the scanner's active calibration. """
+    fresh: bool | Unset = False
+    """ Compute it even where the same was computed before, of the same input, with the same parameters and the same
+    version of the software. Otherwise that result answers at once, and `answered_from` names it. """
     rows: None | str | Unset = UNSET
     """ Detector rows A:B to average, the first included, the last not. By default all of them. """
 
@@ -29,6 +32,8 @@ class DriftAsk:
             calibration_id = UNSET
         else:
             calibration_id = self.calibration_id
+
+        fresh = self.fresh
 
         rows: None | str | Unset
         if isinstance(self.rows, Unset):
@@ -45,6 +50,8 @@ class DriftAsk:
         )
         if calibration_id is not UNSET:
             field_dict["calibration_id"] = calibration_id
+        if fresh is not UNSET:
+            field_dict["fresh"] = fresh
         if rows is not UNSET:
             field_dict["rows"] = rows
 
@@ -64,6 +71,8 @@ class DriftAsk:
 
         calibration_id = _parse_calibration_id(d.pop("calibration_id", UNSET))
 
+        fresh = d.pop("fresh", UNSET)
+
         def _parse_rows(data: object) -> None | str | Unset:
             if data is None:
                 return data
@@ -76,6 +85,7 @@ class DriftAsk:
         drift_ask = cls(
             scan_id=scan_id,
             calibration_id=calibration_id,
+            fresh=fresh,
             rows=rows,
         )
 

@@ -35,6 +35,10 @@ class Inspection:
     """ The file beside them. """
     state: JobState
     """ A job's life: queued, running, then one of the three ends. """
+    answered_from: None | str | Unset = UNSET
+    """ Id of the earlier one of its kind whose result it has: computed of the same input, with the same parameters
+    and the same version of the software. The seconds in the result are those of that computation. Null: it was
+    computed itself, or has no result. """
     failure: Failure | None | Unset = UNSET
     """ Why it failed. Null: it has not. """
     links: InspectionLinks | None | Unset = UNSET
@@ -58,6 +62,12 @@ class Inspection:
         options = self.options.to_dict()
 
         state = self.state.value
+
+        answered_from: None | str | Unset
+        if isinstance(self.answered_from, Unset):
+            answered_from = UNSET
+        else:
+            answered_from = self.answered_from
 
         failure: dict[str, Any] | None | Unset
         if isinstance(self.failure, Unset):
@@ -95,6 +105,8 @@ class Inspection:
                 "state": state,
             }
         )
+        if answered_from is not UNSET:
+            field_dict["answered_from"] = answered_from
         if failure is not UNSET:
             field_dict["failure"] = failure
         if links is not UNSET:
@@ -123,6 +135,15 @@ class Inspection:
         options = InspectedFile.from_dict(d.pop("options"))
 
         state = JobState(d.pop("state"))
+
+        def _parse_answered_from(data: object) -> None | str | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(None | str | Unset, data)
+
+        answered_from = _parse_answered_from(d.pop("answered_from", UNSET))
 
         def _parse_failure(data: object) -> Failure | None | Unset:
             if data is None:
@@ -182,6 +203,7 @@ class Inspection:
             job_id=job_id,
             options=options,
             state=state,
+            answered_from=answered_from,
             failure=failure,
             links=links,
             result=result,

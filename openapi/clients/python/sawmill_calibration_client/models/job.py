@@ -35,6 +35,10 @@ class Job:
     """ A job's life: queued, running, then one of the three ends. """
     subject_id: str
     """ What it works on, as a scan, a phantom or a calibration. """
+    answered_from: None | str | Unset = UNSET
+    """ Id of the earlier one of its kind whose result it has: computed of the same input, with the same parameters
+    and the same version of the software. The seconds in the result are those of that computation. Null: it was
+    computed itself, or has no result. """
     asked_by: None | str | Unset = UNSET
     """ The name of the key with which it was asked for, or who else did; null: an earlier version's. """
     background: bool | Unset = False
@@ -67,7 +71,8 @@ class Job:
     short: bool | Unset = False
     """ It takes seconds: it has a lane in which none waits for a long one, as a reconstruction. """
     started_at: datetime.datetime | None | Unset = UNSET
-    """ When its last attempt started, RFC 3339, UTC. Null: it has not started. """
+    """ When its last attempt started, RFC 3339, UTC. Null: it has not started, or an earlier result answered it at
+    once. """
     waiting_for: Failure | None | Unset = UNSET
     """ While it waits to be tried again: the passing failure because of which it does. """
     worker: None | str | Unset = UNSET
@@ -88,6 +93,12 @@ class Job:
         state = self.state.value
 
         subject_id = self.subject_id
+
+        answered_from: None | str | Unset
+        if isinstance(self.answered_from, Unset):
+            answered_from = UNSET
+        else:
+            answered_from = self.answered_from
 
         asked_by: None | str | Unset
         if isinstance(self.asked_by, Unset):
@@ -197,6 +208,8 @@ class Job:
                 "subject_id": subject_id,
             }
         )
+        if answered_from is not UNSET:
+            field_dict["answered_from"] = answered_from
         if asked_by is not UNSET:
             field_dict["asked_by"] = asked_by
         if background is not UNSET:
@@ -251,6 +264,15 @@ class Job:
         state = JobState(d.pop("state"))
 
         subject_id = d.pop("subject_id")
+
+        def _parse_answered_from(data: object) -> None | str | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(None | str | Unset, data)
+
+        answered_from = _parse_answered_from(d.pop("answered_from", UNSET))
 
         def _parse_asked_by(data: object) -> None | str | Unset:
             if data is None:
@@ -430,6 +452,7 @@ class Job:
             kind=kind,
             state=state,
             subject_id=subject_id,
+            answered_from=answered_from,
             asked_by=asked_by,
             background=background,
             cancel_requested=cancel_requested,

@@ -20,6 +20,9 @@ class PlanAsk:
 
     scanner_id: str
     """ Id of the scanner that is to be calibrated. """
+    fresh: bool | Unset = False
+    """ Compute it even where the same was computed before, of the same input, with the same parameters and the same
+    version of the software. Otherwise that result answers at once, and `answered_from` names it. """
     noise: float | Unset = 0.02
     """ Standard deviation of the noise against the RMS of the phantom's sinogram, no unit. """
     size_tolerance_percent: float | None | Unset = UNSET
@@ -33,6 +36,8 @@ class PlanAsk:
         from ..models.given_theta import GivenTheta  # noqa: PLC0415
 
         scanner_id = self.scanner_id
+
+        fresh = self.fresh
 
         noise = self.noise
 
@@ -59,6 +64,8 @@ class PlanAsk:
                 "scanner_id": scanner_id,
             }
         )
+        if fresh is not UNSET:
+            field_dict["fresh"] = fresh
         if noise is not UNSET:
             field_dict["noise"] = noise
         if size_tolerance_percent is not UNSET:
@@ -76,6 +83,8 @@ class PlanAsk:
 
         d = dict(src_dict)
         scanner_id = d.pop("scanner_id")
+
+        fresh = d.pop("fresh", UNSET)
 
         noise = d.pop("noise", UNSET)
 
@@ -109,6 +118,7 @@ class PlanAsk:
 
         plan_ask = cls(
             scanner_id=scanner_id,
+            fresh=fresh,
             noise=noise,
             size_tolerance_percent=size_tolerance_percent,
             theta=theta,

@@ -49,6 +49,9 @@ class ReconstructionAsk:
     """ Window on the ramp. """
     frequency_scaling: float | Unset = 1.0
     """ Cut-off as a fraction of the Nyquist frequency, no unit. """
+    fresh: bool | Unset = False
+    """ Compute it even where the same was computed before, of the same input, with the same parameters and the same
+    version of the software. Otherwise that result answers at once, and `answered_from` names it. """
     handedness: Handedness | None | Unset = UNSET
     """ With theta: recorded in the result. """
     metal: MetalHandling | Unset = UNSET
@@ -131,6 +134,8 @@ class ReconstructionAsk:
             filter_ = self.filter_.value
 
         frequency_scaling = self.frequency_scaling
+
+        fresh = self.fresh
 
         handedness: None | str | Unset
         if isinstance(self.handedness, Unset):
@@ -231,6 +236,8 @@ class ReconstructionAsk:
             field_dict["filter"] = filter_
         if frequency_scaling is not UNSET:
             field_dict["frequency_scaling"] = frequency_scaling
+        if fresh is not UNSET:
+            field_dict["fresh"] = fresh
         if handedness is not UNSET:
             field_dict["handedness"] = handedness
         if metal is not UNSET:
@@ -328,6 +335,8 @@ class ReconstructionAsk:
             filter_ = FilterName(_filter_)
 
         frequency_scaling = d.pop("frequency_scaling", UNSET)
+
+        fresh = d.pop("fresh", UNSET)
 
         def _parse_handedness(data: object) -> Handedness | None | Unset:
             if data is None:
@@ -473,6 +482,7 @@ class ReconstructionAsk:
             field_mm=field_mm,
             filter_=filter_,
             frequency_scaling=frequency_scaling,
+            fresh=fresh,
             handedness=handedness,
             metal=metal,
             method=method,

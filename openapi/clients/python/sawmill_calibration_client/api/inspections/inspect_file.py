@@ -18,6 +18,7 @@ def _get_kwargs(
     data: DataKind | Unset = UNSET,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    fresh: bool | Unset = False,
     name: str | Unset = "file",
     priority: Priority | Unset = UNSET,
     inspection_id: str | Unset = UNSET,
@@ -39,6 +40,8 @@ def _get_kwargs(
     params["dataset"] = dataset
 
     params["angles_deg"] = angles_deg
+
+    params["fresh"] = fresh
 
     params["name"] = name
 
@@ -173,6 +176,7 @@ def sync_detailed(
     data: DataKind | Unset = UNSET,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    fresh: bool | Unset = False,
     name: str | Unset = "file",
     priority: Priority | Unset = UNSET,
     inspection_id: str | Unset = UNSET,
@@ -197,6 +201,9 @@ def sync_detailed(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        fresh (bool | Unset): Compute it even where the same was computed before, of the same
+            input, with the same parameters and the same version of the software. Otherwise that
+            result answers at once, and `answered_from` names it. Default: False.
         name (str | Unset): What people call the file. Default: 'file'.
         priority (Priority | Unset): Which job comes first: somebody waits for it, it is one of
             many as of a schedule, or it is for idle times.
@@ -222,6 +229,7 @@ def sync_detailed(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        fresh=fresh,
         name=name,
         priority=priority,
         inspection_id=inspection_id,
@@ -243,6 +251,7 @@ def sync(
     data: DataKind | Unset = UNSET,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    fresh: bool | Unset = False,
     name: str | Unset = "file",
     priority: Priority | Unset = UNSET,
     inspection_id: str | Unset = UNSET,
@@ -267,6 +276,9 @@ def sync(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        fresh (bool | Unset): Compute it even where the same was computed before, of the same
+            input, with the same parameters and the same version of the software. Otherwise that
+            result answers at once, and `answered_from` names it. Default: False.
         name (str | Unset): What people call the file. Default: 'file'.
         priority (Priority | Unset): Which job comes first: somebody waits for it, it is one of
             many as of a schedule, or it is for idle times.
@@ -293,6 +305,7 @@ def sync(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        fresh=fresh,
         name=name,
         priority=priority,
         inspection_id=inspection_id,
@@ -308,6 +321,7 @@ async def asyncio_detailed(
     data: DataKind | Unset = UNSET,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    fresh: bool | Unset = False,
     name: str | Unset = "file",
     priority: Priority | Unset = UNSET,
     inspection_id: str | Unset = UNSET,
@@ -332,6 +346,9 @@ async def asyncio_detailed(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        fresh (bool | Unset): Compute it even where the same was computed before, of the same
+            input, with the same parameters and the same version of the software. Otherwise that
+            result answers at once, and `answered_from` names it. Default: False.
         name (str | Unset): What people call the file. Default: 'file'.
         priority (Priority | Unset): Which job comes first: somebody waits for it, it is one of
             many as of a schedule, or it is for idle times.
@@ -357,6 +374,7 @@ async def asyncio_detailed(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        fresh=fresh,
         name=name,
         priority=priority,
         inspection_id=inspection_id,
@@ -376,6 +394,7 @@ async def asyncio(
     data: DataKind | Unset = UNSET,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    fresh: bool | Unset = False,
     name: str | Unset = "file",
     priority: Priority | Unset = UNSET,
     inspection_id: str | Unset = UNSET,
@@ -400,6 +419,9 @@ async def asyncio(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        fresh (bool | Unset): Compute it even where the same was computed before, of the same
+            input, with the same parameters and the same version of the software. Otherwise that
+            result answers at once, and `answered_from` names it. Default: False.
         name (str | Unset): What people call the file. Default: 'file'.
         priority (Priority | Unset): Which job comes first: somebody waits for it, it is one of
             many as of a schedule, or it is for idle times.
@@ -427,6 +449,7 @@ async def asyncio(
             data=data,
             dataset=dataset,
             angles_deg=angles_deg,
+            fresh=fresh,
             name=name,
             priority=priority,
             inspection_id=inspection_id,
