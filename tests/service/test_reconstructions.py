@@ -256,7 +256,6 @@ def test_the_size_can_be_asked_for_alone(seeded):
         ("bytes=abc", 400),
         ("bytes=-", 400),
         ("bytes=5-2", 400),
-        ("pages=1-2", 400),
         ("bytes=0-1,x", 400),
         ("bytes=" + "9" * 5000 + "-", 400),
         ("bytes=0-" + "9" * 5000, 400),
