@@ -68,7 +68,8 @@ def serve(
 @main.command(cls=Command)
 def doctor(
     data: Annotated[
-        Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
+        # Whether it can be read is for the doctor to say.
+        Path | None, typer.Option(readable=False, help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,  # noqa: FBT002 - a flag
 ) -> None:

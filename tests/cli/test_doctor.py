@@ -4,6 +4,9 @@ import json
 import os
 import shutil
 import sqlite3
+import subprocess
+import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -11,8 +14,9 @@ import pytest
 from sawmill_service.doctor import machine
 from sawmill_service.doctor.findings import State
 from sawmill_service.doctor.science import kernels
+from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.keys import KeyAsk, Scope
-from sawmill_worker.execution.sole_service import refuse_second, sole_service
+from sawmill_worker.execution.sole_service import refuse_second, serving_process, sole_service
 from sawmill_worker.storage import clock
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
@@ -144,12 +148,70 @@ def test_a_disk_that_counts_as_full(found, monkeypatch):
     assert "it counts as full" in found("disk")["sentence"]
 
 
+def test_who_only_looks_keeps_no_service_from_starting(data):
+    settings = StorageSettings(data_folder=data)
+    with sole_service(settings):
+        pass
+    stop = threading.Event()
+
+    def look():
+        while not stop.is_set():
+            serving_process(settings)
+
+    thread = threading.Thread(target=look)
+    thread.start()
+    try:
+        for _ in range(300):
+            with sole_service(settings):
+                pass
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_a_destroyed_database(found, data):
+    (data / "sawmill.db").write_bytes(b"no database" * 1000)
+    assert "restore the last backup" in found("database")["cure"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.getuid() != 0 or shutil.which("setpriv") is None, reason="needs root and setpriv")
+def test_a_folder_of_another_user_is_found_by_one_who_may_not_read_it(data):
+    """In a process of its own, without the right that opens everything to root."""
+    with sole_service(StorageSettings(data_folder=data)):
+        pass
+    data.chmod(0o700)
+    os.chown(data, 12345, -1)
+    rights = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
+    command = [*rights, sys.executable, "-m", "sawmill_service.cli", "doctor", "--data", data, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1, done.stderr
+    found = {each["subject"]: each for each in json.loads(done.stdout)["findings"] if each["state"] == "bad"}
+    assert found["data folder"]["sentence"] == f"{data} belongs to user 12345 and cannot be written to by this one"
+    assert found["data folder"]["cure"] == f"run as user 12345, or change the owner: chown -R USER {data}"
+
+
+def test_on_postgresql_what_listens_may_be_the_service():
+    with machine.listen("127.0.0.1", 0, guarded=True) as taken:
+        settings = ServiceSettings(port=taken.getsockname()[1])
+        assert machine.address(settings, may_be_ours=True).state is State.GOOD
+        assert machine.address(settings, may_be_ours=False).state is State.BAD
+
+
+def test_the_disk_s_own_folder_is_nobody_s_fault(run, data):
+    if os.getuid() != 0:
+        pytest.skip("only root can give files away")
+    (data / "lost+found").mkdir()
+    os.chown(data / "lost+found", 12345, -1)
+    run("doctor", "--data", data)
+
+
 def test_what_another_user_left(found, data):
     if os.getuid() != 0:
         pytest.skip("only root can give files away")
     os.chown(data / "uploads" if (data / "uploads").exists() else data / "scans", 12345, -1)
     finding = found("data folder")
-    assert "belongs to user 12345" in finding["sentence"]
+    assert "belongs to user 12345," in finding["sentence"]
     assert finding["cure"].startswith("chown -R ")
 
 

@@ -42,14 +42,24 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
     yield from science()
     yield from machine.limits_of_system(settings, execution)
     yield from machine.data_folder(storage)
-    process = serving_process(storage)
+    yield store.broker(execution.broker_url)
+    if machine.is_closed(storage.data_folder):
+        return
+    yield from _service(settings, storage)
+    if storage.is_made:
+        yield from store.database(storage, needs_key=settings.may_be_reached and settings.token is None)
+
+
+def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:
+    try:
+        process = serving_process(storage)
+    except OSError as error:
+        yield Finding("service", State.BAD, str(error), machine.run_as_owner(storage.data_folder))
+        return
     if process is not None:
         yield Finding("service", State.GOOD, f"process {process} serves the data folder")
     else:
-        yield machine.address(settings)
-    if storage.is_made:
-        yield from store.database(storage, needs_key=settings.may_be_reached and settings.token is None)
-    yield store.broker(execution.broker_url)
+        yield machine.address(settings, may_be_ours=not storage.is_one_file)
 
 
 def show(findings: Sequence[Finding]) -> None:

@@ -1,8 +1,8 @@
 """What the doctor sees of the machine: packages, the data folder with its disk and owners, limits of the system."""
 
+import errno
 import os
 import platform
-import pwd
 import shutil
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,6 +14,7 @@ from packaging.requirements import Requirement
 from sawmill_service.doctor.findings import Finding, State
 from sawmill_service.listening import ListenError, listen
 from sawmill_service.open_files import open_files_for
+from sawmill_service.pages.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.settings import ExecutionSettings
@@ -25,11 +26,18 @@ PACKAGE = "sawmill-calibration"
 _OF_NETWORKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "fuse.sshfs", "ceph", "fuse.glusterfs", "lustre", "afs"}
 _MOUNTS = Path("/proc/self/mountinfo")
 _OTHERS_MAY_WRITE = 0o022
-_PLENTY = 10  # times the reserve
+_OF_THE_DISK = "lost+found"  # root's, where the folder is a disk of its own
 
 
 def packages() -> Iterator[Finding]:
     """Whether what is installed is what the product asks for."""
+    wrong = list(_wrong_packages())
+    yield from wrong
+    if not wrong:
+        yield Finding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
+
+
+def _wrong_packages() -> Iterator[Finding]:
     for text in requires(PACKAGE) or []:
         needed = Requirement(text)
         if needed.marker is not None and not needed.marker.evaluate({"extra": ""}):
@@ -46,7 +54,6 @@ def packages() -> Iterator[Finding]:
                 f"{wanted} is needed, and {found} is installed",
                 f"install {PACKAGE} again with its constraints.txt",
             )
-    yield Finding("versions", State.GOOD, f"{PACKAGE} {VERSION}, Python {platform.python_version()}")
 
 
 def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) -> Iterator[Finding]:
@@ -55,7 +62,8 @@ def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) ->
         open_files_for(settings.max_connections)
         yield Finding("open files", State.GOOD, f"enough for {settings.max_connections} connections")
     except ListenError as error:
-        yield Finding("open files", State.BAD, *_halved(str(error)))
+        wrong, _, cure = str(error).partition(": ")
+        yield Finding("open files", State.BAD, wrong, cure)
     if not execution.confine_attempts:
         yield Finding(
             "confinement",
@@ -74,13 +82,16 @@ def limits_of_system(settings: ServiceSettings, execution: ExecutionSettings) ->
         yield Finding("confinement", State.GOOD, f"Landlock {landlock.version()} keeps jobs to their own files")
 
 
-def address(settings: ServiceSettings) -> Finding:
-    """Whether the service could listen; for when it does not run."""
+def address(settings: ServiceSettings, *, may_be_ours: bool) -> Finding:
+    """Whether the service could listen; `may_be_ours`: nothing tells whether what listens there is the service."""
     try:
         with closing(listen(settings.host, settings.port, guarded=True)) as listening:
             port = listening.getsockname()[1]
     except ListenError as error:
-        return Finding("address", State.BAD, *_halved(str(error)))
+        if may_be_ours and isinstance(error.__cause__, OSError) and error.__cause__.errno == errno.EADDRINUSE:
+            sentence = f"something listens on {settings.host} with port {settings.port}: the service, if it runs"
+            return Finding("address", State.GOOD, sentence)
+        return Finding("address", State.BAD, str(error), "mend SAWMILL_HOST and SAWMILL_PORT")
     return Finding("address", State.GOOD, f"{settings.host} with port {port} can be listened on")
 
 
@@ -101,21 +112,26 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
     yield from _room(folder, storage.disk_reserve_bytes)
 
 
+def is_closed(folder: Path) -> bool:
+    """Whether the folder is there and this user cannot work in it."""
+    return folder.is_dir() and not os.access(folder, os.R_OK | os.W_OK | os.X_OK)
+
+
 def _writable(folder: Path) -> Finding:
-    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+    if is_closed(folder):
         return Finding(
             "data folder",
             State.BAD,
-            f"{folder} belongs to {_owner(folder)} and cannot be written to by {pwd.getpwuid(os.getuid()).pw_name}",
-            f"run as {_owner(folder)}, or change its owner: chown -R USER {folder}",
+            f"{folder} belongs to user {_owner(folder)} and cannot be written to by this one",
+            run_as_owner(folder),
         )
     # What a command by another user, root above all, has left: the service could not write to it.
-    stray = next((one for one in _two_levels(folder) if one.stat().st_uid != folder.stat().st_uid), None)
+    stray = next((one for one in _two_levels(folder) if one.lstat().st_uid != folder.stat().st_uid), None)
     if stray is not None:
         return Finding(
             "data folder",
             State.BAD,
-            f"{stray} belongs to {_owner(stray)}, and the folder to {_owner(folder)}",
+            f"{stray} belongs to user {_owner(stray)}, and the folder to {_owner(folder)}",
             f"chown -R {_owner(folder)} {folder}; give commands as {_owner(folder)}",
         )
     if folder.stat().st_mode & _OTHERS_MAY_WRITE:
@@ -125,19 +141,16 @@ def _writable(folder: Path) -> Finding:
             f"others on this machine may write to {folder} ({folder.stat().st_mode & 0o777:o})",
             f"chmod go-w {folder}",
         )
-    return Finding("data folder", State.GOOD, f"{folder}, of {_owner(folder)}")
+    return Finding("data folder", State.GOOD, f"{folder}, of user {_owner(folder)}")
 
 
 def _room(folder: Path, reserve_bytes: int) -> Iterator[Finding]:
-    disk = shutil.disk_usage(folder)
-    sentence = f"{disk.free / 1e9:.1f} GB of {disk.total / 1e9:.0f} GB are free, {reserve_bytes / 1e9:.1f} GB are kept"
+    usage = shutil.disk_usage(folder)
+    state = State(Disk(usage.free, usage.total, reserve_bytes, scans_bytes=0).tone)
+    sentence = f"{usage.free / 1e9:.1f} GB of {usage.total / 1e9:.0f} GB are free; below {reserve_bytes / 1e9:.1f} GB "
+    sentence += "it counts as full"
     cure = "delete scans and reconstructions that nobody needs, or move the data folder to a larger disk"
-    if disk.free < reserve_bytes:
-        yield Finding("disk", State.BAD, f"{sentence}: it counts as full", cure)
-    elif disk.free < _PLENTY * reserve_bytes:
-        yield Finding("disk", State.WATCH, sentence, cure)
-    else:
-        yield Finding("disk", State.GOOD, sentence)
+    yield Finding("disk", state, sentence, "" if state is State.GOOD else cure)
     names = os.statvfs(folder)
     if names.f_files and names.f_favail < names.f_files // 100:
         sentence = f"{names.f_favail} names of {names.f_files} are left on the disk (inodes)"
@@ -157,21 +170,23 @@ def file_system(folder: Path, mounts: Path = _MOUNTS) -> str:
     return kind
 
 
+def run_as_owner(folder: Path) -> str:
+    """What to do where a folder is another user's."""
+    return f"run as user {_owner(folder)}, or change the owner: chown -R USER {folder}"
+
+
 def _two_levels(folder: Path) -> Iterator[Path]:
     for entry in folder.iterdir():
+        if entry.name == _OF_THE_DISK:
+            continue
         yield entry
         if entry.is_dir() and not entry.is_symlink():
             yield from entry.iterdir()
 
 
 def _owner(path: Path) -> str:
+    """By name; by number where it has none, as in containers. chown(1) takes both."""
     try:
         return path.owner()
     except KeyError:
-        return f"user {path.stat().st_uid}"
-
-
-def _halved(sentence: str) -> tuple[str, str]:
-    """What is wrong and the cure, of a sentence that has both about a colon."""
-    wrong, _, cure = sentence.rpartition(": ")
-    return wrong, cure
+        return str(path.stat().st_uid)

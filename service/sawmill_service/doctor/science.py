@@ -25,7 +25,11 @@ def science() -> Iterator[Finding]:
 def kernels() -> Finding:
     """Whether the cache has the compiled kernels of this installation."""
     names = [found.name for found in pkgutil.walk_packages(tomography.__path__, f"{tomography.__name__}.")]
-    modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
+    try:
+        modules = [importlib.import_module(name) for name in names if name.endswith("_numba")]
+    except RuntimeError as error:  # Numba's, where neither the installation nor the user's own cache can be written to
+        sentence = f"{error}: jobs keep theirs in the data folder, and the first ones wait for them, up to a minute"
+        return Finding("kernels", State.WATCH, sentence, "run sawmill compile as the installation's owner")
     missing = [module.__name__.rpartition(".")[2] for module in modules if not holds_all(module)]
     if missing:
         sentence = f"not compiled yet: {', '.join(missing)}; the first jobs wait for it, up to a minute"

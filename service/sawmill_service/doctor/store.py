@@ -15,6 +15,7 @@ from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 _SLOW_S = 0.5
+_RESTORE = "stop the service, keep a copy, and restore the last backup"
 _NO_KEY = "the service can be reached from other machines by its settings, and there is no key: it would not start"
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
@@ -35,7 +36,8 @@ def database(storage: StorageSettings, *, needs_key: bool) -> Iterator[Finding]:
                 yield _workers(store)
                 yield _clock(store)
     except StorageMisconfigured as error:
-        yield Finding("database", State.BAD, str(error), "mend SAWMILL_DATABASE_URL")
+        cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
+        yield Finding("database", State.BAD, str(error), cure)
     except StorageError as error:
         yield Finding("database", State.BAD, str(error), "start its server, or end the process that holds it")
 
@@ -70,7 +72,7 @@ def _damage(store: Store) -> Finding:
     damage = store.damage()
     if damage:
         sentence = f"the database's file is damaged: {damage[0]}"
-        return Finding("tables", State.BAD, sentence, "stop the service, keep a copy, and restore the last backup")
+        return Finding("tables", State.BAD, sentence, _RESTORE)
     return Finding("tables", State.GOOD, "whole, and of this version")
 
 

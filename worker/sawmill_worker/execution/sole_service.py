@@ -2,13 +2,18 @@
 
 import fcntl
 import os
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TextIO
 
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 
 LOCK = "serve.lock"
+# `struct flock` of fcntl(2) on 64-bit systems: type, whence, start, length, process.
+_FLOCK = "hhqqi4x"
+_WHOLE_FILE = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
 
 
 @contextmanager
@@ -18,7 +23,7 @@ def sole_service(settings: StorageSettings) -> Iterator[None]:
     Raises
     ------
     StorageMisconfigured
-        As `refuse_second`.
+        Another process serves it; the sentence has its id.
     OSError
         The data folder cannot be used.
     """
@@ -29,10 +34,9 @@ def sole_service(settings: StorageSettings) -> Iterator[None]:
     # Not emptied before it is held: it has the holder's id.
     with (settings.data_folder / LOCK).open("a+") as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            refuse_second(settings)
-            raise
+            fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE_FILE)
+        except BlockingIOError as error:
+            raise _served(settings, _holder(lock)) from error
         lock.truncate(0)
         lock.write(f"{os.getpid()}\n")
         lock.flush()
@@ -44,21 +48,18 @@ def refuse_second(settings: StorageSettings) -> None:
 
     Raises
     ------
-    StorageMisconfigured
-        Another process serves it; the sentence has its id.
+    StorageMisconfigured, OSError
+        As `sole_service`.
     """
     process = serving_process(settings)
     if process is not None:
-        msg = (
-            f"the data folder {str(settings.data_folder)!r} is served by process {process} already: stop that one, or "
-            "give this one a folder of its own with --data or SAWMILL_DATA_FOLDER; several services on one folder need "
-            "PostgreSQL (SAWMILL_DATABASE_URL)"
-        )
-        raise StorageMisconfigured(msg)
+        raise _served(settings, process)
 
 
 def serving_process(settings: StorageSettings) -> str | None:
     """The id of the process that serves a data folder; None: none does, or the database is a server.
+
+    The lock is asked for its holder and not taken: a service that starts meanwhile must not find it taken.
 
     Raises
     ------
@@ -69,11 +70,21 @@ def serving_process(settings: StorageSettings) -> str | None:
         return None
     try:
         with (settings.data_folder / LOCK).open() as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-            except BlockingIOError:
-                # Empty for a moment, between the lock and the writing.
-                return lock.read().strip() or "unknown"
+            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
+            return None if kind == fcntl.F_UNLCK else _holder(lock)
     except FileNotFoundError:
         return None
-    return None
+
+
+def _holder(lock: TextIO) -> str:
+    lock.seek(0)
+    # Empty for a moment, between the lock and the writing.
+    return lock.read().strip() or "unknown"
+
+
+def _served(settings: StorageSettings, process: str) -> StorageMisconfigured:
+    return StorageMisconfigured(
+        f"the data folder {str(settings.data_folder)!r} is served by process {process} already: stop that one, or "
+        "give this one a folder of its own with --data or SAWMILL_DATA_FOLDER; several services on one folder need "
+        "PostgreSQL (SAWMILL_DATABASE_URL)"
+    )

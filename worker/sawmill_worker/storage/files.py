@@ -15,6 +15,7 @@ attempts/<…>/kept/              checkpoints that its supervisor has not yet ta
 attempts/<…>/work/              where its process works: what libraries write beside results; never published
 kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
 removed/                        what is being deleted
+serve.lock                      of the process that serves the folder (`execution/sole_service.py`); SQLite alone
 
 What is in none of the rows goes with time (`leftovers`).
 """
