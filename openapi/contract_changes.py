@@ -11,12 +11,15 @@ from pathlib import Path
 from typing import Any
 
 from contract_parts import Change, Kind, Place, without_words
+from schema_alternatives import alternatives, as_json
 from schema_changes import SchemaChanges
 
 HERE = Path(__file__).parent
 CONTRACT, RELEASED = HERE / "openapi.json", HERE / "released.json"
 # A scope includes those before it.
 SCOPES = ("read", "submit", "activate", "admin")
+# How a parameter is written that does not state it (OpenAPI 3.1, Parameter Object).
+STYLES = {"query": "form", "cookie": "form", "path": "simple", "header": "simple"}
 
 Document = Mapping[str, Any]
 
@@ -84,7 +87,7 @@ class _Comparison(SchemaChanges):
             self.note(Kind.INCOMPATIBLE, new, f"who may do this: from {before} to {after}", "security")
         self._parameters(old, new)
         self._request_bodies(old, new)
-        answers = self.members(old.at("responses"), new.at("responses"), f"status of {method}")
+        answers = self.members(old.at("responses"), new.at("responses"), f"status of {method}", added=_new_status)
         for was, now in answers.values():
             self._answers(was, now)
 
@@ -94,11 +97,20 @@ class _Comparison(SchemaChanges):
             if name in now:
                 self.compare_deprecation(each, now[name])
                 self._need(each, now[name], f"the {name}")
+                self._writing(each, now[name], f"the {name}")
                 self.compare(each.at("schema"), now[name].at("schema"), asked=True)
             else:
                 self.note(Kind.INCOMPATIBLE, each, f"the {name} is gone")
         for name in now.keys() - was.keys():
             self._new_part(now[name], f"the {name}")
+
+    def _writing(self, old: Place, new: Place, what: str) -> None:
+        (style, apart), (style_now, apart_now) = _writing(old), _writing(new)
+        if style != style_now:
+            self.note(Kind.INCOMPATIBLE, new, f"style of {what} from {style} to {style_now}")
+        kinds = {each.value.get("type") for each in alternatives(old.at("schema"))}
+        if apart != apart_now and kinds & {"array", "object", None}:  # of one value it means nothing
+            self.note(Kind.INCOMPATIBLE, new, f"explode of {what} from {as_json(apart)} to {as_json(apart_now)}")
 
     def _request_bodies(self, old: Place, new: Place) -> None:
         was, now = old.at("requestBody"), new.at("requestBody")
@@ -145,6 +157,17 @@ class _Comparison(SchemaChanges):
 
 def _parameters(operation: Place) -> dict[str, Place]:
     return {f"{each.value['in']} parameter {each.value['name']}": each for each in operation.at("parameters").items()}
+
+
+def _writing(parameter: Place) -> tuple[str, bool]:
+    """Its style, and whether each value of a list or an object stands apart."""
+    style = parameter.value.get("style", STYLES[parameter.value["in"]])
+    return style, parameter.value.get("explode", style == "form")
+
+
+def _new_status(status: str) -> Kind:
+    """A refusal is one more reason to fail; any other answer is one that programs do not understand."""
+    return Kind.ADDITION if status.startswith(("4", "5")) else Kind.INCOMPATIBLE
 
 
 def _opens(way: Mapping[str, list[str]], held: Mapping[str, list[str]]) -> bool:

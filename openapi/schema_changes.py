@@ -6,12 +6,11 @@ or a new type of a value in an answer is incompatible, since generated clients r
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from contract_parts import Change, Kind, Place, without_words
-
-Schema = Mapping[str, Any]
+from schema_alternatives import Schema, alternatives, as_json, choices, pairs
 
 # Lower bounds have the sign of plus; of two with one value the later keyword is the narrower.
 BOUNDS: tuple[tuple[Any, ...], ...] = (
@@ -40,18 +39,20 @@ class SchemaChanges:
         """Keep one change, of a place or of its member."""
         self.found.add(Change(place.pointer if key is None else place.pointer_to(key), what, kind))
 
-    def members(self, old: Place, new: Place, of: str) -> dict[str, tuple[Place, Place]]:
-        """Note the members of an object that are gone or new, and give those that both have."""
+    def members(
+        self, old: Place, new: Place, of: str, *, added: Callable[[str], Kind] = lambda _: Kind.ADDITION
+    ) -> dict[str, tuple[Place, Place]]:
+        """Note the members of an object that are gone or new, which `added` judges, and give those that both have."""
         for key in old.value.keys() - new.value.keys():
             self.note(Kind.INCOMPATIBLE, old, f"the {of} {key} is gone", key)
         for key in new.value.keys() - old.value.keys():
-            self.note(Kind.ADDITION, new, f"the {of} {key} is new", key)
+            self.note(added(key), new, f"the {of} {key} is new", key)
         return {key: (old.at(key), new.at(key)) for key in old.value if key in new.value}
 
     def compare_value(self, old: Place, new: Place, key: str) -> None:
         """Note a value that must be as it was, where it was stated."""
         if key in old.value and old.value[key] != new.value.get(key):
-            before, after = _json(old.value[key]), _json(new.value[key]) if key in new.value else "none"
+            before, after = as_json(old.value[key]), as_json(new.value[key]) if key in new.value else "none"
             self.note(Kind.INCOMPATIBLE, new, f"{key} from {before} to {after}", key)
 
     def compare_deprecation(self, old: Place, new: Place) -> None:
@@ -69,8 +70,8 @@ class SchemaChanges:
         if seen in self._seen:
             return
         self._seen.add(seen)
-        were, are = list(_alternatives(old)), list(_alternatives(new))
-        for was, now in _pairs(were, are):
+        were, are = list(alternatives(old)), list(alternatives(new))
+        for was, now in pairs(were, are):
             self._compare_one(was, now, asked=asked)
         for gone in were:
             self._narrower(gone, f"{_named(gone)} is gone from what it can be", asked=asked)
@@ -94,7 +95,7 @@ class SchemaChanges:
     def _types(self, old: Place, new: Place, *, asked: bool) -> None:
         for key in ("type", "format"):
             was, now = old.value.get(key), new.value.get(key)
-            what = f"{key} from {_json(was)} to {_json(now)}"
+            what = f"{key} from {as_json(was)} to {as_json(now)}"
             if (now is None and was is not None) or (was, now) == ("integer", "number"):
                 self._wider(new.at(key), what, asked=asked)
             elif (was is None and now is not None) or (was, now) == ("number", "integer"):
@@ -103,7 +104,7 @@ class SchemaChanges:
                 self.note(Kind.INCOMPATIBLE, new.at(key), f"{what}, {SIDES[asked]}")
 
     def _words(self, old: Place, new: Place, *, asked: bool) -> None:
-        was, now = _choices(old.value), _choices(new.value)
+        was, now = choices(old.value), choices(new.value)
         if was is None and now is not None:
             self._narrower(new, f"any value before, now one of {', '.join(now)}", asked=asked)
         elif was is not None and now is None:
@@ -169,10 +170,6 @@ class SchemaChanges:
             self.compare(old.at(key), new.at(key), asked=asked)
 
 
-def _json(value: Any) -> str:  # noqa: ANN401 - any JSON value
-    return "none" if value is None else json.dumps(value, ensure_ascii=False)
-
-
 def _as_object(place: Place) -> Place:
     """`true` allows everything, `false` nothing."""
     if isinstance(place.value, bool):
@@ -180,65 +177,9 @@ def _as_object(place: Place) -> Place:
     return place
 
 
-def _alternatives(place: Place) -> Iterator[Place]:
-    """What a value can be: each with all that holds for it."""
-    schema = place.value
-    for key in ("anyOf", "oneOf"):
-        if key in schema:
-            beside = {name: value for name, value in schema.items() if name not in {key, "default", "deprecated"}}
-            for each in place.at(key).items():
-                yield from _alternatives(Place(each.document, {**beside, **each.value}, each.pointer))
-            return
-    kinds = schema["type"] if isinstance(schema.get("type"), list) else [schema.get("type")]
-    for kind in kinds:
-        yield place if len(kinds) == 1 else Place(place.document, {**schema, "type": kind}, place.pointer)
-
-
-def _pairs(were: list[Place], are: list[Place]) -> list[tuple[Place, Place]]:
-    """The same alternative before and after: the most alike first. They are taken out of both lists."""
-    pairs = []
-    for likeness in (_text, _marks, _family):
-        if len(were) == len(are) == 1:
-            break
-        left = [(likeness(each.value), each) for each in are]
-        for was in list(were):
-            like = likeness(was.value)
-            match = next((each for each in left if each[0] == like), None)
-            if match is not None:
-                left.remove(match)
-                pairs.append((was, match[1]))
-                were.remove(was)
-                are.remove(match[1])
-    if len(were) == len(are) == 1:
-        pairs.append((were.pop(), are.pop()))
-    return pairs
-
-
-def _text(schema: Schema) -> str:
-    return json.dumps(without_words(schema), sort_keys=True)
-
-
-def _marks(schema: Schema) -> tuple[str, ...]:
-    """What tells one kind of object from another: the fields that have one value each."""
-    properties = schema.get("properties", {})
-    known = {name: _choices(each) or [] for name, each in sorted(properties.items())}
-    return _family(schema), *(f"{name}={choices[0]}" for name, choices in known.items() if len(choices) == 1)
-
-
-def _family(schema: Schema) -> str:
-    kind = schema.get("type")
-    return "number" if kind == "integer" else str(kind)
-
-
 def _named(place: Place) -> str:
     _, named, name = place.pointer.rpartition("/components/schemas/")
     return name if named else str(place.value.get("type", "any value"))
-
-
-def _choices(schema: Schema) -> list[str] | None:
-    if "const" in schema:
-        return [_json(schema["const"])]
-    return [_json(each) for each in schema["enum"]] if "enum" in schema else None
 
 
 def _bound(schema: Schema, keys: list[str], sign: int) -> tuple[float, int] | None:

@@ -12,7 +12,7 @@ from pydantic import Field
 from starlette.datastructures import Headers
 from starlette.types import Receive, Scope, Send
 
-from sawmill_service.conditional import CACHING, held_already, spans_of
+from sawmill_service.conditional import CACHING, check_conditions, spans_of
 from sawmill_service.digests import Digests, key_of, repr_digest, tag_of
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts import patterns
@@ -119,13 +119,13 @@ def picture(
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, drawn_from)
     digest, content = digests.known(key), digests.content(key)
-    if digest is not None and (held := held_already(request.headers, tag_of(digest))):
+    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
         return held
     if content is None or digest is None:
         drawn = draw()
         content = drawn.encode() if isinstance(drawn, str) else drawn
         digest = digests.note(key, content)
-        if held := held_already(request.headers, tag_of(digest)):
+        if held := check_conditions(request.headers, tag_of(digest)):
             return held
     suffix = mimetypes.guess_extension(answer.media_type or "") or ""
     headers = describing(digest, "inline", f"{_name_of(request).removesuffix(suffix)}{suffix}")
@@ -154,11 +154,11 @@ class Download(FileResponse):
         except FileNotFoundError:
             raise _missing(Path(self.path)) from None
         tag, modified, asked = tag_of(digest), self.headers["Last-Modified"], Headers(scope=scope)
-        if held := held_already(asked, tag, modified):
+        if held := check_conditions(asked, tag, modified):
             await held(scope, receive, send)
             return
         self.headers.update({"ETag": tag, "Repr-Digest": repr_digest(digest)})
-        spans = spans_of(asked, status.st_size, tag, modified)
+        spans = spans_of(asked, status.st_size, tag)
         # What the base class is given, it never refuses.
         given = [line for line in scope["headers"] if line[0] not in {b"range", b"if-range"}]
         if spans:

@@ -8,7 +8,7 @@ from fastapi.responses import StreamingResponse
 from starlette.types import Receive, Scope, Send
 
 from sawmill_service.answers import describing, one_part
-from sawmill_service.conditional import held_already
+from sawmill_service.conditional import check_conditions
 from sawmill_service.digests import Digests, key_of, tag_of
 from sawmill_service.rates import too_many
 
@@ -80,13 +80,13 @@ def array(
     digests: Digests = request.app.state.digests
     key = key_of(request.url.path, made_of)
     digest = digests.known(key)
-    if digest is not None and (held := held_already(request.headers, tag_of(digest))):
+    if digest is not None and (held := check_conditions(request.headers, tag_of(digest))):
         return held
     _ALL.take(size)
     try:
         content, headers = read()
         digest = digests.note(key, content, keep=False)
-        if unsent := held_already(request.headers, tag_of(digest)):
+        if unsent := check_conditions(request.headers, tag_of(digest)):
             return _given_back(size, unsent)
         own = describing(digest, "attachment", save_as)
         part, status, of_range = one_part(request.headers, content, own["ETag"])

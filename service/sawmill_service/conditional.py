@@ -18,7 +18,7 @@ _UNIT = re.compile(r"[A-Za-z0-9!#$%&'*+.^_`|~-]+")
 _SPAN = re.compile(r"(\d{0,18})-(\d{0,18})")
 
 
-def held_already(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
+def check_conditions(headers: Headers, tag: str, modified: str | None = None) -> Response | None:
     """The 304 for a client that holds what it asks for; none where the conditions let an answer be sent.
 
     Parameters
@@ -49,10 +49,11 @@ def held_already(headers: Headers, tag: str, modified: str | None = None) -> Res
     return Response(status_code=304, headers={"ETag": tag, "Cache-Control": CACHING}) if known else None
 
 
-def spans_of(headers: Headers, size_bytes: int, tag: str, modified: str | None = None) -> Sequence[slice]:
+def spans_of(headers: Headers, size_bytes: int, tag: str) -> Sequence[slice]:
     """The ranges of an answer that are asked for and are in it, one at least; none: all of it is asked for.
 
-    A range in another unit, or of another version by `If-Range`, is passed over.
+    A range in another unit, or of another version by `If-Range`, is passed over. A date there is never of this version:
+    two may have been written within its second (section 13.1.5).
 
     Raises
     ------
@@ -60,7 +61,7 @@ def spans_of(headers: Headers, size_bytes: int, tag: str, modified: str | None =
         400 `bad-range`. 416 `range-beyond-end`: none of them is in it.
     """
     header = headers.get("range")
-    if header is None or headers.get("if-range") not in {None, tag, modified}:
+    if header is None or headers.get("if-range") not in {None, tag}:
         return []
     unit, is_given, listed = header.partition("=")
     if is_given and _UNIT.fullmatch(unit) and unit.lower() != "bytes":
@@ -107,7 +108,7 @@ def _date(given: str) -> datetime | None:
     """A date of HTTP in any of its three forms; what is none is passed over (section 13.1.4)."""
     try:
         date = parsedate_to_datetime(given)
-    except ValueError:
+    except (ValueError, OverflowError):  # the latter of numbers of more digits than a date can have
         return None
     return date if date.tzinfo else date.replace(tzinfo=UTC)
 

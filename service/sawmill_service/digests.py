@@ -97,9 +97,12 @@ class Digests:
     async def _read(self, key: Hashable, path: Path, status: os.stat_result) -> bytes:
         if status.st_size < NOTED_FROM_BYTES:
             digest = await run_in_threadpool(compute_digest, path, status)
+        elif (noted := await run_in_threadpool(noted_digest, path, status)) is not None:
+            digest = noted
         else:
             async with self._large:
-                digest = await run_in_threadpool(_noted_or_computed, path, status)
+                digest = await run_in_threadpool(compute_digest, path, status)
+            await run_in_threadpool(_keep, path, status, digest)
         with self._lock:
             self._note(key, digest)
         return digest
@@ -110,12 +113,8 @@ class Digests:
             self._digests.popitem(last=False)
 
 
-def _noted_or_computed(path: Path, status: os.stat_result) -> bytes:
-    if (noted := noted_digest(path, status)) is not None:
-        return noted
-    computed = compute_digest(path, status)
+def _keep(path: Path, status: os.stat_result, digest: bytes) -> None:
     try:
-        note_digest(path, status, computed)
+        note_digest(path, status, digest)
     except OSError as error:  # a full disk: the file can be sent all the same
         log.warning("digest-not-kept", file=path.name, reason=str(error))
-    return computed

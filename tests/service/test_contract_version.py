@@ -125,6 +125,14 @@ def with_parameter(**described):
     return {"parameters": [{"in": "query", "name": "limit", "schema": COUNT} | described]}
 
 
+def listed(**described):
+    return document(with_parameter(schema={"type": "array", "items": COUNT}, **described))
+
+
+def answered_with(*statuses):
+    return document({"responses": {status: {} for status in statuses}})
+
+
 def with_key(*scopes):
     return {"security": [{"key": [scope]} for scope in scopes]}
 
@@ -155,6 +163,22 @@ DOCUMENTS = {
         *(document(with_parameter()), document(with_parameter(schema=COUNT | {"maximum": 200}))),
         *(INCOMPATIBLE, ADDITION),
     ),
+    "a list in one value": (listed(), listed(explode=False), INCOMPATIBLE, INCOMPATIBLE),
+    "a list by spaces": (listed(), listed(style="spaceDelimited"), INCOMPATIBLE, INCOMPATIBLE),
+    "a list as it was": (listed(), listed(style="form", explode=True), None, None),
+    "a list of a header": (
+        *(listed(**{"in": "header"}), listed(**{"in": "header"}, style="simple", explode=False)),
+        *(None, None),
+    ),
+    "lists by bars": (
+        *(listed(style="pipeDelimited"), listed(style="pipeDelimited", explode=True)),
+        *(INCOMPATIBLE, INCOMPATIBLE),
+    ),
+    "one value, or a list": (
+        *(document(with_parameter(schema=either(COUNT, {"type": "array"}), explode=each)) for each in (True, False)),
+        *(INCOMPATIBLE, INCOMPATIBLE),
+    ),
+    "one value": (document(with_parameter()), document(with_parameter(explode=False)), None, None),
     "a body": (document(), document(asking(TEXT)), INCOMPATIBLE, INCOMPATIBLE),
     "an optional body": (document(), document(asking(TEXT, required=False)), ADDITION, INCOMPATIBLE),
     "a body is required": (document(asking(TEXT, required=False)), document(asking(TEXT)), INCOMPATIBLE, ADDITION),
@@ -163,6 +187,10 @@ DOCUMENTS = {
         *(INCOMPATIBLE, INCOMPATIBLE),
     ),
     "a status": (document(), document({"responses": {"201": {}, "404": {}}}), ADDITION, INCOMPATIBLE),
+    "a status of success": (answered_with("201"), answered_with("201", "204"), INCOMPATIBLE, INCOMPATIBLE),
+    "a status elsewhere": (answered_with("201"), answered_with("201", "303"), INCOMPATIBLE, INCOMPATIBLE),
+    "a status of any kind": (answered_with("201"), answered_with("201", "default"), INCOMPATIBLE, INCOMPATIBLE),
+    "a status of a defect": (answered_with("201"), answered_with("201", "5XX"), ADDITION, INCOMPATIBLE),
     "a code": (document(refusing("in-use")), document(refusing("in-use", "built-in")), ADDITION, INCOMPATIBLE),
     "a header": (document(), document(HEADED), ADDITION, INCOMPATIBLE),
     "a header that may be missing": (document(HEADED), document(SOMETIMES_HEADED), INCOMPATIBLE, None),
@@ -274,8 +302,8 @@ def test_the_record_is_of_the_last_release(released):
 
 
 def test_a_release_is_recorded_by_one_command(tmp_path, contract):
-    for part in ("contract_changes.py", "contract_parts.py", "schema_changes.py", "openapi.json", "released.json"):
-        (tmp_path / part).write_bytes((ROOT / "openapi" / part).read_bytes())
+    for part in (*(ROOT / "openapi").glob("*.py"), ROOT / "openapi/openapi.json", ROOT / "openapi/released.json"):
+        (tmp_path / part.name).write_bytes(part.read_bytes())
     command = [sys.executable, tmp_path / "contract_changes.py"]
     shown = subprocess.run(command, check=True, capture_output=True, text=True)
     assert shown.stderr == f"{VERSION} is a version for this.\n"

@@ -2,6 +2,7 @@
 
 import asyncio
 import hashlib
+import os
 from base64 import b64encode
 from collections import defaultdict
 from threading import Event
@@ -109,40 +110,104 @@ def test_a_digest_that_a_worker_has_noted_is_not_computed(seeded, store, monkeyp
     assert seeded.get(VOLUME).headers["ETag"] == f'"{hashlib.sha256(path.read_bytes()).hexdigest()}"'
 
 
-@pytest.mark.usefixtures("seeded")
-def test_many_that_wait_for_a_digest_hold_no_thread(store, monkeypatch):
-    """More than the service has threads; two that are gone meanwhile take nothing from the others."""
-    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
-    begun, go_on, computed = Event(), Event(), []
+GARBLED = {
+    "no text": b"\xff\xfe",
+    "no hex": b"x" * 64 + b" %s",
+    "too short": b"ab %s",
+    "too long": b"ab" * 33 + b" %s",
+    "no stamp": b"ab" * 32,
+    "another stamp": b"ab" * 32 + b" 11 12",
+    "nothing": b"",
+}
 
-    def slowly(path, status):
+
+@pytest.mark.parametrize("garbled", GARBLED)
+def test_a_note_that_is_none_is_written_anew(seeded, store, monkeypatch, garbled):
+    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
+    path = store.files.volume("example")
+    status = path.stat()
+    note = path.with_name(f".{path.name}.sha256")
+    stamp = b"%d %d" % (status.st_size, status.st_mtime_ns)
+    note.write_bytes(GARBLED[garbled].replace(b"%s", stamp))
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    answer = seeded.get(VOLUME)
+    assert (answer.status_code, answer.headers["ETag"]) == (200, f'"{digest}"')
+    assert note.read_text() == f"{digest} {stamp.decode()}"
+
+
+class Slow:
+    """Computes the digests of volumes when it is let go on."""
+
+    def __init__(self):
+        self.begun, self.go_on, self.computed = Event(), Event(), []
+
+    def __call__(self, path, status):
         if path.name == "volume.h5":
-            computed.append(path)
-            begun.set()
-            assert go_on.wait(30)
+            self.computed.append(path)
+            self.begun.set()
+            assert self.go_on.wait(30)
         return noted_digests.compute_digest(path, status)
 
-    monkeypatch.setattr(digests, "compute_digest", slowly)
+
+@pytest.fixture
+def slow(monkeypatch):
+    monkeypatch.setattr(digests, "NOTED_FROM_BYTES", 1)
+    monkeypatch.setattr(digests, "compute_digest", slowly := Slow())
+    return slowly
+
+
+def asynchronous(app):
+    transport = httpx.ASGITransport(app)
+    return httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60)
+
+
+@pytest.mark.usefixtures("seeded")
+def test_a_digest_that_is_noted_waits_for_none_that_is_computed(store, monkeypatch, slow):
+    monkeypatch.setattr(noted_digests, "NOTED_FROM_BYTES", 1)
+    monkeypatch.setattr(digests, "_READ_AT_ONCE", 1)
+    noted = store.files.folder / "calibrations/example/result.h5"
+    note_digests(noted.parent)
+    app = create_app(ServiceSettings(), store, print)
+
+    async def story():
+        async with asynchronous(app) as client:
+            asked = asyncio.create_task(client.get(VOLUME))
+            try:
+                assert await asyncio.to_thread(slow.begun.wait, 30)
+                async with asyncio.timeout(10):
+                    answer = await client.get(f"{FOUND}/result.h5")
+                assert not asked.done()
+                return answer
+            finally:
+                slow.go_on.set()
+                await asked
+
+    answer = asyncio.run(story())
+    assert answer.headers["ETag"] == f'"{hashlib.sha256(noted.read_bytes()).hexdigest()}"'
+
+
+@pytest.mark.usefixtures("seeded")
+def test_many_that_wait_for_a_digest_hold_no_thread(store, slow):
+    """More than the service has threads; two that are gone meanwhile take nothing from the others."""
     app = create_app(ServiceSettings(max_requests_at_once=1000), store, print)
 
     async def story():
-        transport = httpx.ASGITransport(app)
-        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as client:
+        async with asynchronous(app) as client:
             asked = [asyncio.create_task(client.get(VOLUME)) for _ in range(100)]
-            assert await asyncio.to_thread(begun.wait, 30)
+            assert await asyncio.to_thread(slow.begun.wait, 30)
             for given_up in asked[:2]:
                 given_up.cancel()
             others = ["/v1/scanners", f"{FOUND}/result.h5", f"{LOG}/thumbnail.png"]
             async with asyncio.timeout(20):
                 assert [(await client.get(other)).status_code for other in others] == [200] * 3
             assert not any(each.done() for each in asked[2:])
-            go_on.set()
+            slow.go_on.set()
             return await asyncio.gather(*asked[2:])
 
     answers = asyncio.run(story())
     tag = f'"{hashlib.sha256(store.files.volume("example").read_bytes()).hexdigest()}"'
     assert {(answer.status_code, answer.headers["ETag"]) for answer in answers} == {(200, tag)}
-    assert len(computed) == 1
+    assert len(slow.computed) == 1
 
 
 def test_a_file_that_is_gone_before_it_was_read_is_a_problem(seeded, monkeypatch):
@@ -232,16 +297,30 @@ def test_conditions_are_kept(seeded, path):
 def test_conditions_of_time_are_kept_where_the_time_is_known(seeded):
     modified = seeded.get(VOLUME).headers["Last-Modified"]
     before, after = "Sun, 06 Nov 1994 08:49:37 GMT", "Sunday, 06-Nov-68 08:49:37 GMT"
+    beyond = "Sun, 06 Nov 99999999999 08:49:37 GMT"
     unmodified = {modified: 200, after: 200, before: 412, "Sun Nov  6 08:49:37 1994": 412, "yesterday": 200}
+    unmodified[beyond] = 200
     for given, status in unmodified.items():
         assert seeded.get(VOLUME, headers={"If-Unmodified-Since": given}).status_code == status, given
-    for given, status in {modified: 304, after: 304, before: 200, "yesterday": 200}.items():
+    for given, status in {modified: 304, after: 304, before: 200, "yesterday": 200, beyond: 200}.items():
         assert seeded.get(VOLUME, headers={"If-Modified-Since": given}).status_code == status, given
     tag = seeded.get(VOLUME).headers["ETag"]
     assert seeded.get(VOLUME, headers={"If-Match": tag, "If-Unmodified-Since": before}).status_code == 200
     assert seeded.get(VOLUME, headers={"If-None-Match": '"x"', "If-Modified-Since": after}).status_code == 200
     # A picture that is drawn for the request has no such time.
     assert seeded.get(f"{LOG}/slices/1.png", headers={"If-Unmodified-Since": before}).status_code == 200
+
+
+def test_a_range_of_a_date_is_answered_with_the_whole(seeded, store):
+    """A file may be written twice within a second: parts of both are not to be joined."""
+    path = store.files.volume("example")
+    modified = seeded.get(VOLUME).headers["Last-Modified"]
+    status = path.stat()
+    path.write_bytes(path.read_bytes()[::-1])
+    os.utime(path, ns=(status.st_atime_ns, status.st_mtime_ns // 10**9 * 10**9 + (status.st_mtime_ns + 1) % 10**9))
+    answer = seeded.get(VOLUME, headers={"Range": "bytes=0-9", "If-Range": modified})
+    assert answer.headers["Last-Modified"] == modified
+    assert (answer.status_code, answer.content) == (200, path.read_bytes())
 
 
 def test_head_has_the_headers_of_get_wherever_get_is(seeded):

@@ -33,15 +33,18 @@ def test_large_files_that_are_downloaded_have_their_digests_beside_them(tmp_path
 
 
 def test_a_note_stands_for_no_other_content(tmp_path, volume):
-    """As of a file that was put back from a backup, and of a note that a full disk cut short."""
+    """As of a file that was put back from a backup, and of a note that was garbled."""
     status = volume.stat()
     note_digests(tmp_path)
     os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns + 1))
     assert noted_digest(volume, volume.stat()) is None
     os.utime(volume, ns=(status.st_atime_ns, status.st_mtime_ns))
     assert noted_digest(volume, volume.stat()) is not None
-    (tmp_path / ".volume.h5.sha256").write_text("")
-    assert noted_digest(volume, volume.stat()) is None
+    note = tmp_path / ".volume.h5.sha256"
+    written = note.read_bytes()
+    for garbled in (b"", b"\xff", written[2:], b"0x" + written[2:], b"00" + written, written + b"\n"):
+        note.write_bytes(garbled)
+        assert noted_digest(volume, volume.stat()) is None, garbled
 
 
 def test_a_file_that_is_replaced_while_it_is_read_has_no_digest(volume):
@@ -51,12 +54,13 @@ def test_a_file_that_is_replaced_while_it_is_read_has_no_digest(volume):
         compute_digest(volume, status)
 
 
-def test_a_full_disk_is_one(tmp_path, monkeypatch):
-    (tmp_path / "volume.h5").write_bytes(LARGE)
-
-    def full(*_: object) -> None:
+@pytest.mark.usefixtures("volume")
+def test_a_full_disk_is_one_and_nothing_half_written_stays(tmp_path, monkeypatch):
+    def full(path: Path, text: str) -> None:
+        path.write_bytes(text[:10].encode())
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(Path, "write_text", full)
     with pytest.raises(StorageFull, match="a result was given up"):
         note_digests(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["volume.h5"]

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from sawmill_service.answers import NumberedPaging
-from sawmill_service.conditional import CACHING, held_already
+from sawmill_service.conditional import CACHING, check_conditions
 from sawmill_service.dependencies import TheStore
 from sawmill_service.described_answers import SAVED
 from sawmill_service.refusals import refuses
@@ -40,7 +40,7 @@ def get_audit_file(request: Request, store: TheStore) -> Response:
     """Every entry, the oldest first, one JSON object a line."""
     # Weak: entries that come while it is sent are sent too.
     tag = 'W/"{}-{}"'.format(*store.audit.extent())
-    if held := held_already(request.headers, tag):
+    if held := check_conditions(request.headers, tag):
         return held
     headers = {"Content-Disposition": 'attachment; filename="audit.jsonl"', "ETag": tag, "Cache-Control": CACHING}
     return JsonLines(_lines(store), headers=headers)

@@ -1,6 +1,7 @@
 """The API console with its document and example file, and the buttons that accept and roll back."""
 
 from pathlib import Path
+from typing import Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
@@ -26,12 +27,21 @@ class JsonText(Response):
 
 
 class WholeFiles(StaticFiles):
-    """Files of the pages, each as a whole: Starlette would refuse a range that it cannot read in plain text."""
+    """Files of the pages, each as a whole: Starlette would refuse a range that it cannot read in plain text.
+
+    So they do not offer ranges either (`Accept-Ranges`).
+    """
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request; a server may pass over a range (RFC 9110, section 14.2)."""
         headers = [(name, value) for name, value in scope["headers"] if name != b"range"]
         await super().__call__({**scope, "headers": headers}, receive, send)
+
+    def file_response(self, *args: Any, **options: Any) -> Response:  # noqa: ANN401 - as Starlette gives them
+        """A file, or 304."""
+        answer = super().file_response(*args, **options)
+        del answer.headers["Accept-Ranges"]
+        return answer
 
 
 router = APIRouter(include_in_schema=False)

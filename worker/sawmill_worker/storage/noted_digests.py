@@ -6,6 +6,7 @@ content of that name.
 
 import hashlib
 import os
+import re
 import threading
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from sawmill_worker.storage.files import SCAN_FILE, note_of
 
 # Smaller files are read within some 30 ms.
 NOTED_FROM_BYTES = 8 * 1024**2
+
+_DIGEST = re.compile(rb"[0-9a-f]{64}")
 
 
 def note_digests(folder: Path) -> None:
@@ -32,20 +35,26 @@ def note_digests(folder: Path) -> None:
 
 
 def noted_digest(path: Path, status: os.stat_result) -> bytes | None:
-    """The digest that is noted of a file as it was when `status` was taken."""
+    """The digest that is noted of a file as it was when `status` was taken; a garbled note is none."""
     try:
-        digest, _, noted_for = note_of(path).read_text().partition(" ")
+        digest, _, noted_for = note_of(path).read_bytes().partition(b" ")
     except FileNotFoundError:
         return None
-    return bytes.fromhex(digest) if noted_for == _stamp(status) else None
+    if noted_for != _stamp(status).encode() or not _DIGEST.fullmatch(digest):
+        return None
+    return bytes.fromhex(digest.decode())
 
 
 def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
     """Keep a digest beside its file; a note is there whole or not at all."""
     note = note_of(path)
     new = note.with_name(f"{note.name}.{os.getpid()}-{threading.get_ident()}")
-    new.write_text(f"{digest.hex()} {_stamp(status)}")
-    new.replace(note)
+    try:
+        new.write_text(f"{digest.hex()} {_stamp(status)}")
+        new.replace(note)
+    except OSError:
+        new.unlink(missing_ok=True)
+        raise
 
 
 def compute_digest(path: Path, status: os.stat_result) -> bytes:
