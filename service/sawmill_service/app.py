@@ -50,6 +50,7 @@ from sawmill_service.routes import (
     uploads,
     volumes,
 )
+from sawmill_service.sent_json import check_body
 from sawmill_service.session_cookie import SessionCookie
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.slow_bodies import SlowBodies
@@ -185,7 +186,7 @@ def _all_routes() -> list[BaseRoute]:
     """One for every application of this process: FastAPI spends half a second on making them."""
     every = APIRouter(
         generate_unique_id_function=lambda route: route.name,
-        dependencies=[Depends(check_method), Depends(check_scope), Depends(check_csrf), Depends(check_query)],
+        dependencies=[Depends(check) for check in (check_method, check_scope, check_csrf, check_query, check_body)],
     )
     for router in (*asked.routers(), *(routes.router for routes in ROUTERS), *PAGES):
         every.include_router(router)

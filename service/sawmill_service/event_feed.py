@@ -3,7 +3,9 @@
 import time
 from collections import deque
 from collections.abc import Sequence
+from typing import Annotated
 
+from fastapi import Header
 from fastapi.concurrency import run_in_threadpool
 
 from sawmill_worker.contracts.events import Event
@@ -12,6 +14,19 @@ from sawmill_worker.storage.event_reader import EventReader
 from sawmill_worker.storage.events import Events
 
 LARGEST_NUMBER = 2**53  # of an event; JavaScript counts no further
+
+LastEventId = Annotated[
+    int | None,
+    Header(
+        alias="Last-Event-ID",
+        ge=0,
+        le=LARGEST_NUMBER,
+        description="The `id` of the last event that the client has seen, as browsers send it by themselves: the "
+        "stream goes on from there. Without it, it begins with now.",
+        examples=[0],
+    ),
+]
+"""Of every stream of events."""
 
 _KEPT = 2000  # of the newest; whoever is further behind reads the table itself
 _BATCH = 500
@@ -36,7 +51,8 @@ class EventFeed:
         self._events, self._poll_s = events, poll_s
         self._reader: EventReader | None = None
         self._recent: deque[Event] = deque(maxlen=_KEPT)
-        self._complete_from = 0  # what is kept begins behind this number
+        # What is kept begins behind the one number, and ends with the other; `_reader` is ahead while a thread reads.
+        self._complete_from = self._complete_through = 0
         self._looked_at_s = float("-inf")
         self._looking_since_s: float | None = None
         self._away = False
@@ -73,14 +89,15 @@ class EventFeed:
             raise StorageUnavailable("the database does not answer")
         if self._reader is None:  # somebody else's first look has not ended
             return number, ()
-        if number >= self._complete_from:
+        complete_from = self._complete_from  # another stream's look moves it meanwhile
+        if number >= complete_from:
             behind = [event for event in self._recent if event.number > number]
-            through = max(number, self._reader.number)
+            through = max(number, self._complete_through)
         else:
             behind = await run_in_threadpool(
-                self._events.following, number, through=self._complete_from, scanner_id=scanner_id, limit=_BATCH
+                self._events.following, number, through=complete_from, scanner_id=scanner_id, limit=_BATCH
             )
-            through = behind[-1].number if len(behind) == _BATCH else self._complete_from
+            through = behind[-1].number if len(behind) == _BATCH else complete_from
         return through, [event for event in behind if scanner_id in {None, event.scanner_id}]
 
     async def _look(self) -> None:
@@ -93,7 +110,7 @@ class EventFeed:
             if self._reader is None or since_s > _FORGOTTEN_S:
                 self._reader = await run_in_threadpool(self._events.reader)
                 self._recent.clear()
-                self._complete_from = self._reader.number
+                self._complete_from = self._complete_through = self._reader.number
             self._keep(await run_in_threadpool(self._reader.read))
             self._looked_at_s, self._away = time.monotonic(), False
         except StorageUnavailable:
@@ -110,3 +127,4 @@ class EventFeed:
             if len(self._recent) == _KEPT:
                 self._complete_from = self._recent[0].number
             self._recent.append(event)
+            self._complete_through = event.number

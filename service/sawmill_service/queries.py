@@ -1,9 +1,9 @@
 """Queries: what a route would pass over is refused, as in bodies: fields that it does not know, and repeated ones."""
 
 import reprlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from typing import get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from fastapi import Request
 from fastapi.dependencies.models import Dependant
@@ -11,7 +11,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 from pydantic import BaseModel
 
-from sawmill_service.problems import STATED
+from sawmill_service.problems import STATED, Place
 
 
 async def check_query(request: Request) -> None:
@@ -34,9 +34,9 @@ async def check_query(request: Request) -> None:
     for name in query:
         values = query.getlist(name)
         if name not in known:
-            errors.append(_refused(name, values, f"is not a known field{near_name(name, known)}"))
+            errors.append(_refused((Place.QUERY, name), values, f"is not a known field{near_name(name, known)}"))
         elif len(values) > 1 and not _is_list(known[name]):
-            errors.append(_refused(name, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}"))
+            errors.append(repeated((Place.QUERY, name), values))
     if errors:
         raise RequestValidationError(errors)
 
@@ -63,5 +63,10 @@ def near_name(name: str, known: Iterable[str]) -> str:
     return f": {near[0]!r} is" if near else ""
 
 
-def _refused(name: str, values: list[str], sentence: str) -> dict[str, object]:
-    return {"type": STATED, "loc": ("query", name), "msg": sentence, "input": values}
+def repeated(place: Sequence[int | str], values: list[Any]) -> Mapping[str, object]:
+    """The refusal of a field of one value that stands there several times, its place beginning with a part."""
+    return _refused(place, values, f"takes one value, not {len(values)}: {reprlib.repr(values)}")
+
+
+def _refused(place: Sequence[int | str], values: list[Any], sentence: str) -> Mapping[str, object]:
+    return {"type": STATED, "loc": tuple(place), "msg": sentence, "input": values}

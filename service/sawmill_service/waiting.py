@@ -1,6 +1,7 @@
 """Long polls: a request that waits for the end of a job holds no thread, and reads the database before and after."""
 
 import asyncio
+import time
 from collections.abc import Callable, Coroutine
 from typing import Annotated, Any, TypeVar
 
@@ -75,14 +76,22 @@ class JobEnds:
         waiting, ended = self._waiting.setdefault(job_id, set()), asyncio.get_running_loop().create_future()
         waiting.add(ended)
         gone = asyncio.create_task(left())
+        until_s = time.monotonic() + wait_s
+
+        async def wait_for(what: asyncio.Future[None]) -> None:
+            left_s = max(0.0, until_s - time.monotonic())
+            await asyncio.wait([what, gone], timeout=left_s, return_when=asyncio.FIRST_COMPLETED)
+
         try:
-            await self._watch()
-            # From here on no end is missed; one that came before shows in the answer.
-            answer = await self._again(read)
-            if is_unfinished(answer):
-                await asyncio.wait([ended, gone], timeout=wait_s, return_when=asyncio.FIRST_COMPLETED)
+            await wait_for(begun := self._watch())
+            if begun.done():
+                begun.result()
+                # From here on no end is missed; one that came before shows in the answer.
                 answer = await self._again(read)
-            return answer
+                if not is_unfinished(answer):
+                    return answer
+                await wait_for(ended)
+            return await self._again(read)
         finally:
             gone.cancel()
             waiting.discard(ended)
@@ -93,17 +102,17 @@ class JobEnds:
         async with self._readers:
             return await run_in_threadpool(read)
 
-    async def _watch(self) -> None:
-        """See to it that somebody reads events."""
+    def _watch(self) -> "asyncio.Future[None]":
+        """See to it that somebody reads events; done when somebody does."""
         if self._watcher is None or self._watcher.done():
             self._begun = asyncio.get_running_loop().create_future()
             self._watcher = asyncio.create_task(self._follow(self._begun))
-        await asyncio.shield(self._begun)
+        return self._begun
 
     async def _follow(self, begun: "asyncio.Future[None]") -> None:
         try:
             number = await self._feed.start(None)
-        except StorageUnavailable as error:
+        except Exception as error:  # noqa: BLE001 - whoever waits raises it
             begun.set_exception(error)
             return
         begun.set_result(None)

@@ -168,6 +168,72 @@ def test_no_stream_calls_a_database_alive_that_another_waits_for(store, monkeypa
     assert (first, set(outage), last) == ("alive", {"away"}, "alive")
 
 
+class Held:
+    """Does what a function does, but hands its answer over when the test lets it."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function, self.done, self.goes_on = function, threading.Event(), threading.Event()
+
+    def __call__(self, *given: Any, **named: Any) -> Any:
+        answer = self.function(*given, **named)
+        self.done.set()
+        assert self.goes_on.wait(30.0)
+        return answer
+
+
+@pytest.mark.usefixtures("seeded")
+def test_a_stream_far_behind_misses_nothing_when_the_feed_starts_anew(store, monkeypatch):
+    monkeypatch.setattr(event_feed, "_FORGOTTEN_S", -1.0)
+    feed = event_feed.EventFeed(store.events, -1.0)
+    slow = Held(store.events.following)
+
+    async def story() -> list[int]:
+        with monkeypatch.context() as patched:
+            patched.setattr(store.events, "following", slow)
+            behind = asyncio.create_task(feed.after(0))
+            await asyncio.to_thread(slow.done.wait, 30.0)
+        store.calibrations.activate("example", "again")
+        await feed.after(store.events.newest_number())
+        slow.goes_on.set()
+        number, heard = await behind
+        return [event.number for event in [*heard, *(await feed.after(number))[1]]]
+
+    assert asyncio.run(story()) == [event.number for event in store.events.following(0)]
+
+
+@pytest.mark.usefixtures("seeded")
+def test_a_stream_misses_nothing_of_what_another_s_look_has_not_handed_over(store, monkeypatch):
+    feed = event_feed.EventFeed(store.events, -1.0)
+    slow = Held(EventReader.read)
+    begins_at = store.events.newest_number()
+
+    def slowly(reader: EventReader) -> Any:
+        return slow(reader)
+
+    async def story() -> list[int]:
+        await feed.after(begins_at)
+        store.calibrations.activate("example", "again")
+        with monkeypatch.context() as patched:
+            patched.setattr(EventReader, "read", slowly)
+            looking = asyncio.create_task(feed.after(begins_at))
+            await asyncio.to_thread(slow.done.wait, 30.0)
+        number, heard = await feed.after(begins_at)
+        slow.goes_on.set()
+        await looking
+        return [event.number for event in [*heard, *(await feed.after(number))[1]]]
+
+    assert asyncio.run(story()) == [event.number for event in store.events.following(begins_at)] != []
+
+
+def test_both_streams_take_the_last_id_in_one_way(seeded):
+    paths = seeded.app.openapi()["paths"]
+    every, job = (
+        [given for given in paths[path]["get"]["parameters"] if given["name"] == "Last-Event-ID"]
+        for path in ("/v1/events", "/v1/jobs/{job_id}/events")
+    )
+    assert every == job != []
+
+
 @pytest.mark.parametrize("settings", [ServiceSettings(token="t" * 32, event_poll_s=0.01)], ids=["with-a-token"])
 def test_a_stream_ends_with_its_key(seeded, store, follow, monkeypatch):
     monkeypatch.setattr(route, "_ACCESS_S", 0.02)

@@ -209,6 +209,23 @@ def test_a_wait_ends_when_the_client_goes(seeded, job_id):
     assert sent
 
 
+@pytest.mark.timeout(30)
+def test_a_wait_is_over_in_time_though_nobody_reads_events(seeded, job_id, monkeypatch):
+    async def hangs(_: object) -> int:
+        await asyncio.sleep(3600.0)
+        return 0
+
+    async def fails(_: object) -> int:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(seeded.app.state.event_feed, "start", hangs)
+    assert seeded.get(f"/v1/jobs/{job_id}?wait=0.2").json()["state"] == "queued"
+    seeded.app.state.job_ends._watcher = None  # its loop has ended
+    monkeypatch.setattr(seeded.app.state.event_feed, "start", fails)
+    answer = seeded.get(f"/v1/jobs/{job_id}?wait=50")
+    assert (answer.status_code, answer.json()["code"]) == (500, "internal")
+
+
 def test_a_wait_outlives_a_database_that_does_not_answer(seeded, store, job_id, monkeypatch):
     feed, looks = seeded.app.state.event_feed, []
     after = feed.after

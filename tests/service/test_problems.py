@@ -189,6 +189,70 @@ def test_a_field_of_one_value_is_refused_where_it_stands_twice(seeded, path, sen
     assert (found.status, found.code, found.detail) == (422, "invalid-request", sentence)
 
 
+JSON = {"Content-Type": "application/json"}
+
+
+@pytest.mark.parametrize(
+    ("path", "body", "pointer", "sentence"),
+    [
+        (
+            "/v1/keys",
+            '{"name": "k", "scope": "read", "scope": "admin"}',
+            "#/scope",
+            "body.scope takes one value, not 2: ['read', 'admin']",
+        ),
+        (
+            "/v1/phantoms",
+            '{"name": "x", "shapes": [1, {"a": [{"p/q": 1, "p\\u002fq": 1, "p/q": {}}]}]}',
+            "#/shapes/1/a/0/p~1q",
+            "body.shapes.1.a.0.p/q takes one value, not 3: [1, 1, {}]",
+        ),
+        # The one that stands there and not the one within a value that was dropped.
+        ("/v1/scanners", '{"name": {"a": 1, "a": 2}, "name": {}}', "#/name", None),
+    ],
+)
+def test_a_field_of_a_body_is_refused_where_it_stands_twice(client, path, body, pointer, sentence):
+    found = problem(client.post(path, content=body, headers=JSON))
+    assert (found.status, found.code, [error.pointer for error in found.errors]) == (422, "invalid-request", [pointer])
+    assert sentence in {None, found.detail}
+
+
+def test_every_operation_refuses_a_field_that_stands_twice_in_its_body(seeded):
+    taken = []
+    for path, operations in seeded.app.openapi()["paths"].items():
+        for method, operation in operations.items():
+            if "application/json" in operation.get("requestBody", {}).get("content", {}):
+                body = '{"no-such-field": 1, "no-such-field": 1}'
+                answer = seeded.request(method.upper(), path.format_map(ANY), content=body, headers=JSON)
+                detail = "body.no-such-field takes one value, not 2: [1, 1]"
+                assert (answer.status_code, answer.json()["detail"]) == (422, detail), (method, path)
+                taken.append(path)
+    assert len(taken) > 10
+
+
+@pytest.mark.parametrize("opened", ["[", '{"a": '], ids=["lists", "objects"])
+def test_bodies_of_every_depth_are_answered(client, opened):
+    """However deep a body may be that can be read at all: what is looked for in it is found there, too."""
+    closed = "]" if opened == "[" else "}"
+    answered = set()
+    for depth in range(840, 1000, 8):
+        for inner in ("0", '{"b": 1, "b": 1}'):
+            nested = f"{opened * depth}{inner}{closed * depth}"
+            answer = client.post("/v1/keys", content=f'{{"name": "k", "scope": {nested}}}', headers=JSON)
+            detail = answer.json()["detail"]
+            answered.add(answer.status_code)
+            wanted = "takes one value, not 2" if "b" in inner else "at most 100 objects and lists deep"
+            assert answer.status_code == 400 or wanted in detail
+    assert answered == {400, 422}
+
+
+def test_pages_for_people_pass_over_what_they_do_not_know(seeded):
+    for path in ("/", "/calibrate", "/docs"):
+        assert seeded.get(f"{path}?from=an-old-bookmark&from=twice").status_code == 200
+    for path in ("/jobs", "/phantoms"):
+        assert seeded.get(f"{path}?from=an-old-bookmark").status_code == 422
+
+
 def test_a_list_in_a_query_takes_several_values(client):
     app = client.app = FastAPI(dependencies=[Depends(check_query)])
     install(app)

@@ -5,14 +5,14 @@ import time
 from collections.abc import AsyncIterator
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query, Request
+from fastapi import APIRouter, Query, Request
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 from pydantic import Field
 
 from sawmill_service.access import Access
 from sawmill_service.dependencies import TheAccess, TheEventFeed, TheSettings, TheStopping
 from sawmill_service.described_answers import events
-from sawmill_service.event_feed import LARGEST_NUMBER
+from sawmill_service.event_feed import LARGEST_NUMBER, LastEventId
 from sawmill_service.openapi_document import trying
 from sawmill_service.problems import Refused
 from sawmill_worker.contracts.base import Identifier
@@ -63,19 +63,6 @@ class EventFilter(Queried):
     )
 
 
-LastEventId = Annotated[
-    int | None,
-    Header(
-        alias="Last-Event-ID",
-        ge=0,
-        le=LARGEST_NUMBER,
-        description="The `id` of the last event that the client has seen, as browsers send it by themselves. What "
-        "happened since comes first, nothing of it twice; without it comes what happens from now on.",
-        examples=[0],
-    ),
-]
-
-
 @router.get(
     "",
     response_class=EventSourceResponse,
@@ -94,6 +81,7 @@ async def stream_events(
 ) -> AsyncIterator[ServerSentEvent]:
     """Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens from now on.
     `alive` comes at once and then every five seconds in which nothing happened. While the database does not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or `duration_s` has
     ended, the last event is `closing`: the client connects again, after the time in `retry`.

@@ -5,14 +5,14 @@ from collections.abc import AsyncIterator
 from http import HTTPStatus
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Header, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from sawmill_service.answers import Paging, accept
 from sawmill_service.dependencies import TheSettings, TheStopping, TheStore
 from sawmill_service.described_answers import events
-from sawmill_service.event_feed import LARGEST_NUMBER
+from sawmill_service.event_feed import LastEventId
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_service.waiting import TheWaiting
@@ -78,19 +78,6 @@ class JobNow(NamedTuple):
     numbers: JobNumbers
 
 
-LastEventId = Annotated[
-    int | None,
-    Header(
-        alias="Last-Event-ID",
-        ge=0,
-        le=LARGEST_NUMBER,
-        description="The `id` of the last event that the client has seen, as browsers send it by themselves. After "
-        "any but `end` the stream begins with the job as it is.",
-        examples=[0],
-    ),
-]
-
-
 def _to_follow(
     job_id: Identifier, store: TheStore, response: Response, last_event_id: LastEventId = None
 ) -> JobNow | None:
@@ -113,6 +100,7 @@ async def stream_job(
 ) -> AsyncIterator[ServerSentEvent]:
     """The job now and at each change; after the event `end` the client closes the stream.
 
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in `retry`. Ids are
     numbers that are stored, so they hold beyond a stream and a service.
     """

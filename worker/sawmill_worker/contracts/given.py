@@ -27,6 +27,8 @@ _NOT_SHOWN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u20
 _NUMBER = re.compile(r"[-+]?[\d_.]+(e[-+]?\d+)?", re.IGNORECASE)
 # Of a number whose field has no closer bounds.
 LARGEST_NUMBER = 10**12
+# Far beyond any contract, and far below where Python gives up.
+_DEEPEST = 100
 
 Place = tuple[Any, ...]
 
@@ -43,15 +45,21 @@ def _bounded(schema: dict[str, Any], cls: type[Contract]) -> dict[str, Any] | No
 
 
 def _hidden(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
-    """Each text with such a character, with its place; spaces around a text are no part of it."""
-    if isinstance(given, dict | list):
+    """Each text with such a character, with its place, and what is too deep; spaces around a text are no part of it."""
+    if len(place) > _DEEPEST:
+        yield _refused(f"must be at most {_DEEPEST} objects and lists deep", place, None)
+    elif isinstance(given, dict | list):
         for name, each in given.items() if isinstance(given, dict) else enumerate(given):
             yield from _hidden(each, (*place, name))
     elif isinstance(given, str) and (found := _NOT_SHOWN.search(given.strip())):
         message = f"must be without control characters, not with U+{ord(found[0]):04X} as in {given!r:.100}"
-        # Braces in a template would be read.
-        kind = PydanticCustomError("value_error", "{message}", {"message": message})
-        yield InitErrorDetails(type=kind, loc=place, input=given)
+        yield _refused(message, place, given)
+
+
+def _refused(message: str, place: Place, given: object) -> InitErrorDetails:
+    # Braces in a template would be read.
+    kind = PydanticCustomError("value_error", "{message}", {"message": message})
+    return InitErrorDetails(type=kind, loc=place, input=given)
 
 
 def _no_number(given: object) -> object:
