@@ -178,9 +178,9 @@ def test_who_does_not_wait_takes_no_place_of_those_who_do(limited, store, monkey
     ends = client.app.state.job_ends
     watch = ends._watch
 
-    async def watched() -> None:
+    def watched() -> asyncio.Future[None]:
         begun.set()
-        await watch()
+        return watch()
 
     monkeypatch.setattr(ends, "_watch", watched)
 

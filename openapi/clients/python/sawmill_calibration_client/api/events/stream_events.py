@@ -127,6 +127,8 @@ def sync_detailed(
 
      Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens
+    from now on.
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or
@@ -140,8 +142,8 @@ def sync_detailed(
         duration_s (float | Unset): Seconds after which the stream ends; nothing: the service's
             life.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. What happened since comes first, nothing of it twice;
-            without it comes what happens from now on.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -177,6 +179,8 @@ def sync(
 
      Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens
+    from now on.
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or
@@ -190,8 +194,8 @@ def sync(
         duration_s (float | Unset): Seconds after which the stream ends; nothing: the service's
             life.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. What happened since comes first, nothing of it twice;
-            without it comes what happens from now on.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -222,6 +226,8 @@ async def asyncio_detailed(
 
      Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens
+    from now on.
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or
@@ -235,8 +241,8 @@ async def asyncio_detailed(
         duration_s (float | Unset): Seconds after which the stream ends; nothing: the service's
             life.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. What happened since comes first, nothing of it twice;
-            without it comes what happens from now on.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -270,6 +276,8 @@ async def asyncio(
 
      Whatever changes: jobs, what they work on, scanners, schedules, uploads and keys.
 
+    What happened since `Last-Event-ID` comes first, nothing of it twice; without it comes what happens
+    from now on.
     `alive` comes at once and then every five seconds in which nothing happened. While the database does
     not answer,
     comments come in its place, and the stream goes on afterwards. When the service stops, the key or
@@ -283,8 +291,8 @@ async def asyncio(
         duration_s (float | Unset): Seconds after which the stream ends; nothing: the service's
             life.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. What happened since comes first, nothing of it twice;
-            without it comes what happens from now on.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

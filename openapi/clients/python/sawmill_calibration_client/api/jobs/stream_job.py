@@ -124,6 +124,7 @@ def sync_detailed(
 
      The job now and at each change; after the event `end` the client closes the stream.
 
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in
     `retry`. Ids are
     numbers that are stored, so they hold beyond a stream and a service.
@@ -131,8 +132,8 @@ def sync_detailed(
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. After any but `end` the stream begins with the job as it
-            is.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -164,6 +165,7 @@ def sync(
 
      The job now and at each change; after the event `end` the client closes the stream.
 
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in
     `retry`. Ids are
     numbers that are stored, so they hold beyond a stream and a service.
@@ -171,8 +173,8 @@ def sync(
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. After any but `end` the stream begins with the job as it
-            is.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -199,6 +201,7 @@ async def asyncio_detailed(
 
      The job now and at each change; after the event `end` the client closes the stream.
 
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in
     `retry`. Ids are
     numbers that are stored, so they hold beyond a stream and a service.
@@ -206,8 +209,8 @@ async def asyncio_detailed(
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. After any but `end` the stream begins with the job as it
-            is.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -237,6 +240,7 @@ async def asyncio(
 
      The job now and at each change; after the event `end` the client closes the stream.
 
+    After any `Last-Event-ID` but that of `end` the stream begins with the job as it is.
     When the service stops, the last event is `closing`: the client connects again, after the time in
     `retry`. Ids are
     numbers that are stored, so they hold beyond a stream and a service.
@@ -244,8 +248,8 @@ async def asyncio(
     Args:
         job_id (str): Lower-case letters, digits and hyphens.
         last_event_id (int | Unset): The `id` of the last event that the client has seen, as
-            browsers send it by themselves. After any but `end` the stream begins with the job as it
-            is.
+            browsers send it by themselves: the stream goes on from there. Without it, it begins with
+            now.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
