@@ -75,7 +75,7 @@ def _database(store: Store) -> Iterator[Metric]:
     try:
         tally, conditions = store.tallies.read(), conditions_of(store)
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
-        scanners = list(scanner_measures(conditions, tally.at))
+        scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
     except (StorageUnavailable, StorageMisconfigured):
         yield gauge("sawmill_database_up", "Whether the database answers.", 0)
         return

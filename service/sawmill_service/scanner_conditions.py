@@ -1,5 +1,6 @@
 """How each scanner stands, as the store has it: for the pages, and for whoever watches from outside."""
 
+from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from datetime import datetime
@@ -212,24 +213,27 @@ def _sentences(reasons: Iterable[str]) -> str:
 
 def conditions_of(store: Store) -> list[ScannerCondition]:
     """Of all scanners, the newest first; a few questions to the store, however many there are."""
-    return _conditions(store, store.overviews.read(limit=SHOWN_SCANNERS))
+    return _conditions(store, store.overviews.read(limit=SHOWN_SCANNERS), store.alarms.open())
 
 
 def condition_of(store: Store, scanner: StoredScanner) -> ScannerCondition:
     """How one of them stands, or `NotFound`: it was deleted a moment ago."""
-    found = _conditions(store, store.overviews.read(scanner_id=scanner.id))
+    opened = store.alarms.open(scanner_id=scanner.id)
+    found = _conditions(store, store.overviews.read(scanner_id=scanner.id), opened)
     if not found:
         raise NotFound("scanner", scanner.id)
     return found[0]
 
 
-def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCondition]:
+def _conditions(store: Store, overviews: Iterable[Overview], opened: Iterable[Alarm]) -> list[ScannerCondition]:
     overviews = list(overviews)
     ids = {one for each in overviews for one in (each.ended_id, each.succeeded_id, each.scanner.active_calibration_id)}
     calibrations = store.calibrations.several([one for one in ids if one is not None])
     check_ids = {one for each in overviews for one in (each.drift_id, each.seen_id)}
     checks = store.drifts.several([one for one in check_ids if one is not None])
-    alarms = store.alarms.open()
+    alarms: defaultdict[str, list[Alarm]] = defaultdict(list)
+    for alarm in opened:
+        alarms[alarm.scanner_id].append(alarm)
 
     def succeeded(identifier: str | None) -> CalibrationSucceeded | None:
         calibration = None if identifier is None else calibrations.get(identifier)
@@ -246,7 +250,7 @@ def _conditions(store: Store, overviews: Iterable[Overview]) -> list[ScannerCond
             seen=None if of.seen_id is None else checks.get(of.seen_id),
             scanned=of.scan_id is not None,
             calibrating=of.calibrating,
-            alarms=tuple(each for each in alarms if each.scanner_id == of.scanner.id),
+            alarms=tuple(alarms[of.scanner.id]),
         )
 
     return [condition(each) for each in overviews]

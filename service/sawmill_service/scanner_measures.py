@@ -1,12 +1,12 @@
 """What metrics tell of each scanner: ray errors, movement, tolerances, and how old what is known is."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 
 from prometheus_client.core import GaugeMetricFamily, Metric
 
 from sawmill_service.scanner_conditions import ScannerCondition
-from sawmill_worker.contracts.alarms import AlarmKind
+from sawmill_worker.contracts.alarms import Alarm, AlarmKind
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 
 _TEXTS = {
@@ -30,8 +30,10 @@ _FURTHER_LABELS = {
 Value = tuple[str, str | None, float]
 
 
-def scanner_measures(conditions: Sequence[ScannerCondition], now: datetime) -> Iterator[Metric]:
-    """A family for each measure, with a value for each scanner of which it is known."""
+def scanner_measures(
+    conditions: Sequence[ScannerCondition], alarms: Iterable[Alarm], now: datetime
+) -> Iterator[Metric]:
+    """A family for each measure, with a value for each scanner of which it is known; every alarm has one."""
     families = {
         name: GaugeMetricFamily(
             f"sawmill_scanner_{name}", text, labels=["scanner", *filter(None, [_FURTHER_LABELS.get(name)])]
@@ -41,6 +43,10 @@ def scanner_measures(conditions: Sequence[ScannerCondition], now: datetime) -> I
     for condition in conditions:
         for name, further, value in _values(condition, now):
             families[name].add_metric([condition.scanner.id, *filter(None, [further])], value)
+    opened = {(alarm.scanner_id, alarm.what) for alarm in alarms}
+    of_conditions = {(condition.scanner.id, what) for condition in conditions for what in AlarmKind}
+    for scanner_id, what in sorted(opened | of_conditions):
+        families["alarm"].add_metric([scanner_id, what], int((scanner_id, what) in opened))
     yield from families.values()
 
 
@@ -50,9 +56,6 @@ def _values(condition: ScannerCondition, now: datetime) -> Iterator[Value]:
     yield "movement_tolerance_millimeters", None, scanner.tolerances.ray_change_mm
     failed = condition.failure is not None or (newest is not None and newest.verdict == "fail")
     yield "calibration_failed", None, int(failed)
-    opened = {each.what for each in condition.alarms}
-    for what in AlarmKind:
-        yield "alarm", what.value, int(what in opened)
     yield from _ray_errors("active", condition.active)
     if newest is not None:
         yield "in_tolerance", None, int(condition.standing.tone != "bad")

@@ -10,6 +10,7 @@ import structlog
 from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
@@ -34,6 +35,25 @@ def test_it_sees_to_expired_leases_and_due_schedules(store, settings, queue, wai
     wait_for(lambda: store.schedules.get(schedule.id).last_run is not None)
     stop.set()
     housekeeping.join()
+
+
+def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue, monkeypatch):
+    scanner_id = store.scans.get(queue("succeed").subject_id).scanner_id
+    known = store.scanners.get(scanner_id)
+    store.scanners.update(scanner_id, known.model_copy(update={"alarms": AlarmLimits(quiet_after_hours=1e-6)}))
+    time.sleep(0.05)
+    housekeeping = Housekeeping(store, settings, threading.Event())
+    with capture_logs() as log:
+        housekeeping.once()
+    assert [entry["what"] for entry in log if entry["event"] == "alarm-opened"] == ["scanner-quiet"]
+    assert [alarm.what for alarm in store.alarms.open()] == ["scanner-quiet"]
+    store.scanners.update(scanner_id, known)
+    housekeeping.once()
+    assert len(store.alarms.open()) == 1
+    a_minute_on = time.monotonic() + 60
+    monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
+    housekeeping.once()
+    assert store.alarms.open() == []
 
 
 def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):

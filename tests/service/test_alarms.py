@@ -31,9 +31,31 @@ def test_an_alarm_is_listed_and_shown_until_it_ends(seeded, store, later):
     finnish = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
     assert "Se ei ole lähettänyt skannauksia sallitussa ajassa" in finnish
     assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in seeded.get("/metrics").text
+    known = store.scanners.get("example")
+    store.scanners.update("example", known.model_copy(update={"alarms": AlarmLimits()}))
     store.alarms.check()
     assert sentence not in seeded.get("/scanners/example").text
     assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 0.0' in seeded.get("/metrics").text
+
+
+def test_every_alarm_of_a_scanner_that_is_not_fine_is_on_the_first_page(seeded, store, later):
+    limits = AlarmLimits(quiet_after_hours=24, phantom_scan_every_days=1)
+    spare = store.scanners.get("example-spare")
+    store.scanners.update("example-spare", spare.model_copy(update={"alarms": limits}))
+    later.alarms.check()
+    row = seeded.get("/").text.split('id="scanner-example-spare"')[1].split("</li>")[0]
+    assert "It has no scan yet" in row
+    assert "It has sent no scan for longer than it may" in row
+    assert "No phantom was scanned for longer than is allowed" in row
+    assert "Counted from:" in seeded.get("/scanners/example-spare").text
+
+
+def test_alarms_beyond_the_scanners_that_metrics_show_are_counted(seeded, later, monkeypatch):
+    later.alarms.check()
+    monkeypatch.setattr("sawmill_service.scanner_conditions.SHOWN_SCANNERS", 1)
+    scraped = seeded.get("/metrics").text
+    assert 'sawmill_scanner_alarm{scanner="example",what="scanner-quiet"} 1.0' in scraped
+    assert 'sawmill_scanner_calibration_failed{scanner="example"}' not in scraped
 
 
 @pytest.mark.parametrize("limit", [0, -1, 1e6, "often"])

@@ -4,11 +4,17 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, date, datetime, timedelta
 
 import pytest
+from sqlalchemy import update
+from structlog.testing import capture_logs
 
+from sawmill_worker.contracts.alarms import Alarm
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.jobs import Failure, FailureKind
 from sawmill_worker.contracts.phantoms import PhantomDrawing, SizeMeasurement
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import PhantomRow, ScannerRow
 from sawmill_worker.vocabulary import DataKind, Disc
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
@@ -41,6 +47,31 @@ def log(store, scanner):
     return accept
 
 
+@pytest.fixture
+def phantom(store):
+    """Create a phantom whose measurement is good until a day."""
+
+    def create(expires_on):
+        measured = [
+            SizeMeasurement(what=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
+            for axis in "xy"
+        ]
+        drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
+        return store.phantoms.create(drawing).id
+
+    return create
+
+
+@pytest.fixture
+def refuse(store):
+    """Do the oldest job and find that the file cannot be read."""
+
+    def fail():
+        store.jobs.fail(store.jobs.claim("test"), Failure(kind=FailureKind.INPUT, code="unreadable", detail="no scan"))
+
+    return fail
+
+
 def events_of(store):
     """The events of alarms, the oldest first."""
     events = [event for event in store.events.following(0) if event.what.startswith("alarm")]
@@ -66,15 +97,17 @@ def test_a_scanner_that_falls_silent_opens_one_alarm_until_it_sends_again(store,
 
 
 @pytest.mark.usefixtures("ready_scan")
-def test_logs_do_not_stand_in_for_a_phantom(store, limited, log, upload, clock):
+def test_logs_do_not_stand_in_for_a_phantom(store, limited, log, upload, finish, clock):
     limited(phantom_scan_every_days=14, quiet_after_hours=400)
     clock.advance(days=13)
     log()
+    finish(store)
     assert store.alarms.check() == []
     clock.advance(days=1)
     ((_, alarm),) = store.alarms.check()
     assert (alarm.what, alarm.last_at, alarm.limit_hours) == ("no-phantom-scan", START, 336.0)
     upload(store)
+    finish(store)
     assert [what.value for what, _ in store.alarms.check()] == ["alarm-closed"]
 
 
@@ -90,17 +123,12 @@ def test_without_a_scan_the_time_counts_from_the_scanner_and_without_a_limit_the
     assert [what.value for what, _ in store.alarms.check()] == ["alarm-closed", "alarm-closed"]
 
 
-def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scanned(store, upload, clock):
-    def phantom(expires_on):
-        measured = [
-            SizeMeasurement(what=axis, measured_mm=100, standard_uncertainty_mm=0.1, expires_on=expires_on)
-            for axis in "xy"
-        ]
-        drawing = PhantomDrawing(name="disc", shapes=[Disc(center_mm=(0, 0), radius_mm=50)], measurements=measured)
-        return store.phantoms.create(drawing).id
-
+def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scanned(
+    store, phantom, upload, finish, refuse, clock
+):
     old, new = phantom(date(2026, 3, 3)), phantom(date(2028, 3, 3))
     upload(store, phantom_id=old)
+    finish(store)
     clock.advance(hours=42)  # 3 March, the last day
     assert store.alarms.check() == []
     clock.advance(hours=1)
@@ -108,6 +136,11 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
     assert (alarm.what, alarm.phantom_id, alarm.expired_on) == ("phantom-expired", old, date(2026, 3, 3))
     assert alarm.since == datetime(2026, 3, 4, tzinfo=UTC)
     upload(store, phantom_id=new)
+    assert store.alarms.check() == []
+    refuse()
+    assert store.alarms.check() == []
+    upload(store, phantom_id=new)
+    finish(store)
     assert [what.value for what, _ in store.alarms.check()] == ["alarm-closed"]
 
 
@@ -135,3 +168,91 @@ def test_alarms_go_with_their_scanner(store, scanner, limited, clock):
     store.alarms.check()
     store.scanners.delete(scanner.id)
     assert store.alarms.open() == store.alarms.check() == []
+    assert events_of(store) == [("opened", "scanner-quiet"), ("closed", "scanner-quiet")]
+
+
+def test_no_clock_closes_an_alarm(store, limited, clock):
+    limited(quiet_after_hours=24)
+    clock.advance(hours=24)
+    assert len(store.alarms.check()) == 1
+    clock.advance(minutes=-1)
+    assert store.alarms.check() == []
+    clock.advance(minutes=2)
+    assert store.alarms.check() == []
+    assert events_of(store) == [("opened", "scanner-quiet")]
+
+
+def test_a_phantom_scan_that_is_refused_ends_no_alarm_and_delays_a_new_one(
+    store, limited, upload, finish, refuse, clock
+):
+    limited(phantom_scan_every_days=1)
+    clock.advance(hours=23)
+    upload(store)
+    clock.advance(hours=2)
+    assert store.alarms.check() == [], "it is being read"
+    refuse()
+    assert [alarm.last_at for _, alarm in store.alarms.check()] == [START]
+    upload(store)
+    assert store.alarms.check() == []
+    refuse()
+    assert store.alarms.check() == []
+    upload(store)
+    finish(store)
+    assert store.alarms.check() != []
+    assert events_of(store) == [("opened", "no-phantom-scan"), ("closed", "no-phantom-scan")]
+
+
+def test_a_scanner_that_cannot_be_read_is_logged_and_keeps_its_alarms_while_others_get_theirs(
+    store, scanner, limited, phantom, upload, finish, clock
+):
+    limited(quiet_after_hours=1)
+    other = store.scanners.create(store.scanners.get(scanner.id), scanner_id="other").id
+    measured = phantom(date(2028, 3, 3))
+    upload(store, phantom_id=measured)
+    finish(store)
+    clock.advance(hours=2)
+    drawing = {"measurements": [{"what": "x", "measured_mm": "long"}]}
+    with store._database.write() as session:
+        session.execute(update(PhantomRow).where(PhantomRow.id == measured).values(drawing=drawing))
+    with capture_logs() as log:
+        assert {alarm.scanner_id for _, alarm in store.alarms.check()} == {other}
+    assert {(entry["event"], entry["scanner_id"]) for entry in log} == {("alarms-unreadable", scanner.id)}
+    with store._database.write() as session:
+        spec = store.scanners.get(other).model_dump(mode="json") | {"alarms": {"quiet_after_hours": "often"}}
+        session.execute(update(ScannerRow).where(ScannerRow.id == other).values(spec=spec))
+    with capture_logs() as log:
+        assert store.alarms.check() == []
+    assert {entry["scanner_id"] for entry in log} == {scanner.id, other}
+    assert [alarm.scanner_id for alarm in store.alarms.open()] == [other]
+
+
+def test_deleting_scans_opens_no_alarm_and_ends_none(store, limited, upload, finish, log, clock):
+    limited(phantom_scan_every_days=10, quiet_after_hours=100)
+    clock.advance(days=9)
+    calibrated = upload(store).id
+    finish(store)
+    store.calibrations.accept(CalibrationAsk(scan_id=calibrated))
+    finish(store)
+    last = log().id
+    finish(store)
+    store.scans.delete(calibrated)
+    store.scans.delete(last)
+    clock.advance(days=2)
+    assert store.alarms.check() == []
+    clock.advance(days=8)
+    assert {alarm.last_at for _, alarm in store.alarms.check()} == {START + timedelta(days=9)}
+    assert store.alarms.check() == []
+
+
+def test_a_round_takes_no_longer_for_each_of_many_scanners_than_for_one(store, limited, scanner, clock):
+    """Alarms are looked up, not compared with each other."""
+    limited(quiet_after_hours=1)
+    for _ in range(20):
+        store.scanners.create(store.scanners.get(scanner.id))
+    clock.advance(hours=2)
+    store.alarms.check()
+    compared = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Alarm, "__eq__", lambda *_: bool(compared.append(1)))
+        store.alarms.check()
+    assert len(compared) <= 21

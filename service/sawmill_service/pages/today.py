@@ -11,7 +11,7 @@ from fastapi.responses import HTMLResponse
 from sawmill_service.dependencies import TheStore
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.sparkline import Sparkline, sparkline
-from sawmill_service.scanner_conditions import ScannerCondition, conditions_of
+from sawmill_service.scanner_conditions import ALARMS, ScannerCondition, conditions_of
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.measurements import Movement
 from sawmill_worker.storage.store import Store
@@ -69,14 +69,20 @@ def today(page: ThePage, store: TheStore) -> HTMLResponse:
     number = store.events.reader().number
     kinds = " ".join(kind for kind in EventKind if kind not in _NOT_SHOWN)
     return page.answer(
-        "today.html", board=_board(page, store), number=number, kinds=kinds, lost_ms=LOST_MS, silent_ms=SILENT_MS
+        "today.html",
+        board=_board(page, store),
+        alarms=ALARMS,
+        number=number,
+        kinds=kinds,
+        lost_ms=LOST_MS,
+        silent_ms=SILENT_MS,
     )
 
 
 @router.get("/today/rows")
 def rows(page: ThePage, store: TheStore) -> HTMLResponse:
     """The part of the page that changes."""
-    return page.answer("today_rows.html", board=_board(page, store))
+    return page.answer("today_rows.html", board=_board(page, store), alarms=ALARMS)
 
 
 def _board(page: PageFrame, store: Store) -> Board:

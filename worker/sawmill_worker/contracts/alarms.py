@@ -32,7 +32,8 @@ class Alarm(Contract):
     )
     last_at: Time | None = Field(
         None,
-        description="When the last one came or, if none ever did, the scanner was added. Null: it is of a phantom.",
+        description="When the last one came that is known or, if none is, the scanner was added. Null: it is of a "
+        "phantom.",
         examples=["2026-03-02T05:30:00Z"],
     )
     limit_hours: float | None = Field(

@@ -1,6 +1,7 @@
 """What has to be done now and then, whichever engine runs the jobs."""
 
 import threading
+import time
 
 import structlog
 
@@ -14,6 +15,8 @@ from sawmill_worker.storage.store import Store
 
 # Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
 TOLERABLE_S = 5.0
+# Seconds between two looks at alarms, whose limits are hours and days.
+ALARMS_EVERY_S = 60.0
 
 
 class Housekeeping:
@@ -38,6 +41,7 @@ class Housekeeping:
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._clock_is_off = False
+        self._alarms_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -96,6 +100,9 @@ class Housekeeping:
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
 
     def _check_alarms(self) -> None:
+        if (now_s := time.monotonic()) < self._alarms_due_s:
+            return
+        self._alarms_due_s = now_s + ALARMS_EVERY_S
         for what, alarm in self._store.alarms.check():
             structlog.get_logger().warning(what.value, **alarm.model_dump(mode="json", exclude_none=True))
 

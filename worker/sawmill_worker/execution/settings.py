@@ -37,7 +37,9 @@ class ExecutionSettings(BaseSettings):
     outage_wait_s: Wait = Field(
         5.0, description="As `loss_wait_s`, while the disk is full or the database does not answer, however often."
     )
-    housekeeping_s: Seconds = Field(2.0, description="How often expired leases and due schedules are looked for.")
+    housekeeping_s: Seconds = Field(
+        2.0, description="How often expired leases and due schedules are looked for; alarms, each minute."
+    )
     leftovers_s: Seconds = Field(
         3600.0,
         description="How long a file or folder that no row knows is watched before it is removed: what a killed "

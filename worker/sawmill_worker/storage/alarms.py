@@ -4,19 +4,25 @@ from collections.abc import Iterator
 from datetime import UTC, datetime, time, timedelta
 from typing import Any, NamedTuple
 
-from sqlalchemy import ColumnElement, ScalarSelect, delete, select
+import structlog
+from pydantic import TypeAdapter, ValidationError
+from sqlalchemy import ColumnElement, ScalarSelect, delete, func, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_worker.contracts.alarms import Alarm, AlarmKind
 from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.phantoms import SizeMeasurement
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.tables import AlarmRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_worker.storage.tables import AlarmRow, CalibrationRow, EventRow, JobRow, PhantomRow, ScannerRow, ScanRow
 
-_OF_A_PHANTOM = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
+_READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
+_COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
+_MEASUREMENTS = TypeAdapter(list[SizeMeasurement])
+_NOT_YET = datetime.max.replace(tzinfo=UTC)
 
 
 class AlarmChange(NamedTuple):
@@ -38,33 +44,90 @@ class Alarms:
             return _opened(session, scanner_id)
 
     def check(self) -> list[AlarmChange]:
-        """Open what is missing by now and close what has come: once each, however many processes look."""
-        now = self._database.now()
-        with self._database.read() as session:
-            changing = {change.alarm.scanner_id for change in _changes(session, now)}
-        return [change for scanner_id in sorted(changing) for change in self._bring_up_to_date(scanner_id, now)]
+        """Open what is missing by now and close what has come: once each, however many processes look.
 
-    def _bring_up_to_date(self, scanner_id: str, now: datetime) -> list[AlarmChange]:
+        A scanner whose limits or whose phantom's measurements cannot be read is logged and left as it is.
+        """
+        with self._database.read() as session:
+            changing = {change.alarm.scanner_id for change in _changes(session, self._database.now())}
+        return [change for scanner_id in sorted(changing) for change in self._bring_up_to_date(scanner_id)]
+
+    def _bring_up_to_date(self, scanner_id: str) -> list[AlarmChange]:
         with self._database.write() as session:
             # Of several processes, the second one finds what the first has written.
             session.execute(select(ScannerRow.id).where(ScannerRow.id == scanner_id).with_for_update())
-            changes = _changes(session, now, scanner_id)
+            now = self._database.now()
+            changes = list(_changes(session, now, scanner_id))
             for what, alarm in changes:
                 if what is EventKind.ALARM_OPENED:
                     session.add(AlarmRow(**alarm.model_dump()))
                 else:
                     ended = AlarmRow.scanner_id == scanner_id, AlarmRow.what == alarm.what
                     session.execute(delete(AlarmRow).where(*ended))
-                detail = alarm.model_dump(mode="json", exclude={"scanner_id"}, exclude_none=True)
-                announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, detail=detail)
+                _announce(session, now, what, alarm)
             return changes
 
 
-def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> list[AlarmChange]:
-    """Alarms that have ended, then those that are new; one with another limit is another alarm."""
-    opened, due = _opened(session, scanner_id), list(_due(session, now, scanner_id))
-    ended = [AlarmChange(EventKind.ALARM_CLOSED, alarm) for alarm in opened if alarm not in due]
-    return ended + [AlarmChange(EventKind.ALARM_OPENED, alarm) for alarm in due if alarm not in opened]
+def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
+    """Close those of a scanner that is deleted."""
+    for alarm in _opened(session, scanner_id):
+        _announce(session, now, EventKind.ALARM_CLOSED, alarm)
+    session.execute(delete(AlarmRow).where(AlarmRow.scanner_id == scanner_id))
+
+
+def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) -> None:
+    detail = alarm.model_dump(mode="json", exclude={"scanner_id"}, exclude_none=True)
+    announce(session, now, what, "scanner", alarm.scanner_id, scanner_id=alarm.scanner_id, detail=detail)
+
+
+class _Expected(NamedTuple):
+    """What an alarm would tell, and from when on it is opened."""
+
+    alarm: Alarm
+    opens_at: datetime
+
+
+class _Known(NamedTuple):
+    """Of one scanner: times are of its newest scans, None where there is none.
+
+    A scan that was deleted counts for `scan_at`, and for `phantom_scan_at` where a calibration was made of it.
+    `coming_at` is of the newest phantom scan that is read or may yet turn out readable, `ready_at` of the newest
+    that is read; its phantom has `phantom_id` and `measurements`.
+    """
+
+    scanner: ScannerRow
+    scan_at: datetime | None
+    phantom_scan_at: datetime | None
+    coming_at: datetime | None
+    ready_at: datetime | None
+    phantom_id: str | None
+    measurements: Any
+
+
+def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> Iterator[AlarmChange]:
+    """What has ended, and what is new. The time opens alarms and ends none: clocks differ, and are put back."""
+    opened = {(each.scanner_id, each.what): each for each in _opened(session, scanner_id)}
+    for known in _known(session, scanner_id):
+        try:
+            expected = {each.alarm.what: each for each in _expected(known)}
+        except ValidationError as error:
+            structlog.get_logger().error("alarms-unreadable", scanner_id=known.scanner.id, reason=str(error))
+            continue
+        for what in AlarmKind:
+            alarm, next_one = opened.get((known.scanner.id, what)), expected.get(what)
+            if alarm is not None and (next_one is None or _ended(alarm, next_one.alarm)):
+                yield AlarmChange(EventKind.ALARM_CLOSED, alarm)
+                alarm = None
+            if alarm is None and next_one is not None and next_one.opens_at <= now:
+                yield AlarmChange(EventKind.ALARM_OPENED, next_one.alarm)
+
+
+def _ended(alarm: Alarm, next_one: Alarm) -> bool:
+    """Whether a later scan came, or the limit or the phantom is another; not because a scan was deleted."""
+    if alarm.last_at is not None and next_one.last_at is not None and next_one.last_at > alarm.last_at:
+        return True
+    same = {"limit_hours", "phantom_id", "expired_on"}
+    return alarm.model_dump(include=same) != next_one.model_dump(include=same)
 
 
 def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
@@ -75,43 +138,81 @@ def _opened(session: Session, scanner_id: str | None) -> list[Alarm]:
     return [Alarm.model_validate({name: getattr(row, name) for name in Alarm.model_fields}) for row in rows]
 
 
-def _due(session: Session, now: datetime, scanner_id: str | None) -> Iterator[Alarm]:
-    """Every alarm that should be open now."""
+def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
     statement = (
         select(
             ScannerRow,
             _newest(ScanRow.created_at),
-            _newest(ScanRow.created_at, *_OF_A_PHANTOM),
+            _newest_accepted(),
+            _newest(ScanRow.created_at, *_READY),
+            _newest_calibrated(),
+            _newest(ScanRow.created_at, *_COMING),
             PhantomRow.id,
             PhantomRow.drawing["measurements"],
         )
         .select_from(ScannerRow)
-        .outerjoin(PhantomRow, PhantomRow.id == _newest(ScanRow.phantom_id, *_OF_A_PHANTOM))
+        .outerjoin(PhantomRow, PhantomRow.id == _newest(ScanRow.phantom_id, *_READY))
     )
     if scanner_id is not None:
         statement = statement.where(ScannerRow.id == scanner_id)
-    for scanner, scan_at, phantom_scan_at, phantom_id, measurements in session.execute(statement):
-        limits = AlarmLimits.model_validate(scanner.spec.get("alarms", {}))
-        every_days = limits.phantom_scan_every_days
-        for what, newest_at, limit_hours in (
-            (AlarmKind.NO_PHANTOM_SCAN, phantom_scan_at, None if every_days is None else 24.0 * every_days),
-            (AlarmKind.SCANNER_QUIET, scan_at, limits.quiet_after_hours),
-        ):
-            last_at = newest_at or scanner.created_at
-            if limit_hours is not None and (since := last_at + timedelta(hours=limit_hours)) <= now:
-                yield Alarm(scanner_id=scanner.id, what=what, since=since, last_at=last_at, limit_hours=limit_hours)
-        measured = [SizeMeasurement.model_validate(each) for each in measurements or ()]
-        if expired := [each.expires_on for each in measured if each.expires_on and each.expired(now.date())]:
-            yield Alarm(
-                scanner_id=scanner.id,
-                what=AlarmKind.PHANTOM_EXPIRED,
-                since=datetime.combine(min(expired) + timedelta(days=1), time(), UTC),
-                phantom_id=phantom_id,
-                expired_on=min(expired),
+    for scanner, stored_at, accepted_at, ready_at, calibrated_at, coming_at, *phantom in session.execute(statement):
+        scan_at, phantom_scan_at = _latest(stored_at, accepted_at), _latest(ready_at, calibrated_at)
+        yield _Known(scanner, scan_at, phantom_scan_at, coming_at, ready_at, *phantom)
+
+
+def _expected(known: _Known) -> Iterator[_Expected]:
+    """Each alarm that the scanner's limits and phantom will open if nothing comes."""
+    scanner = known.scanner
+    limits = AlarmLimits.model_validate(scanner.spec.get("alarms", {}))
+    every_days = limits.phantom_scan_every_days
+    for what, newest_at, coming_at, limit_hours in (
+        (
+            AlarmKind.NO_PHANTOM_SCAN,
+            known.phantom_scan_at,
+            known.coming_at,
+            None if every_days is None else 24.0 * every_days,
+        ),
+        (AlarmKind.SCANNER_QUIET, known.scan_at, None, limits.quiet_after_hours),
+    ):
+        if limit_hours is not None:
+            last_at, limit = newest_at or scanner.created_at, timedelta(hours=limit_hours)
+            alarm = Alarm(
+                scanner_id=scanner.id, what=what, since=last_at + limit, last_at=last_at, limit_hours=limit_hours
             )
+            yield _Expected(alarm, max(last_at, coming_at or last_at) + limit)
+    measured = _MEASUREMENTS.validate_python(known.measurements or [])
+    is_coming = known.coming_at != known.ready_at
+    if expiring := [each.expires_on for each in measured if each.expires_on]:
+        since = datetime.combine(min(expiring) + timedelta(days=1), time(), UTC)
+        alarm = Alarm(
+            scanner_id=scanner.id,
+            what=AlarmKind.PHANTOM_EXPIRED,
+            since=since,
+            phantom_id=known.phantom_id,
+            expired_on=min(expiring),
+        )
+        yield _Expected(alarm, _NOT_YET if is_coming else since)
+
+
+def _latest(*times: datetime | None) -> datetime | None:
+    return max((each for each in times if each is not None), default=None)
 
 
 def _newest(column: InstrumentedAttribute[Any], *conditions: ColumnElement[bool]) -> ScalarSelect[Any]:
     """Of the scanner's newest scan of which the conditions are true."""
     mine = select(column).where(ScanRow.scanner_id == ScannerRow.id, *conditions)
     return mine.order_by(ScanRow.created_at.desc()).limit(1).correlate(ScannerRow).scalar_subquery()
+
+
+def _newest_accepted() -> ScalarSelect[Any]:
+    """When the newest scan came, whether it is stored still or not: events outlast scans."""
+    came = EventRow.scanner_id == ScannerRow.id, EventRow.what == EventKind.QUEUED, EventRow.subject == "scan"
+    mine = select(EventRow.at).where(*came).order_by(EventRow.number.desc())
+    return mine.limit(1).correlate(ScannerRow).scalar_subquery()
+
+
+def _newest_calibrated() -> ScalarSelect[Any]:
+    """When the newest scan came of which a calibration was made: this and the job that read it outlast the scan."""
+    read = select(func.max(JobRow.created_at)).join(CalibrationRow, CalibrationRow.scan_id == JobRow.subject_id)
+    mine = read.where(CalibrationRow.scanner_id == ScannerRow.id, JobRow.kind == JobKind.INGEST)
+    return mine.correlate(ScannerRow).scalar_subquery()

@@ -9,6 +9,7 @@ from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.scanners import Activation, ScannerSpec, StoredScanner
+from sawmill_worker.storage.alarms import close_alarms
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
@@ -100,6 +101,7 @@ class Scanners:
                     raise Conflict("scanner-in-use", msg)
             now = self._database.now()
             write_audit(session, now, AuditAction.SCANNER_DELETED, scanner_id, row.spec)
+            close_alarms(session, now, scanner_id)
             _announce(session, now, EventKind.SCANNER_DELETED, scanner_id)
             session.delete(row)
 

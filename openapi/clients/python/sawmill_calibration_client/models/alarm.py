@@ -25,7 +25,7 @@ class Alarm:
     expired_on: datetime.date | None | Unset = UNSET
     """ The last day of its measurement. Null: it is of no phantom. """
     last_at: datetime.datetime | None | Unset = UNSET
-    """ When the last one came or, if none ever did, the scanner was added. Null: it is of a phantom. """
+    """ When the last one came that is known or, if none is, the scanner was added. Null: it is of a phantom. """
     limit_hours: float | None | Unset = UNSET
     """ The scanner's limit, a number of hours. Null: it is of a phantom. """
     phantom_id: None | str | Unset = UNSET
