@@ -1,7 +1,7 @@
 """Scheduled recalibration and drift checks."""
 
 from datetime import datetime
-from typing import Any, Self
+from typing import Self
 
 from pydantic import ConfigDict, Field, model_validator
 
@@ -9,6 +9,7 @@ from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Stamped
 from sawmill_worker.contracts.calibrations import CalibrationOptions, GivenCalibrationOptions
 from sawmill_worker.contracts.choices import OnPass, ScheduleKind, ScheduleOutcome
+from sawmill_worker.contracts.conditions import Schema, one_of, require
 from sawmill_worker.contracts.drifts import DriftOptions
 from sawmill_worker.contracts.given import Given
 
@@ -50,11 +51,8 @@ class ScheduleSpec(Contract):
     )
 
 
-def _state_what_activates(schema: dict[str, Any]) -> None:
-    schema["anyOf"] = [
-        {"properties": {"kind": {"const": "recalibrate"}}},
-        {"properties": {"on_pass": {"const": "report"}}},
-    ]
+def _state_what_activates(schema: Schema) -> None:
+    require(schema, "on_pass", one_of("on_pass", ["report"]), one_of("kind", ["recalibrate"], default="recalibrate"))
 
 
 class ScheduleAsk(ScheduleSpec, Given):

@@ -127,8 +127,7 @@ from .scan_state import ScanState
 from .scanner_ask import ScannerAsk
 from .scanner_constants import ScannerConstants
 from .schedule import Schedule
-from .schedule_ask_type_0 import ScheduleAskType0
-from .schedule_ask_type_1 import ScheduleAskType1
+from .schedule_ask import ScheduleAsk
 from .schedule_kind import ScheduleKind
 from .schedule_outcome import ScheduleOutcome
 from .schedule_page import SchedulePage
@@ -287,8 +286,7 @@ __all__ = (
     "ScanShape",
     "ScanState",
     "Schedule",
-    "ScheduleAskType0",
-    "ScheduleAskType1",
+    "ScheduleAsk",
     "ScheduleKind",
     "ScheduleOutcome",
     "SchedulePage",

@@ -7,14 +7,13 @@ from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
 from ...models.schedule import Schedule
-from ...models.schedule_ask_type_0 import ScheduleAskType0
-from ...models.schedule_ask_type_1 import ScheduleAskType1
+from ...models.schedule_ask import ScheduleAsk
 from ...types import UNSET, Response, Unset
 
 
 def _get_kwargs(
     *,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
     idempotency_key: str | Unset = UNSET,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
@@ -26,10 +25,7 @@ def _get_kwargs(
         "url": "/v1/schedules",
     }
 
-    if isinstance(body, ScheduleAskType0):
-        _kwargs["json"] = body.to_dict()
-    else:
-        _kwargs["json"] = body.to_dict()
+    _kwargs["json"] = body.to_dict()
 
     headers["Content-Type"] = "application/json"
 
@@ -126,7 +122,7 @@ def _build_response(*, client: AuthenticatedClient | Client, response: httpx.Res
 def sync_detailed(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Problem | Schedule]:
     """Schedule a scanner's recalibration or drift checks
@@ -142,7 +138,7 @@ def sync_detailed(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -167,7 +163,7 @@ def sync_detailed(
 def sync(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
     idempotency_key: str | Unset = UNSET,
 ) -> Problem | Schedule | None:
     """Schedule a scanner's recalibration or drift checks
@@ -183,7 +179,7 @@ def sync(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -203,7 +199,7 @@ def sync(
 async def asyncio_detailed(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
     idempotency_key: str | Unset = UNSET,
 ) -> Response[Problem | Schedule]:
     """Schedule a scanner's recalibration or drift checks
@@ -219,7 +215,7 @@ async def asyncio_detailed(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -242,7 +238,7 @@ async def asyncio_detailed(
 async def asyncio(
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
     idempotency_key: str | Unset = UNSET,
 ) -> Problem | Schedule | None:
     """Schedule a scanner's recalibration or drift checks
@@ -258,7 +254,7 @@ async def asyncio(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

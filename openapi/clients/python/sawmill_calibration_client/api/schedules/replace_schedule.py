@@ -8,15 +8,14 @@ from ... import errors
 from ...client import AuthenticatedClient, Client
 from ...models.problem import Problem
 from ...models.schedule import Schedule
-from ...models.schedule_ask_type_0 import ScheduleAskType0
-from ...models.schedule_ask_type_1 import ScheduleAskType1
+from ...models.schedule_ask import ScheduleAsk
 from ...types import Response
 
 
 def _get_kwargs(
     schedule_id: str,
     *,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
 ) -> dict[str, Any]:
     headers: dict[str, Any] = {}
 
@@ -27,10 +26,7 @@ def _get_kwargs(
         ),
     }
 
-    if isinstance(body, ScheduleAskType0):
-        _kwargs["json"] = body.to_dict()
-    else:
-        _kwargs["json"] = body.to_dict()
+    _kwargs["json"] = body.to_dict()
 
     headers["Content-Type"] = "application/json"
 
@@ -128,7 +124,7 @@ def sync_detailed(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
@@ -136,7 +132,7 @@ def sync_detailed(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -162,7 +158,7 @@ def sync(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
@@ -170,7 +166,7 @@ def sync(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -191,7 +187,7 @@ async def asyncio_detailed(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
@@ -199,7 +195,7 @@ async def asyncio_detailed(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -223,7 +219,7 @@ async def asyncio(
     schedule_id: str,
     *,
     client: AuthenticatedClient,
-    body: ScheduleAskType0 | ScheduleAskType1,
+    body: ScheduleAsk,
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
@@ -231,7 +227,7 @@ async def asyncio(
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
-        body (ScheduleAskType0 | ScheduleAskType1): A schedule that is to be kept.
+        body (ScheduleAsk): A schedule that is to be kept.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
