@@ -12,7 +12,8 @@ from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
-from sawmill_worker.storage.tables import MeasurementRow, ScheduleRunRow
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.tables import MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 SETTINGS = {
@@ -171,6 +172,21 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
     assert "Monday to Friday" not in re.findall(r"<b>.*?</b>", seeded.get("/scanners/example-spare").text)
 
 
+def test_times_of_a_zone_that_this_machine_does_not_know_are_shown_in_utc(seeded, store):
+    made = store.schedules.create(ScheduleSpec(scanner_id="example-spare", cron="30 5 * * *"))
+    with store._database.write() as session:
+        session.get(ScheduleRow, made.id).time_zone = "Mars/Olympus"
+    page = seeded.get("/scanners/example-spare").text
+    assert "Every day at 05:30, Mars/Olympus" in page
+    assert re.search(r">[^<>]*05:30[^<>]*</time> <span class=\"soft\">\(UTC\)</span>", page)
+
+
+def test_a_wrong_zone_is_said_in_finnish(seeded):
+    typed = {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"}
+    page = seeded.post("/scanners/example-spare/schedules", data=typed, headers={"Accept-Language": "fi"}).text
+    assert "tietokannan nimi, esimerkiksi Europe/Helsinki tai UTC, ei ”Helsinki”" in page
+
+
 @pytest.mark.parametrize(
     ("typed", "sentence"),
     [
@@ -179,7 +195,7 @@ def test_a_schedule_is_made_of_plain_choices_or_of_cron_and_deleted(seeded, stor
         ({"cron": "every monday"}, "not &#39;every monday&#39;"),
         (
             {"days": "1-5", "clock": "05:30", "time_zone": "Helsinki"},
-            "as Europe/Helsinki or UTC, not &#39;Helsinki&#39;",
+            "as Europe/Helsinki or UTC, not “Helsinki”",
         ),
     ],
 )

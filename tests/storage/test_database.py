@@ -6,8 +6,12 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from databases import sqlite_alone
 from racing import race
+from results import CONSTANTS
 from sqlalchemy import text
 
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.database import _MIGRATIONS, Database, newest_revision
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageFull, StorageUnavailable
@@ -49,6 +53,34 @@ def test_jobs_from_before_are_kept_and_may_start_whatever_version_left_them(sett
     upgraded.close()
     assert [claim.job_id for claim in held] == revisions
     assert {(claim.attempt, claim.job.losses, claim.job.background) for claim in held} == {(3, 0, False)}
+
+
+def test_a_schedule_from_before_time_zones_runs_as_it_did_and_is_unchanged_by_the_same(settings, empty_url):
+    database = Database(make_engine(empty_url))
+    database.upgrade("0011")
+    spec = ScheduleSpec(scanner_id="old", cron="30 5 * * *")
+    scanner = ScannerSpec(name="Line 1", constants=ScannerConstants(**CONSTANTS)).model_dump_json()
+    due = {"at": "2026-03-02 05:30:00", "options": spec.options.model_dump_json(), "scanner": scanner}
+    with database.write() as session:
+        for statement in (
+            "INSERT INTO scanners (id, created_at, spec) VALUES ('old', :at, :scanner)",
+            (
+                "INSERT INTO schedules (id, created_at, scanner_id, cron, enabled, on_pass, options, next_due_at)"
+                " VALUES ('daily', :at, 'old', '30 5 * * *', true, 'report', :options, :at)"
+            ),
+            "INSERT INTO schedule_runs (schedule_id, due_at, outcome) VALUES ('daily', :at, 'no-new-phantom-scan')",
+        ):
+            names = {name for name in due if f":{name}" in statement}
+            session.execute(text(statement), {name: due[name] for name in names})
+    database.engine.dispose()
+    upgraded = Store.open(settings.model_copy(update={"database_url": empty_url}))
+    kept = upgraded.schedules.get("daily")
+    assert ScheduleSpec.model_validate(kept.model_dump(include=set(ScheduleSpec.model_fields))) == spec
+    assert (kept.last_run.outcome, kept.last_run.drift_id) == ("no-new-phantom-scan", None)
+    upgraded.schedules.update("daily", spec)
+    (entry,) = upgraded.audit.all()
+    upgraded.close()
+    assert entry.detail == {}
 
 
 @sqlite_alone

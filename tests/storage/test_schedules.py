@@ -7,12 +7,13 @@ from racing import race
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Priority
+from sawmill_worker.contracts.jobs import Failure, FailureKind, Priority
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import ScheduleRow
 from sawmill_worker.vocabulary import DataKind
 
 START = datetime(2026, 3, 2, 5, 0, tzinfo=UTC)
@@ -176,6 +177,32 @@ def test_the_newest_log_that_is_fit_for_it_is_checked_for_drift_once(store, chec
     assert store.schedules.run_due()[0].outcome == "no-new-log-scan"
 
 
+@pytest.mark.usefixtures("active", "checks")
+@pytest.mark.parametrize("views", [117, 118, 360])
+def test_a_log_is_fit_for_it_where_its_views_stand_close_enough(store, log_scan, clock, views):
+    log_scan(views=120, last_deg=714.0)
+    log_scan(last_deg=356.9)
+    fit = log_scan(views=views, last_deg=357.0) if views > 117 else None
+    clock.advance(minutes=30)
+    (run,) = store.schedules.run_due()
+    assert (run.drift_id and store.drifts.get(run.drift_id).scan_id) == fit
+
+
+@pytest.mark.usefixtures("active", "checks")
+@pytest.mark.parametrize("end", ["failed", "cancelled"])
+def test_a_log_whose_check_came_to_nothing_does_not_stand_before_older_ones(store, log_scan, clock, end):
+    older, newer = log_scan(), log_scan()
+    asked = store.drifts.accept(DriftAsk(scan_id=newer))
+    if end == "cancelled":
+        store.jobs.request_cancel(asked.job_id)
+    else:
+        failure = Failure(kind=FailureKind.INPUT, code="moved-too-far", detail="it moved")
+        store.jobs.fail(store.jobs.claim("test"), failure)
+    clock.advance(minutes=30)
+    (run,) = store.schedules.run_due()
+    assert store.drifts.get(run.drift_id).scan_id == older
+
+
 @pytest.mark.usefixtures("checks")
 def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(store, scanner, log_scan, clock):
     log_scan()
@@ -183,6 +210,68 @@ def test_without_an_active_calibration_there_is_nothing_to_compare_a_log_with(st
     assert store.schedules.run_due()[0].outcome == "no-active-calibration"
     (missed,) = [event for event in store.events.following(0) if event.what == "schedule-missed"]
     assert (missed.scanner_id, "no active calibration" in missed.detail["reason"]) == (scanner.id, True)
+
+
+def missed(store, schedule):
+    """The due times that were announced as missed, each with the reason."""
+    events = (event for event in store.events.following(0) if event.what == "schedule-missed")
+    return [(event.detail["due_at"], event.detail["reason"]) for event in events if event.subject_id == schedule.id]
+
+
+@pytest.mark.usefixtures("active")
+def test_a_schedule_that_cannot_run_is_missed_once_and_stops_no_other(store, scanner, log_scan, clock):
+    spec = ScheduleSpec(scanner_id=scanner.id, kind="check-drift", cron="*/30 * * * *")
+    # As an earlier version took it.
+    outdated_spec = ScheduleSpec(scanner_id=scanner.id, cron=spec.cron, options={"views": 10**13})
+    abroad, outdated, checks = (store.schedules.create(each) for each in (spec, outdated_spec, spec))
+    with store._database.write() as session:
+        session.get(ScheduleRow, abroad.id).time_zone = "Mars/Olympus"
+    log_scan()
+    clock.advance(minutes=29)
+    (run,) = store.schedules.run_due()
+    assert [run] == store.schedules.runs(checks.id)
+    due = START.replace(minute=30)
+    ((due_at, reason),) = missed(store, outdated)
+    assert (due_at, reason.startswith("its options are not right: views: ")) == (due.isoformat(), True)
+    assert store.schedules.get(outdated.id).next_due_at == START.replace(hour=6)
+    assert store.schedules.run_due() == []
+    # Another machine may know the time zone.
+    assert store.schedules.get(abroad.id).next_due_at == due
+    ((due_at, reason),) = missed(store, abroad)
+    assert (due_at, "not 'Mars/Olympus'" in reason) == (due.isoformat(), True)
+
+
+def test_an_edit_keeps_a_due_time_that_has_come_or_says_that_it_is_missed(store, scanner, schedule, clock):
+    spec = ScheduleSpec(scanner_id=scanner.id, cron="*/30 * * * *")
+    clock.advance(minutes=31)
+    due = START.replace(minute=30)
+    kept = store.schedules.update(schedule.id, spec.model_copy(update={"on_pass": "activate"}))
+    assert kept.next_due_at == due
+    assert [run.due_at for run in store.schedules.run_due()] == [due]
+    clock.advance(minutes=30)
+    moved = store.schedules.update(
+        schedule.id, spec.model_copy(update={"time_zone": "Asia/Kolkata", "cron": "0 * * * *"})
+    )
+    assert moved.next_due_at == START.replace(hour=6, minute=30)
+    changed = (START.replace(hour=6).isoformat(), "the schedule was changed before it ran")
+    assert missed(store, schedule)[1:] == [changed]
+    clock.advance(minutes=30)
+    store.schedules.update(schedule.id, spec.model_copy(update={"enabled": False}))
+    assert missed(store, schedule)[2:] == [(START.replace(hour=6, minute=30).isoformat(), changed[1])]
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+def test_after_the_clock_was_put_back_schedules_run_as_before(store, schedule, clock, restarted):
+    clock.advance(days=30)
+    assert len(store.schedules.run_due()) == 1
+    clock.advance(days=-30)
+    again = Store(store.settings, clock=clock) if restarted else store
+    assert again.schedules.run_due() == []
+    assert again.schedules.get(schedule.id).next_due_at == START.replace(minute=30)
+    clock.advance(minutes=30)
+    assert [run.due_at for run in again.schedules.run_due()] == [START.replace(minute=30)]
+    if restarted:
+        again.close()
 
 
 def run_due_at(settings: StorageSettings, moment: datetime) -> int:

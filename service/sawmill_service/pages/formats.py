@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
-from zoneinfo import ZoneInfo
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from babel import Locale
 from babel.dates import format_date, format_skeleton, format_time, format_timedelta, get_datetime_format
@@ -44,6 +44,7 @@ class Formats:
             "short_day": self.short_day,
             "age": self.age,
             "iso": iso,
+            "known_zone": known_zone,
         }
 
     def number(self, value: float | None, digits: int = 0, *, signed: bool = False) -> str:
@@ -114,6 +115,15 @@ class Formats:
 def iso(time: datetime | str) -> str:
     """For programs: RFC 3339."""
     return time if isinstance(time, str) else time.isoformat()
+
+
+def known_zone(name: str) -> str:
+    """The time zone of that name, or UTC where this machine's tz database, an older one, does not have it."""
+    try:
+        ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError):
+        return "UTC"
+    return name
 
 
 def _local(time: datetime | str, zone: str | None = None) -> datetime:

@@ -81,7 +81,11 @@ def added(
         ask = ScheduleAsk(scanner_id=scanner.id, kind=kind, cron=cron[:100], time_zone=zone, on_pass=on_pass)
         store.schedules.create(ask)
     except Invalid as refused:
-        form.errors["time_zone" if refused.code == "invalid-zone" else "cron"] = str(refused)
+        if refused.code == "invalid-zone":
+            sentence = text.gettext("must be a name of the tz database, as Europe/Helsinki or UTC, not “%(value)s”")
+            form.errors["time_zone"] = sentence % {"value": zone}
+        else:
+            form.errors["cron"] = str(refused)
     return form
 
 

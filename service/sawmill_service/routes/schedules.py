@@ -56,7 +56,7 @@ def get_schedule(schedule_id: Identifier, store: TheStore) -> Schedule:
     responses=refuses("schedule-not-found", "scanner-not-found", "invalid-cron", "invalid-zone"),
 )
 def replace_schedule(schedule_id: Identifier, spec: ScheduleAsk, store: TheStore) -> Schedule:
-    """The next due time is counted from now."""
+    """The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone` stay."""
     return store.schedules.update(schedule_id, spec)
 
 

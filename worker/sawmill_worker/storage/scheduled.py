@@ -10,17 +10,17 @@ from sawmill_worker.contracts import calibrations, drifts
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.choices import ScheduleOutcome
 from sawmill_worker.contracts.drifts import DriftAsk
-from sawmill_worker.contracts.jobs import Priority
+from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.scanners import active_calibration_id
-from sawmill_worker.storage.tables import CalibrationRow, DriftRow, PhantomRow, ScanRow, ScheduleRow
+from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
+from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG
 
-# A drift check pairs opposite rays all round in steps of 3 degrees or less: this number of views, from the first
-# angle to the last. What else a scan may lack, the check finds.
-LEAST_VIEWS, LEAST_RANGE_DEG = 120, 354.0
+# A drift check whose job ended so has not looked at its scan.
+_UNSEEN = (JobState.FAILED, JobState.CANCELLED)
 
 
 class Outcome(NamedTuple):
@@ -59,24 +59,31 @@ def _recalibrate(session: Session, files: FileStore, row: ScheduleRow, now: date
 
 
 def _check_drift(session: Session, files: FileStore, row: ScheduleRow, now: datetime) -> Outcome:
-    """On the newest log scan that is fit for it, of those after the last one that any drift check has looked at."""
+    """On the newest log scan that is fit for it, of those after the last one that any drift check has looked at.
+
+    Fit for it: all round in steps that its rays can be paired in. What else a scan may lack, the check finds, and the
+    next one passes that scan over.
+    """
     if active_calibration_id(session, row.scanner_id) is None:
         return Outcome("no-active-calibration")
     logs = select(ScanRow.id).where(ScanRow.scanner_id == row.scanner_id, ScanRow.phantom_id.is_(None))
     looked_at = (
         select(ScanRow.created_at)
         .join(DriftRow, DriftRow.scan_id == ScanRow.id)
-        .where(ScanRow.scanner_id == row.scanner_id, ScanRow.phantom_id.is_(None))
+        .join(JobRow, JobRow.id == DriftRow.job_id)
+        .where(ScanRow.scanner_id == row.scanner_id, ScanRow.phantom_id.is_(None), JobRow.state.not_in(_UNSEEN))
         .order_by(ScanRow.created_at.desc())
         .limit(1)
     )
     if (last := session.scalar(looked_at)) is not None:
         logs = logs.where(ScanRow.created_at > last)
-    angles_deg = ScanRow.reading["angular_range_deg"]
+    first_deg, last_deg = (ScanRow.reading["angular_range_deg"][place].as_float() for place in (0, 1))
+    range_deg = func.abs(last_deg - first_deg)
+    steps = ScanRow.reading["shape"]["views"].as_integer() - 1
     newest = session.scalar(
         logs.where(ScanRow.state == ScanState.READY)
-        .where(ScanRow.reading["shape"]["views"].as_integer() >= LEAST_VIEWS)
-        .where(func.abs(angles_deg[1].as_float() - angles_deg[0].as_float()) >= LEAST_RANGE_DEG)
+        .where(~exists().where(DriftRow.scan_id == ScanRow.id))
+        .where(range_deg >= 360.0 - WIDEST_MEASURED_STEP_DEG, range_deg <= steps * WIDEST_MEASURED_STEP_DEG)
         .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
         .limit(1)
     )

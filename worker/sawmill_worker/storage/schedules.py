@@ -1,23 +1,26 @@
 """Schedules: exactly once for each due time, however many processes look."""
 
+from contextlib import suppress
 from datetime import datetime
 from typing import Any
 
+from pydantic import ValidationError
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
-from sawmill_worker.contracts.base import Page
+from sawmill_worker.contracts.base import Page, placed_complaint
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.due_times import latest_due, next_due
+from sawmill_worker.storage.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
 from sawmill_worker.storage.scheduled import queue_due
-from sawmill_worker.storage.tables import ScannerRow, ScheduleRow, ScheduleRunRow
+from sawmill_worker.storage.tables import EventRow, ScannerRow, ScheduleRow, ScheduleRunRow
 
 # Of a due time at which nothing was queued, by its outcome.
 _WHY_NOT = {
@@ -33,6 +36,7 @@ class Schedules:
     def __init__(self, database: Database, files: FileStore) -> None:
         self._database = database
         self._files = files
+        self._looked_at: datetime | None = None
 
     def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
         """Add a schedule.
@@ -66,12 +70,21 @@ class Schedules:
             return read_page(session, statement, ScheduleRow, lambda row: _read(session, row), after=after, limit=limit)
 
     def update(self, schedule_id: str, spec: ScheduleSpec) -> Schedule:
-        """Replace a schedule; it is due next at the first time of its expression from now on."""
+        """Replace a schedule; it is due next at the first time of its expression from now on.
+
+        A due time that has come and has not run stays where cron, time zone and `enabled` do; otherwise it is missed.
+        """
         with self._database.write() as session:
             row = found(session, ScheduleRow, "schedule", schedule_id, lock=True)
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             before, now = _spec(row), self._database.now()
+            pending = row.next_due_at if row.next_due_at is not None and row.next_due_at <= now else None
+            same_times = spec.enabled and (spec.cron, spec.time_zone) == (row.cron, row.time_zone)
             _describe(row, spec, now)
+            if pending is not None and same_times:
+                row.next_due_at = pending
+            elif pending is not None:
+                _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
             write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, changed(before, _spec(row)))
             _announce(session, now, EventKind.SCHEDULE_CHANGED, row)
             session.flush()
@@ -95,22 +108,51 @@ class Schedules:
     def run_due(self) -> list[ScheduleRun]:
         """Run every schedule whose time has come, and move it on to its next time.
 
-        A schedule that was due several times while nothing ran is run once, for the latest of them.
+        A schedule that was due several times while nothing ran is run once, for the latest of them. One that cannot
+        be run is announced as missed, with the reason, and keeps none of the others from running.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            Nothing can be written; what is due stays so.
         """
         now = self._database.now()
+        self._set_back(now)
         due = select(ScheduleRow.id).where(ScheduleRow.enabled, ScheduleRow.next_due_at <= now)
         with self._database.read() as session:
             identifiers = session.scalars(due).all()
-        runs = (self._run(identifier, now) for identifier in identifiers)
+        runs = (self._run_or_miss(identifier, now) for identifier in identifiers)
         return [run for run in runs if run is not None]
+
+    def _set_back(self, now: datetime) -> None:
+        """At the first look, and after the clock was put back: no due time stays behind one that comes before it."""
+        if self._looked_at is None or now < self._looked_at:
+            ahead = select(ScheduleRow).where(ScheduleRow.enabled, ScheduleRow.next_due_at > now)
+            with self._database.write() as session:
+                for row in session.scalars(ahead).all():
+                    with suppress(Invalid):  # which is announced when it is due
+                        _moved_on(session, row, now)
+        self._looked_at = now
+
+    def _run_or_miss(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
+        try:
+            return self._run(schedule_id, now)
+        except (StorageFull, StorageUnavailable):
+            raise
+        except Exception as error:  # noqa: BLE001 - the event says it, and the others are due as well
+            self._miss(schedule_id, now, _in_words(error))
+            return None
 
     def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
         with self._database.write() as session:
             row = session.get(ScheduleRow, schedule_id)
             if row is None or row.next_due_at is None or row.next_due_at > now:
                 return None
-            due_at, first_due_at = latest_due(row.cron, row.time_zone, now), row.next_due_at
-            if not _moved_on(session, row, now) or _ran_already(session, schedule_id, due_at):
+            first_due_at = row.next_due_at
+            if not _moved_on(session, row, now):
+                return None
+            due_at = latest_due(row.cron, row.time_zone, now)
+            if _ran_already(session, schedule_id, due_at):
                 return None
             run = ScheduleRun(due_at=due_at, **queue_due(session, self._files, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
@@ -119,6 +161,33 @@ class Schedules:
             if run.outcome in _WHY_NOT:
                 _announce_missed(session, row, now, due_at, _WHY_NOT[run.outcome])
             return run
+
+    def _miss(self, schedule_id: str, now: datetime, reason: str) -> None:
+        """Announce once that a due time cannot be run, and move on."""
+        with self._database.write() as session:
+            row = session.get(ScheduleRow, schedule_id, with_for_update=True)
+            if row is None or row.next_due_at is None or row.next_due_at > now:
+                return
+            due_at = row.next_due_at
+            try:
+                is_new = _moved_on(session, row, now)
+            except Invalid:
+                # It stays due: another machine may know its time zone.
+                is_new = not _is_announced(session, row, due_at)
+            if is_new:
+                _announce_missed(session, row, now, due_at, reason)
+
+
+def _in_words(error: Exception) -> str:
+    if isinstance(error, ValidationError):
+        return f"its options are not right: {placed_complaint(error)}"
+    return str(error) if isinstance(error, StorageError) else f"{type(error).__name__}: {error}"
+
+
+def _is_announced(session: Session, row: ScheduleRow, due_at: datetime) -> bool:
+    of_schedule = (EventRow.scanner_id == row.scanner_id, EventRow.subject_id == row.id)
+    is_it = (EventRow.what == EventKind.SCHEDULE_MISSED, EventRow.detail["due_at"].as_string() == due_at.isoformat())
+    return session.scalar(select(EventRow.number).where(*of_schedule, *is_it).limit(1)) is not None
 
 
 def _announce(

@@ -38,12 +38,8 @@ from sawmill_worker.tomography.paired_rays import (
     nearest_view,
 )
 from sawmill_worker.tomography.view_gain import view_gain
-from sawmill_worker.vocabulary import Rotation
+from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG, Rotation
 
-# Between views farther apart than this the sinogram of a log is not sampled well enough for its rays to be paired.
-WIDEST_STEP_DEG = 3.0
-# Share by which an encoder may scatter a step.
-JITTER = 0.02
 # Blur in views and in cells: the coarse one finds the basin and the sense of rotation, the finest one that the noise
 # allows finds the minimum.
 COARSE = (4.0, 8.0)
@@ -320,14 +316,13 @@ def _check(sinogram: FloatArray, angles_rad: FloatArray) -> None:
     wrapped = np.sort(np.mod(angles_rad, TAU))
     gaps = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
     widest, usual = float(gaps.max()), float(np.median(gaps))
-    allowed = WIDEST_STEP_DEG * (1.0 + JITTER)
-    if widest > allowed >= usual:
+    if widest > WIDEST_MEASURED_STEP_DEG >= usual:
         raise DriftError(
             "partial-turn",
             f"the views leave a gap of {widest:.3g} degrees where their usual distance is {usual:.3g}: opposite rays "
             f"can be paired only all round the full turn, in steps of {WIDEST_STEP_DEG:g} degrees or less",
         )
-    if widest > allowed:
+    if widest > WIDEST_MEASURED_STEP_DEG:
         raise DriftError(
             "sparse-views",
             f"the {angles_rad.size} views stand {usual:.3g} degrees apart: opposite rays can be paired only in steps "

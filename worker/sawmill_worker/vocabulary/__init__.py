@@ -33,6 +33,8 @@ from sawmill_worker.vocabulary.exact import Exact, exactly, rewritten
 from sawmill_worker.vocabulary.geometry import (
     LARGEST_MM,
     TAU,
+    WIDEST_MEASURED_STEP_DEG,
+    WIDEST_STEP_DEG,
     GeometryError,
     Scanner,
     SourceFrame,
@@ -61,6 +63,8 @@ __all__ = [
     "LARGEST_MM",
     "STANDARD_SIZE_TOLERANCE",
     "TAU",
+    "WIDEST_MEASURED_STEP_DEG",
+    "WIDEST_STEP_DEG",
     "Adjustment",
     "Agreement",
     "AirCorrection",

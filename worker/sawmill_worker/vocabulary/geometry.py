@@ -17,6 +17,10 @@ from sawmill_worker.vocabulary.exact import Exact
 TAU = 2.0 * math.pi
 # Of any length at a scanner, in mm.
 LARGEST_MM = 1e5
+# Between views farther apart than this the sinogram of a log is not sampled well enough for its rays to be paired; an
+# encoder may scatter a step by 2 %.
+WIDEST_STEP_DEG = 3.0
+WIDEST_MEASURED_STEP_DEG = 1.02 * WIDEST_STEP_DEG
 
 
 class GeometryError(ValueError):

@@ -12,7 +12,8 @@ depends_on = None
 def upgrade() -> None:
     op.add_column("schedules", sa.Column("time_zone", sa.String(length=64), nullable=False, server_default="UTC"))
     op.add_column("schedules", sa.Column("kind", sa.String(length=20), nullable=False, server_default="recalibrate"))
-    op.add_column("schedules", sa.Column("drift_options", sa.JSON(), nullable=False, server_default="{}"))
+    every_row = sa.Column("drift_options", sa.JSON(), nullable=False, server_default='{"rows": null}')
+    op.add_column("schedules", every_row)
     op.add_column("schedule_runs", sa.Column("drift_id", sa.String(length=64), nullable=True))
     op.create_table(
         "alarms",

@@ -128,7 +128,8 @@ def sync_detailed(
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
-     The next due time is counted from now.
+     The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone`
+    stay.
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
@@ -162,7 +163,8 @@ def sync(
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
-     The next due time is counted from now.
+     The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone`
+    stay.
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
@@ -191,7 +193,8 @@ async def asyncio_detailed(
 ) -> Response[Problem | Schedule]:
     """Replace a schedule
 
-     The next due time is counted from now.
+     The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone`
+    stay.
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
@@ -223,7 +226,8 @@ async def asyncio(
 ) -> Problem | Schedule | None:
     """Replace a schedule
 
-     The next due time is counted from now.
+     The next due time is counted from now, unless one has come, has not run, and `cron` and `time_zone`
+    stay.
 
     Args:
         schedule_id (str): Lower-case letters, digits and hyphens.
