@@ -27,6 +27,7 @@ from sawmill_worker.execution.sole_service import refuse_second, sole_service
 from sawmill_worker.execution.supervise import WorkerSupervisor
 from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.software import software
 from sawmill_worker.storage.store import Store
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -65,6 +66,7 @@ def serve_until_stopped(
     """
     configure_logs(execution.log_format)
     log_each_once()
+    software()  # read now: after an upgrade the files are no longer those that this process has loaded
     for number in _SIGNALS:
         signal.signal(number, _end_start)
     open_files_for(settings.max_connections)

@@ -52,8 +52,11 @@ def test_the_console_can_try_every_operation(seeded, path):
     options = {"params": example["query"], "headers": example["headers"]}
     if example["body_file"]:
         offered = seeded.get(example["body_file"])
-        options["content"] = offered.content
-        options["headers"] |= {"Content-Type": example["media_type"]}
+        if example["media_type"] == "multipart/form-data":
+            options |= {"data": example["body"], "files": {"file": offered.content}}
+        else:
+            options["content"] = offered.content
+            options["headers"] |= {"Content-Type": example["media_type"]}
     elif example["media_type"]:
         options["json"] = example["body"]
     # The examples hold no key: one that nobody has would guard nothing.

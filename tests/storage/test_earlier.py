@@ -2,7 +2,9 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from datetime import date, datetime
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from results import RESULTS
@@ -10,14 +12,16 @@ from results import RESULTS
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
+from sawmill_worker.contracts.phantoms import SizeMeasurement
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
-from sawmill_worker.storage import earlier
+from sawmill_worker.storage import earlier, origins
 from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.origins import origin_of
 from sawmill_worker.storage.software import software
@@ -269,7 +273,7 @@ def test_while_a_scan_is_read_what_waits_for_it_is_queued(store, upload, calibra
     assert states(calibrate(upload(store).id)) == [("queued", None)]
 
 
-def test_where_files_have_no_second_names_a_worker_copies_them(store, scanned, calibrate, compute, monkeypatch):
+def test_where_files_have_no_second_names_it_is_computed(store, scanned, calibrate, compute, monkeypatch):
     scan_id = scanned()
     first = calibrate(scan_id)
     compute()
@@ -282,12 +286,31 @@ def test_where_files_have_no_second_names_a_worker_copies_them(store, scanned, c
     assert states(second) == [("queued", None)]
     claim = store.jobs.claim("test")
     output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-    origin = origin_of(claim.job.kind, store.jobs.handed_over(claim.job_id), software())
-    found = store.jobs.earlier(claim, origin)
-    assert found.computed_id == first.id
-    assert store.files.take_over(claim.job.kind, found.kept_with, output, may_copy=True)
-    assert (output / "result.h5").read_text() == f"of {first.id}"
-    assert not (output / "result.h5").samefile(result_file(store, first.id))
+    assert not store.files.take_over(claim.job.kind, first.id, output)
+    assert list(output.iterdir()) == []
+
+
+def test_the_day_on_which_a_measurement_expires_counts(store, monkeypatch):
+    drawing = store.phantoms.get("l-shape").drawing
+    measured = SizeMeasurement(what="x", measured_mm=200.0, standard_uncertainty_mm=0.1, expires_on=date(2026, 4, 1))
+    phantom = store.phantoms.get("l-shape").model_copy(
+        update={"drawing": drawing.model_copy(update={"measurements": [measured]})}
+    )
+    given = HandedOver(phantom=phantom, kept=Path("kept"))
+
+    def on(day):
+        monkeypatch.setattr(origins, "datetime", SimpleNamespace(now=lambda _: datetime.fromisoformat(day)))
+        return origin_of(JobKind.CALIBRATE, given, "software")
+
+    assert on("2026-03-01") == on("2026-04-01") != on("2026-04-02")
+
+
+def test_a_file_without_content_answers_nothing(store, scanned, calibrate, compute):
+    scan_id = scanned()
+    first = calibrate(scan_id)
+    compute()
+    result_file(store, first.id).write_bytes(b"")
+    assert states(calibrate(scan_id)) == [("queued", None)]
 
 
 def test_an_inspection_keeps_its_answer_when_the_one_it_came_from_is_deleted(store, compute):

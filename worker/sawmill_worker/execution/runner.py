@@ -276,9 +276,7 @@ class _Supervision:
             return None
         self._origin = origin_of(self._claim.job.kind, given, self._process.software)
         earlier = None if self._origin is None else self._store.jobs.earlier(self._claim, self._origin)
-        if earlier is None or not self._store.files.take_over(
-            self._claim.job.kind, earlier.kept_with, output, may_copy=True
-        ):
+        if earlier is None or not self._store.files.take_over(self._claim.job.kind, earlier.kept_with, output):
             return None
         self._answered_from = earlier.computed_id
         return Succeeded(result=earlier.result)

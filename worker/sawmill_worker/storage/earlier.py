@@ -1,6 +1,7 @@
 """Answering a job from an earlier result of the same origin, with files that are its own: second names of the bytes."""
 
 from datetime import datetime
+from pathlib import Path
 from typing import NamedTuple
 
 from sqlalchemy import select
@@ -49,7 +50,10 @@ def earlier_result(session: Session, files: FileStore, kind: JobKind, origin: st
     same = select(table).join(table.job).where(JobRow.origin == origin, JobRow.state == JobState.SUCCEEDED)
     for row in session.scalars(same.order_by(JobRow.created_at.desc()).limit(_MOST_LOOKED_AT)):
         folder = files.results(kind, row.id)
-        if row.result is not None and all((folder / name).is_file() for name in declared.leaves):
+        # What was refused may have been for lack of memory at that time.
+        if row.result is None or row.result.get("refusal") is not None:
+            continue
+        if all(_has_content(folder / name) for name in declared.leaves):
             return Earlier(row.job.answered_from or row.id, row.id, row.result)
     return None
 
@@ -57,7 +61,7 @@ def earlier_result(session: Session, files: FileStore, kind: JobKind, origin: st
 def answer_at_once(session: Session, files: FileStore, job: JobRow, now: datetime) -> None:
     """End a job that was queued in this transaction with an earlier result, if there is one.
 
-    Where its files cannot have second names, the job stays queued: its worker copies them.
+    Where its files cannot have second names, the job stays queued.
     """
     origin = origin_of(job.kind, handed_over(session, files, job), software())
     earlier = None if origin is None else earlier_result(session, files, job.kind, origin)
@@ -65,7 +69,7 @@ def answer_at_once(session: Session, files: FileStore, job: JobRow, now: datetim
         return
     output = files.make_attempt_folder(job.id, job.attempt)
     try:
-        if files.take_over(job.kind, earlier.kept_with, output, may_copy=False):
+        if files.take_over(job.kind, earlier.kept_with, output):
             job.state, job.finished_at = JobState.SUCCEEDED, now
             job.origin, job.answered_from = origin, earlier.computed_id
             record(session, now, EventKind.SUCCEEDED, job, {"answered_from": earlier.computed_id})
@@ -76,3 +80,7 @@ def answer_at_once(session: Session, files: FileStore, job: JobRow, now: datetim
             files.publish(output, files.results(job.kind, job.subject_id))
     finally:
         files.remove(output)
+
+
+def _has_content(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size > 0

@@ -32,11 +32,14 @@ from pathlib import Path
 from typing import NamedTuple
 from uuid import uuid4
 
+import structlog
+
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.storage.arriving import Arriving, AsSent, Content, Received, check_free, receive_in_threads
 from sawmill_worker.storage.errors import (
     NotFound,
+    StorageFull,
     StorageUnavailable,
     disk_full_reported,
     means_disk_full,
@@ -154,7 +157,7 @@ class FileStore:
             output.rename(final)
             flush(final.parent)
 
-    def take_over(self, kind: JobKind, subject_id: str, output: Path, *, may_copy: bool) -> bool:
+    def take_over(self, kind: JobKind, subject_id: str, output: Path) -> bool:
         """Give the files that a job left a second name in an attempt's folder, and flush it.
 
         Parameters
@@ -163,13 +166,11 @@ class FileStore:
             Of the job that left them.
         output
             Holds all of them afterwards, or none.
-        may_copy
-            Whether they are copied where they cannot have second names; that may take long.
 
         Returns
         -------
         bool
-            Whether all of them were there.
+            Whether all of them have one: one may be gone, or its file system has no second names.
 
         Raises
         ------
@@ -178,19 +179,21 @@ class FileStore:
         """
         declared = declaration_of(kind)
         names = declared.leaves if isinstance(declared, AskedKind) else ()
-        with disk_full_reported("a result that is taken over"):
-            try:
-                for name in names:
-                    source = self.results(kind, subject_id) / name
-                    _name_or_copy(source, output / name, may_copy=may_copy)
-                    if (note := note_of(source)).is_file():
-                        _name_or_copy(note, output / note.name, may_copy=may_copy)
-            except (FileNotFoundError, _NoSecondName):
-                for name in names:
-                    (output / name).unlink(missing_ok=True)
-                    note_of(output / name).unlink(missing_ok=True)
-                return False
-        flush_tree(output)
+        try:
+            for name in names:
+                source = self.results(kind, subject_id) / name
+                (output / name).hardlink_to(source)
+                if (note := note_of(source)).is_file():
+                    note_of(output / name).hardlink_to(note)
+            flush_tree(output)
+        except OSError as error:
+            for name in names:
+                (output / name).unlink(missing_ok=True)
+                note_of(output / name).unlink(missing_ok=True)
+            if means_disk_full(error):
+                raise StorageFull("there is no room for a result that is taken over") from error
+            structlog.get_logger().warning("earlier-result-not-taken-over", subject_id=subject_id, reason=str(error))
+            return False
         return True
 
     def remove(self, path: Path) -> None:
@@ -402,23 +405,6 @@ def flush_tree(folder: Path) -> None:
 def note_of(path: Path) -> Path:
     """Where a large file's digest is noted (`noted_digests`)."""
     return path.with_name(f".{path.name}.sha256")
-
-
-class _NoSecondName(Exception):  # noqa: N818 - an outcome's name
-    """The file system gives none, or not to this file."""
-
-
-def _name_or_copy(source: Path, target: Path, *, may_copy: bool) -> None:
-    try:
-        target.hardlink_to(source)
-    except FileNotFoundError:
-        raise
-    except OSError as error:
-        if means_disk_full(error):
-            raise
-        if not may_copy:
-            raise _NoSecondName from error
-        shutil.copyfile(source, target)
 
 
 def flush(path: Path) -> None:

@@ -6,6 +6,7 @@ What an uploaded file holds counts by its digest, so that the same file under tw
 
 import hashlib
 import json
+from datetime import UTC, datetime
 from typing import Any
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
@@ -14,7 +15,7 @@ from sawmill_worker.contracts.jobs import JobKind
 
 _IDS_ASKED_FOR = {"scan_id", "scanner_id", "calibration_id"}
 _NOT_OF_SCAN = {"id", "created_at", "name", "scanner_id", "phantom_id", "state", "reason", "job_id"}
-_NOT_OF_SCANNER = {"id", "created_at", "name", "active_calibration_id"}
+_NOT_OF_SCANNER = {"id", "created_at", "name", "active_calibration_id", "alarms"}
 # How long it took and what was active then: no result that uses a calibration depends on them.
 _OF_CALIBRATION = CalibrationResult.model_fields.keys() - {"timing_s", "comparison"}
 
@@ -41,11 +42,19 @@ def origin_of(kind: JobKind, given: HandedOver, software: str) -> str | None:
         "scan_origin": given.scan_origin,
         "scanner": given.scanner and given.scanner.model_dump(mode="json", exclude=_NOT_OF_SCANNER),
         "drawing": given.phantom and given.phantom.drawing and given.phantom.drawing.model_dump(mode="json"),
+        "expired": _expired(given),
         "calibration": given.calibration and given.calibration.model_dump(mode="json", include=set(_OF_CALIBRATION)),
         # The comparison with it states its id.
         "active": given.active and given.active.id,
     }
     return hashlib.sha256(json.dumps(depends_on, sort_keys=True, allow_nan=False).encode()).hexdigest()
+
+
+def _expired(given: HandedOver) -> list[str]:
+    """Which measurements of the phantom a calibration of today would ask to repeat."""
+    drawing = None if given.phantom is None else given.phantom.drawing
+    today = datetime.now(UTC).date()
+    return [] if drawing is None else [measured.what for measured in drawing.measurements if measured.expired(today)]
 
 
 def _options(given: HandedOver) -> dict[str, Any] | None:
