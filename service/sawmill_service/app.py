@@ -163,7 +163,7 @@ def create_app(
         max_body_bytes=settings.max_json_bytes,
         larger_bodies={
             ("POST", "/v1/scans"): settings.max_upload_bytes,
-            ("POST", "/v1/scans/form"): settings.max_form_bytes + settings.max_json_bytes,
+            ("POST", "/v1/scans/form"): settings.max_form_file_bytes + settings.max_json_bytes,
             ("POST", "/v1/inspections"): settings.max_upload_bytes,
             ("POST", "/v1/phantoms/pictures"): settings.max_picture_bytes,
             ("PATCH", "/v1/uploads/*"): settings.max_upload_bytes,

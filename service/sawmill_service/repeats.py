@@ -22,7 +22,7 @@ from sawmill_service.dependencies import TheStore
 from sawmill_service.problems import Refused
 from sawmill_service.sent_content import SentContent
 from sawmill_service.sent_form import SentForm
-from sawmill_service.uploads import body_begun, body_sha256
+from sawmill_service.uploads import body_begun, body_sha256, check_no_file
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.errors import StorageError
@@ -128,7 +128,7 @@ class Repeatable:
             raise
 
     async def check_sent(self, content: SentForm[Any] | None = None) -> None:
-        """Answer a repeat, for which a file in its body is read.
+        """Answer a repeat, for which its body is read: the file, or nothing where an earlier one is named.
 
         Raises
         ------
@@ -136,16 +136,19 @@ class Repeatable:
             It is a repeat, with the same file or none.
         Invalid
             422 `idempotency-key-reused`.
+        Refused
+            As by `body_sha256` or `check_no_file`.
         """
         if self.keyed is None:
             return
         kept = await run_in_threadpool(self.store.repeats.find, self.keyed)
         if kept is None:
             return
-        sent = kept.request.file_sha256 is not None and kept.request.request_sha256 == self.keyed.request_sha256
-        max_bytes = self.request.app.state.settings.max_upload_bytes
-        digest = None
-        if sent:
+        same, digest = kept.request.request_sha256 == self.keyed.request_sha256, None
+        if same and kept.request.file_sha256 is None:
+            await check_no_file(self.request)
+        elif same:
+            max_bytes = self.request.app.state.settings.max_upload_bytes
             what = content or SentContent(self.request.headers)
             digest = await body_sha256(self.request, what, max_bytes=max_bytes)
         raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)))

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from typing import Any, Generic, TypeVar
 
 from fastapi.exceptions import RequestValidationError
@@ -16,12 +16,15 @@ from starlette.datastructures import Headers
 from sawmill_service.problems import STATED, Place, Refused
 from sawmill_service.queries import near_name
 from sawmill_service.sent_content import FirstBytes, SentContent, check_media_type
-from sawmill_worker.contracts.given import Queried
+from sawmill_worker.contracts.given import Queried, shown
 
 MEDIA_TYPE, FILE = "multipart/form-data", "file"
 _LONGEST_BOUNDARY = 70  # by RFC 2046, 5.1.1
 # Of Content-Transfer-Encoding, which RFC 7578 has no use for: nothing is done to the bytes.
 _AS_IT_IS = {b"binary", b"8bit", b"7bit"}
+# Each delimiter, and each space behind one, costs the parser time of its own; forms have one a field.
+_MOST_DELIMITERS, _MOST_PADDING_BYTES = 100, 64
+_LONGEST_NAME = 200
 
 Form = TypeVar("Form", bound=Queried)
 
@@ -64,8 +67,10 @@ class SentForm(Generic[Form]):
         self._first, self._file = FirstBytes(), list[bytes]()
         self._file_begun = self._ended = False
         self._begin_part()
+        boundary = _boundary(headers.get("content-type", ""))
+        self._delimiters = _Delimiters(boundary)
         self._parser = MultipartParser(
-            _boundary(headers.get("content-type", "")),
+            boundary,
             {
                 "on_part_begin": self._begin_part,
                 "on_header_field": self._add_to_name,
@@ -81,6 +86,7 @@ class SentForm(Generic[Form]):
     def take(self, part: bytes) -> Iterator[bytes]:
         """The file's bytes in a part of what was sent."""
         for sent in self._content.take(part):
+            self._delimiters.count(sent)
             try:
                 self._parser.write(sent)
             except FormParserError as error:
@@ -115,7 +121,10 @@ class SentForm(Generic[Form]):
         self._value += data[start:end]
 
     def _end_header(self) -> None:
-        self._head[self._name.lower()] = self._value
+        name = self._name.lower()
+        if name in self._head:
+            raise _bad(f"has a part with two lines {name[:100].decode('latin-1')!r}: send one")
+        self._head[name] = self._value
         self._name = self._value = b""
 
     def _end_head(self) -> None:
@@ -124,12 +133,15 @@ class SentForm(Generic[Form]):
             raise _bad('has a part without Content-Disposition: form-data; name="…"')
         self._field = _decoded(options[b"name"], "a field's name")
         self._check_field(is_file=b"filename" in options)
-        encoding = self._head.get(b"content-transfer-encoding", b"binary").strip().lower()
-        if encoding not in _AS_IT_IS:
-            detail = f"the form's {self._field!r} must be sent as it is, not by {encoding[:100].decode('latin-1')!r}"
-            raise Refused(415, "unsupported-encoding", detail)
+        self._check_encoding(b"content-transfer-encoding", _AS_IT_IS)
+        self._check_encoding(b"content-encoding", {b"identity"})
         if self._field == FILE:
             self._begin_file(options.get(b"filename", b""))
+
+    def _check_encoding(self, header: bytes, right: Container[bytes]) -> None:
+        if header in self._head and (encoding := self._head[header].strip().lower()) not in right:
+            detail = f"the form's {self._field!r} must be sent as it is, not by {encoding[:100].decode('latin-1')!r}"
+            raise Refused(415, "unsupported-encoding", detail)
 
     def _check_field(self, *, is_file: bool) -> None:
         name = self._field
@@ -143,9 +155,9 @@ class SentForm(Generic[Form]):
             raise self._refused(_stated(name, f"must be a value, not a file: the file is the field {FILE!r}"))
 
     def _begin_file(self, name: bytes) -> None:
-        """Note the file's name, without the folders that some clients send; refuse what can be already."""
+        """Note the file's name; refuse what can be already."""
         check_media_type(self._head.get(b"content-type", b"").decode("latin-1"))
-        self._given[FILE] = re.split(r"[/\\]", _decoded(name, "the file's name"))[-1]
+        self._given[FILE] = _fitting(name)
         try:
             form = self._model.model_validate(self._given)
         except ValidationError as error:
@@ -178,6 +190,30 @@ class SentForm(Generic[Form]):
         """Of the body, in which the field that is being read stands too."""
         placed = [{**error, "loc": (Place.BODY, *error["loc"])} for error in errors]
         return RequestValidationError(placed, body={**self._given, self._field: ""})
+
+
+class _Delimiters:
+    """Bounds what a form's delimiters may cost, in whatever pieces they come."""
+
+    def __init__(self, boundary: bytes) -> None:
+        self._line = b"\r\n--" + boundary
+        self._padded = re.compile(re.escape(self._line) + rb"[ \t]{%d}" % (_MOST_PADDING_BYTES + 1))
+        self._before, self._found = b"\r\n", 0
+
+    def count(self, piece: bytes) -> None:
+        """Refuse more delimiters than any form has, and one with more padding than any has."""
+        seen = self._before + piece
+        self._found += seen.count(self._line) - self._before.count(self._line)
+        if self._found > _MOST_DELIMITERS:
+            raise _bad(f"has more than {_MOST_DELIMITERS} lines that begin with its boundary: take another boundary")
+        if self._padded.search(seen):
+            raise _bad(f"has more than {_MOST_PADDING_BYTES} spaces after a boundary")
+        self._before = seen[-len(self._line) - _MOST_PADDING_BYTES :]
+
+
+def _fitting(name: bytes) -> str:
+    """What a file's name can give a scan: without folders, which some clients send, and all that no name may have."""
+    return shown(re.split(r"[/\\]", name.decode(errors="replace"))[-1])[:_LONGEST_NAME].strip()
 
 
 def _boundary(content_type: str) -> bytes:

@@ -165,6 +165,11 @@ class ServiceSettings(BaseSettings):
             raise ValueError(msg) from error
 
     @property
+    def max_form_file_bytes(self) -> int:
+        """Of the file in a form: no more than of any other."""
+        return min(self.max_form_bytes, self.max_upload_bytes)
+
+    @property
     def names(self) -> list[str]:
         """By which clients may call it from anywhere: `host`, unless it stands for every address, and those allowed."""
         return [*self._own_name(), *self._public_name(), *self.allowed_hosts]

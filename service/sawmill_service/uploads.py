@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import AsyncIterator, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Annotated, Any
 
 from fastapi import Request
@@ -13,9 +14,12 @@ from sawmill_service.problems import Refused
 from sawmill_service.sent_content import FirstBytes, SentContent, empty_body
 from sawmill_service.sent_form import SentForm
 from sawmill_worker.contracts.base import Identifier
-from sawmill_worker.storage.arriving import Content, Received, in_parts
+from sawmill_worker.storage.arriving import Content, Received, in_parts, in_thread
 from sawmill_worker.storage.errors import UploadTooLarge
 from sawmill_worker.storage.store import Store
+
+# Forms are parsed in Python, and whoever repeats a file need not be served soon: neither takes the threads of others.
+_APART = ThreadPoolExecutor(2, "forms-and-repeats")
 
 InspectionId = Annotated[
     Identifier | None,
@@ -44,11 +48,7 @@ async def received_file(
         return await received_body(request, store, max_bytes=max_bytes)
     if inspection_id is not None and upload_id is not None:
         raise Refused(422, "two-files", "name an inspection_id or an upload_id: both are given")
-    sums = BodySums(request.headers)
-    async for chunk in request.stream():
-        if chunk:
-            raise Refused(422, "two-files", "send a file or name an earlier one: the body has bytes, and one is named")
-    sums.check()
+    await check_no_file(request)
     if inspection_id is not None:
         return await run_in_threadpool(store.inspections.received_again, inspection_id)
     received = await run_in_threadpool(store.uploads.received, str(upload_id))
@@ -58,6 +58,25 @@ async def received_file(
         store.files.discard(received)
         raise
     return received
+
+
+async def check_no_file(request: Request) -> None:
+    """Refuse a body beside the name of an earlier file, and a digest that is not that of no bytes.
+
+    Raises
+    ------
+    Refused
+        422 `two-files`; 400 `bad-digest`, `digest-mismatch`.
+    """
+    if getattr(request.state, "has_no_file", False):
+        return
+    request.state.body_begun = True
+    sums = BodySums(request.headers)
+    async for chunk in request.stream():
+        if chunk:
+            raise Refused(422, "two-files", "send a file or name an earlier one: the body has bytes, and one is named")
+    sums.check()
+    request.state.body_begun, request.state.has_no_file = False, True
 
 
 def _check(received: Received, max_bytes: int) -> None:
@@ -85,7 +104,11 @@ async def received_body(request: Request, store: Store, *, max_bytes: int, conte
     content = content or SentContent(request.headers)
     reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
     return await store.files.receive_stream(
-        chunks(request), max_bytes=max_bytes, reserve_bytes=reserve_bytes, content=content
+        chunks(request),
+        max_bytes=max_bytes,
+        reserve_bytes=reserve_bytes,
+        content=content,
+        executor=_APART if isinstance(content, SentForm) else None,
     )
 
 
@@ -93,9 +116,13 @@ async def body_sha256(request: Request, content: SentContent | SentForm[Any], *,
     """Of what is sent, which is kept nowhere; refused as by `received_body` where it cannot be read."""
     size, digest = 0, hashlib.sha256()
     async for part in in_parts(chunks(request)):
-        size += await run_in_threadpool(_add, digest, content.take(part))
+        size += await in_thread(_APART, _add, digest, content.take(part))
         if size > max_bytes:
             raise UploadTooLarge(max_bytes)
+    return await in_thread(_APART, _ended, digest, content)
+
+
+def _ended(digest: "hashlib._Hash", content: SentContent | SentForm[Any]) -> str:
     content.end()
     return content.sha256_with(digest.hexdigest())
 
@@ -133,5 +160,5 @@ async def chunks(request: Request) -> AsyncIterator[bytes]:
 
 
 def body_begun(request: Request) -> bool:
-    """Whether a part of the file in the body has been read, by `chunks`."""
+    """Whether a part of a body has been read, by `chunks` or `check_no_file`, that was not found empty."""
     return getattr(request.state, "body_begun", False)

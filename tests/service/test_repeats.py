@@ -1,6 +1,7 @@
 """`Idempotency-Key` over HTTP: a request that is sent again makes nothing again."""
 
 import gzip
+from base64 import b64encode
 from datetime import timedelta
 
 import pytest
@@ -104,6 +105,21 @@ def test_another_file_under_the_same_key_is_refused_and_not_kept(seeded, store):
     store.scans.delete(first.json()["id"])
     again = seeded.post(path, content=b"one scan", headers=named("once"))
     assert again.content == first.content, "the first answer, whatever has become of what it made"
+
+
+@pytest.mark.parametrize("name", ["inspection_id", "upload_id"])
+def test_a_repeat_that_names_a_file_has_no_body_and_the_digest_of_none(seeded, name):
+    earlier = "example"
+    if name == "upload_id":
+        earlier = seeded.post("/v1/uploads", json={"size_bytes": 6}).json()["id"]
+        seeded.request("PATCH", f"/v1/uploads/{earlier}", content=b"a scan", headers={"Upload-Offset": "0"})
+    path, key = f"/v1/scans?scanner_id=example&data=counts&{name}={earlier}", named("once")
+    wrong = f"sha-256=:{b64encode(bytes(32)).decode()}:"
+    first = seeded.post(path, headers=key)
+    assert first.status_code == 202
+    assert seeded.post(path, content=b"a scan", headers=key).json()["code"] == "two-files"
+    assert seeded.post(path, headers=key | {"Content-Digest": wrong}).json()["code"] == "digest-mismatch"
+    assert seeded.post(path, headers=key).content == first.content
 
 
 def test_keys_in_quotes_and_without_are_the_same_and_bad_ones_are_refused(seeded):

@@ -77,10 +77,9 @@ async def upload_scan_form(
     checked before it is received.
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
-    max_bytes = min(settings.max_form_bytes, settings.max_upload_bytes)
     async with repeatable.unless_repeated(content):
         content.check = lambda form: store.scans.check(form.spec)
-        received = await received_body(request, store, max_bytes=max_bytes, content=content)
+        received = await received_body(request, store, max_bytes=settings.max_form_file_bytes, content=content)
 
     def accepted() -> Scan:
         scan = store.scans.accept(content.form.spec, received, priority=content.form.priority)

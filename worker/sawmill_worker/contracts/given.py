@@ -56,6 +56,11 @@ def _hidden(given: object, place: Place = ()) -> Iterator[InitErrorDetails]:
         yield _refused(message, place, given)
 
 
+def shown(text: str) -> str:
+    """The text without the characters that are refused in names, and without spaces around it."""
+    return _NOT_SHOWN.sub("", text).strip()
+
+
 def _refused(message: str, place: Place, given: object) -> InitErrorDetails:
     # Braces in a template would be read.
     kind = PydanticCustomError("value_error", "{message}", {"message": message})

@@ -1,14 +1,16 @@
 """A file that is being written as it arrives: bounded, counted, hashed, and never into the disk's reserve."""
 
 import asyncio
+import contextvars
 import hashlib
 import os
 import shutil
 import time
-from collections.abc import AsyncIterable, AsyncIterator, Iterable
+from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, Protocol
+from typing import BinaryIO, Protocol, TypeVar
 
 from sawmill_worker.storage.errors import StorageFull, UploadTooLarge, disk_full_reported
 
@@ -18,6 +20,8 @@ PART_BYTES = 256 * 2**10
 _PART_S = 1.0
 # Between two looks at the disk. What lies there then is flushed, so that no other write waits long for that.
 STEP_BYTES = 16 * 2**20
+
+Done = TypeVar("Done")
 
 
 @dataclass(frozen=True)
@@ -118,21 +122,29 @@ class Arriving:
             self._file.close()
 
 
-async def receive_in_threads(arriving: Arriving, chunks: AsyncIterable[bytes], content: Content) -> Received:
+async def receive_in_threads(
+    arriving: Arriving, chunks: AsyncIterable[bytes], content: Content, executor: Executor | None = None
+) -> Received:
     """Write what comes, in threads: neither the disk nor the sums keep other requests waiting."""
     last = b""  # with its end it takes one thread, not two: most bodies are one part
     try:
         async for part in in_parts(chunks):
             if last:
-                await asyncio.to_thread(arriving.take, content, last)
+                await in_thread(executor, arriving.take, content, last)
             last = part
-        return await asyncio.to_thread(arriving.take_last, content, last)
+        return await in_thread(executor, arriving.take_last, content, last)
     except Exception:
         await asyncio.to_thread(arriving.abandon)
         raise
     except BaseException:  # cancelled: it may not wait for a thread
         arriving.abandon()
         raise
+
+
+async def in_thread(executor: Executor | None, call: Callable[..., Done], *given: object) -> Done:
+    """As `asyncio.to_thread`, in an executor's thread; null: the event loop's own executor."""
+    run = contextvars.copy_context().run
+    return await asyncio.get_running_loop().run_in_executor(executor, run, call, *given)
 
 
 async def in_parts(chunks: AsyncIterable[bytes]) -> AsyncIterator[bytes]:

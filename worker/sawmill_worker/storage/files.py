@@ -27,6 +27,7 @@ import re
 import shutil
 import threading
 from collections.abc import AsyncIterable, Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -329,6 +330,7 @@ class FileStore:
         max_bytes: int,
         reserve_bytes: int = 0,
         content: Content | None = None,
+        executor: Executor | None = None,
     ) -> Received:
         """As `receive`, for a request's body; a client that goes away leaves nothing behind.
 
@@ -338,9 +340,11 @@ class FileStore:
             What must stay free on the disk.
         content
             What the chunks stand for; null: the file's bytes are sent as they are.
+        executor
+            Whose threads take what comes; null: those of all uploads.
         """
         arriving = await asyncio.to_thread(self._arriving, max_bytes, reserve_bytes)
-        return await receive_in_threads(arriving, chunks, content or AsSent())
+        return await receive_in_threads(arriving, chunks, content or AsSent(), executor)
 
     def _keep(self, content: bytes, path: Path) -> None:
         made = self.receive([content], max_bytes=len(content))
