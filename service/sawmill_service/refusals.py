@@ -19,6 +19,7 @@ _ALWAYS = (
 _WITH_KEY = ("token-required", "scope-too-small")
 _CHANGING = ("other-site", "csrf")
 _WITH_BODY = ("bad-digest", "bad-request", "digest-mismatch", "slow-body", "stopping")
+_DELETING = ("bad-digest", "digest-mismatch", "slow-body", "stopping")
 _REPEATABLE = ("bad-digest", "bad-idempotency-key", "digest-mismatch", "idempotency-key-reused")
 OF_DOWNLOADS = ("bad-range", "precondition-failed", "range-beyond-end")
 _OF_UPLOADS = (
@@ -75,6 +76,7 @@ def _by_shape(method: str, path: str, operation: dict[str, Any]) -> Iterable[str
     yield from _ALWAYS
     yield from () if path in OPEN_PATHS or path.startswith(PATH) else _WITH_KEY
     yield from () if method == "GET" else _CHANGING
+    yield from _DELETING if method == "DELETE" else ()
     yield from _WITH_BODY if "requestBody" in operation else ()
     named = {parameter["name"] for parameter in operation.get("parameters", ())}
     yield from _REPEATABLE if "Idempotency-Key" in named else ()

@@ -198,6 +198,17 @@ def test_the_digest_of_a_body_that_is_empty_is_checked_too(seeded, path):
     assert seeded.post(path, headers={"Content-Digest": digest(b"")}).status_code == 202
 
 
+def test_the_digest_of_a_body_that_no_route_reads_is_checked_before_anything_is_deleted(seeded, store):
+    path, sent = f"/v1/scanners/{seeded.post('/v1/scanners', json=SCANNER).json()['id']}", b"some bytes"
+    for body in (sent, b""):
+        answer = seeded.request("DELETE", path, content=body, headers={"Content-Digest": digest(b"others")})
+        assert (answer.status_code, answer.json()["code"]) == (400, "digest-mismatch")
+        check_documented(answer)
+    assert len(store.scanners.page().items) == 3
+    right = seeded.request("DELETE", path, content=sent, headers={"Content-Digest": digest(sent)})
+    assert (right.status_code, len(store.scanners.page().items)) == (204, 2)
+
+
 @pytest.mark.parametrize(
     ("method", "path", "status", "code"),
     [
