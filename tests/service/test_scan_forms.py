@@ -1,15 +1,15 @@
 """POST /v1/scans/form: a scan as a form, by httpx and by bytes of any shape."""
 
+import asyncio
 import gzip
 import hashlib
 import importlib
 import io
 import threading
-import time
 from base64 import b64encode
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import httpx
 import numpy as np
 import pytest
 from documented import check_documented
@@ -136,19 +136,34 @@ def test_forms_and_repeats_that_last_keep_nobody_else_waiting(seeded, settings, 
 
     monkeypatch.setattr(Gunzip, "unpack", held_until(unpack))
     monkeypatch.setattr(SentForm, "take", held_until(take))
-    with ThreadPoolExecutor(61) as pool:
-        repeats = [pool.submit(seeded.post, scans, content=slow, headers=keyed) for _ in range(45)]
-        forms = [pool.submit(send, seeded, GIVEN + FILE + END) for _ in range(15)]
-        while sum(future.running() for future in repeats + forms) < 60:
-            time.sleep(0.01)
-        try:
-            other = pool.submit(seeded.post, scans, content=CONTENT)
-            assert other.result(20).status_code == 202
-            assert not any(future.done() for future in repeats + forms)
-        finally:
-            held.set()
-        assert {future.result(60).headers["Idempotency-Replayed"] for future in repeats} == {"true"}
-        assert {future.result(60).status_code for future in forms} == {202}
+    begun, all_begun = [], asyncio.Event()
+
+    async def counted(body):
+        begun.append(body)
+        if len(begun) == 90:
+            all_begun.set()
+        yield body
+
+    async def send_all():
+        """One event loop, as in the service: its threads are those that all requests share."""
+        transport = httpx.ASGITransport(seeded.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as client:
+            repeats = [asyncio.create_task(client.post(scans, content=counted(slow), headers=keyed)) for _ in range(45)]
+            body = GIVEN + FILE + END
+            forms = [asyncio.create_task(client.post(FORM, content=counted(body), headers=TYPE)) for _ in range(45)]
+            try:
+                async with asyncio.timeout(20):
+                    await all_begun.wait()
+                    other = await client.post(scans, content=CONTENT)
+                waited = not any(task.done() for task in repeats + forms)
+            finally:
+                held.set()
+            return other, waited, await asyncio.gather(*repeats), await asyncio.gather(*forms)
+
+    other, waited, repeats, forms = asyncio.run(send_all())
+    assert (other.status_code, waited) == (202, True), other.text
+    assert {answer.headers.get("Idempotency-Replayed") for answer in repeats} == {"true"}
+    assert {answer.status_code for answer in forms} == {202}
 
 
 def test_a_form_as_dotnet_writes_it_is_taken(seeded, store):
