@@ -1,7 +1,8 @@
+import asyncio
 import io
-from concurrent.futures import ThreadPoolExecutor
 
 import h5py
+import httpx
 import pytest
 from PIL import Image
 
@@ -67,9 +68,13 @@ def test_a_picture_is_drawn_when_it_is_first_asked_for_and_kept(seeded, store, d
 
 
 def test_a_picture_that_many_ask_for_at_once_is_drawn_once(seeded, drawn):
-    seeded.get("/health/live")  # the application is put together at its first request, in one loop
-    with ThreadPoolExecutor(4) as clients:
-        answers = list(clients.map(lambda _: seeded.get("/v1/calibrations/example/overlay.png"), range(4)))
+    async def ask_at_once():
+        transport = httpx.ASGITransport(seeded.app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1:8000", timeout=60) as client:
+            asked = [client.get("/v1/calibrations/example/overlay.png") for _ in range(4)]
+            return await asyncio.gather(*asked)
+
+    answers = asyncio.run(ask_at_once())
     assert {answer.status_code for answer in answers} == {200}
     assert len({answer.content for answer in answers}) == 1
     assert len(drawn) == 1
