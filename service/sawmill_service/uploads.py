@@ -86,12 +86,12 @@ def _check(received: Received, max_bytes: int) -> None:
         FirstBytes().look(file.read(FirstBytes.NUMBER))
 
 
-async def received_body(request: Request, store: Store, *, max_bytes: int, content: Content | None = None) -> Received:
+async def received_body(request: Request, store: Store, *, max_bytes: int, form: Content | None = None) -> Received:
     """The file in the body; what can be refused by its head alone is, before a byte is read.
 
     Parameters
     ----------
-    content
+    form
         What the body stands for; null: it is the file.
 
     Raises
@@ -101,14 +101,14 @@ async def received_body(request: Request, store: Store, *, max_bytes: int, conte
     UploadTooLarge, StorageFull
         It has more bytes than allowed, or there is no room for it.
     """
-    content = content or SentContent(request.headers)
+    content = form or SentContent(request.headers)
     reserve_bytes = await run_in_threadpool(store.check_room_for, declared_bytes(request))
     return await store.files.receive_stream(
         chunks(request),
         max_bytes=max_bytes,
         reserve_bytes=reserve_bytes,
         content=content,
-        executor=_APART if isinstance(content, SentForm) else None,
+        executor=None if form is None else _APART,
     )
 
 

@@ -1,23 +1,22 @@
 """/v1/scans/form."""
 
+from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 
-from sawmill_service.answers import AskedPriority, accept
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.described_answers import BINARY
 from sawmill_service.openapi_document import trying_form
 from sawmill_service.refusals import refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.routes.scans import GivenScan
 from sawmill_service.sent_form import FILE, SentForm
 from sawmill_service.uploads import received_body
 from sawmill_worker.contracts.base import Name
-from sawmill_worker.contracts.given import Queried
-from sawmill_worker.contracts.jobs import Priority
-from sawmill_worker.contracts.scans import Scan, ScanSpec
+from sawmill_worker.contracts.scans import Scan
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
@@ -27,7 +26,7 @@ def _without_default_name(schema: dict[str, Any]) -> None:
     del schema["properties"]["name"]["default"]
 
 
-class ScanForm(Queried, ScanSpec):
+class ScanForm(GivenScan):
     """A scan's file, what is given with it, and how urgent its reading is."""
 
     model_config = ConfigDict(json_schema_extra=_without_default_name)
@@ -37,7 +36,6 @@ class ScanForm(Queried, ScanSpec):
         description="What people call it; left out: the file's name.",
         examples=["phantom of week 10"],
     )
-    priority: AskedPriority = Priority.WAITED_FOR
     file: Annotated[str, WithJsonSchema(BINARY)] = Field(
         description="The file's bytes; `filename` beside them is its name.", examples=["mill.h5"]
     )
@@ -46,11 +44,6 @@ class ScanForm(Queried, ScanSpec):
     @classmethod
     def _is_called_as_its_file(cls, given: dict[str, str]) -> dict[str, str]:
         return {"name": given[FILE], **given} if given.get(FILE) else given
-
-    @property
-    def spec(self) -> ScanSpec:
-        """What is stored of it."""
-        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
 
 @router.post(
@@ -79,13 +72,8 @@ async def upload_scan_form(
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):
         content.check = lambda form: store.scans.check(form.spec)
-        received = await received_body(request, store, max_bytes=settings.max_form_file_bytes, content=content)
+        received = await received_body(request, store, max_bytes=settings.max_form_file_bytes, form=content)
 
-    def accepted() -> Scan:
-        scan = store.scans.accept(content.form.spec, received, priority=content.form.priority)
-        wake(scan.job_id)
-        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
-        return scan
-
+    make = partial(content.form.accept, received, response, store, settings, wake)
     sent_sha256 = content.sha256_with(received.sha256)
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)
+    return await run_in_threadpool(repeatable.once_with, received, make, sent_sha256=sent_sha256)

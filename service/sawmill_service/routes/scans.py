@@ -1,5 +1,6 @@
 """/v1/scans."""
 
+from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
@@ -7,19 +8,21 @@ from fastapi.concurrency import run_in_threadpool
 from pydantic import Field
 
 from sawmill_service.answers import AskedPriority, Dated, Png, accept, file, picture
-from sawmill_service.dependencies import TheSettings, TheStore, TheWake
+from sawmill_service.dependencies import TheSettings, TheStore, TheWake, Wake
 from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.refusals import OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
+from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
 from sawmill_service.waiting import TheWaiting
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.jobs import Priority
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
+from sawmill_worker.storage.arriving import Received
 from sawmill_worker.storage.store import Store
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
@@ -32,10 +35,29 @@ class ScanFilter(Dated):
     state: ScanState | None = None
 
 
-class ScanUpload(Queried, ScanSpec):
+class GivenScan(Queried, ScanSpec):
     """What is given with a file, and how urgent its reading is."""
 
     priority: AskedPriority = Priority.WAITED_FOR
+
+    @property
+    def spec(self) -> ScanSpec:
+        """What is stored of it."""
+        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
+
+    def accept(
+        self, received: Received, response: Response, store: Store, settings: ServiceSettings, wake: Wake
+    ) -> Scan:
+        """Store it with its file, and have the file read."""
+        scan = store.scans.accept(self.spec, received, priority=self.priority)
+        wake(scan.job_id)
+        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
+        return scan
+
+
+class ScanUpload(GivenScan):
+    """What is given with a file, or with the name of one that came before, and how urgent its reading is."""
+
     inspection_id: InspectionId = None
     upload_id: UploadId = None
 
@@ -43,11 +65,6 @@ class ScanUpload(Queried, ScanSpec):
     def sends_file(self) -> bool:
         """Whether the file is in the body."""
         return self.inspection_id is None and self.upload_id is None
-
-    @property
-    def spec(self) -> ScanSpec:
-        """What is stored of it."""
-        return ScanSpec.model_validate(self.model_dump(include=set(ScanSpec.model_fields), exclude_unset=True))
 
 
 class SinogramQuery(Queried):
@@ -101,14 +118,9 @@ async def upload_scan(
             upload_id=upload.upload_id,
         )
 
-    def accepted() -> Scan:
-        scan = store.scans.accept(upload.spec, received, priority=upload.priority)
-        wake(scan.job_id)
-        accept(response, f"/v1/scans/{scan.id}", settings.retry_after_s)
-        return scan
-
+    make = partial(upload.accept, received, response, store, settings, wake)
     sent_sha256 = received.sha256 if upload.sends_file else None
-    return await run_in_threadpool(repeatable.once_with, received, accepted, sent_sha256=sent_sha256)
+    return await run_in_threadpool(repeatable.once_with, received, make, sent_sha256=sent_sha256)
 
 
 @router.get("", summary="List scans, newest first", responses=refuses("invalid-cursor"))

@@ -4,6 +4,7 @@ from contextlib import suppress
 from datetime import datetime
 from typing import Any
 
+import structlog
 from pydantic import ValidationError
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -139,7 +140,8 @@ class Schedules:
             return self._run(schedule_id, now)
         except (StorageFull, StorageUnavailable):
             raise
-        except Exception as error:  # noqa: BLE001 - the event says it, and the others are due as well
+        except Exception as error:  # noqa: BLE001 - the log and the event say it, and the others are due as well
+            structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
             self._miss(schedule_id, now, _in_words(error))
             return None
 
