@@ -12,6 +12,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 
 pytestmark = pytest.mark.slow
@@ -68,11 +69,14 @@ def last_words(connection: socket.socket) -> str:
 
 def time_of_others(service: Any) -> float:
     """Of requests on connections of their own, from the same address: the median."""
+    address, key = service.client.base_url, service.client.headers
     times = []
-    for _ in range(9):
-        began = time.monotonic()
-        service.get("/v1/scanners", headers={"Connection": "close"})
-        times.append(time.monotonic() - began)
+    # None is kept: one that waits for its next request may give way to the flood just when it is used again.
+    with httpx.Client(base_url=address, headers=key, limits=httpx.Limits(max_keepalive_connections=0)) as others:
+        for _ in range(9):
+            began = time.monotonic()
+            assert others.get("/v1/scanners", timeout=30.0).is_success
+            times.append(time.monotonic() - began)
     return statistics.median(times)
 
 

@@ -2,9 +2,10 @@
 
 import os
 import signal
+import sqlite3
 import subprocess
 import time
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,21 @@ def workers(process_id: int) -> set[int]:
     return found
 
 
+def stop_outside_a_transaction(worker: int, database: Path) -> None:
+    """Stop a worker while it does not hold the lock for writing, which nobody else would get then."""
+    while True:
+        os.kill(worker, signal.SIGSTOP)
+        with closing(sqlite3.connect(database, timeout=0.0, isolation_level=None)) as connection:
+            try:
+                connection.execute("BEGIN IMMEDIATE")
+            except sqlite3.OperationalError:
+                os.kill(worker, signal.SIGCONT)
+                time.sleep(0.01)
+            else:
+                connection.execute("ROLLBACK")
+                return
+
+
 @pytest.mark.timeout(180)
 def test_an_accepted_job_waits_for_room_and_the_worker_stays(tmp_path, offline, serve, small_disk, write_phantom_scan):
     write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
@@ -65,7 +81,7 @@ def test_an_accepted_job_waits_for_room_and_the_worker_stays(tmp_path, offline, 
         scan = service.upload((tmp_path / "scan.h5").read_bytes(), **spec)
         service.wait(scan["job_id"])
         (worker,) = workers(service.process_id)
-        os.kill(worker, signal.SIGSTOP)  # so that the job is accepted before the disk is full
+        stop_outside_a_transaction(worker, disk / "sawmill.db")  # so that the job is accepted before the disk is full
         job_id = service.post("/v1/calibrations", json={"scan_id": scan["id"]})["job_id"]
         leave_free(disk / "ballast", 0)
         os.kill(worker, signal.SIGCONT)
