@@ -75,6 +75,7 @@ def _database(store: Store) -> Iterator[Metric]:
     try:
         tally, conditions = store.tallies.read(), conditions_of(store)
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
+        places = list(_places(store))
         scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
     except (StorageUnavailable, StorageMisconfigured):
         yield gauge("sawmill_database_up", "Whether the database answers.", 0)
@@ -84,8 +85,17 @@ def _database(store: Store) -> Iterator[Metric]:
     idle = bool(waiting) and not tally.running_s
     yield gauge("sawmill_jobs_without_worker", "Whether a job could start, for 30 s now, and none runs.", int(idle))
     yield gauge("sawmill_workers_seen", "Workers that hold an attempt, or did within ten minutes.", tally.workers)
+    yield from places
     yield from _attempts(tally.fates)
     yield from scanners
+
+
+def _places(store: Store) -> Iterator[Metric]:
+    most, of_a_key = store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key
+    yield gauge("sawmill_queued_jobs_limit", "Queued jobs beyond which whoever asks is refused.", most)
+    yield gauge("sawmill_queued_jobs_of_a_key_limit", "The same of one key.", of_a_key)
+    fullest = store.places.waiting().most_of_a_key
+    yield gauge("sawmill_queued_jobs_of_a_key", "Queued jobs of the key that has most; 0: no key has any.", fullest)
 
 
 def gauge(name: str, text: str, value: float) -> GaugeMetricFamily:

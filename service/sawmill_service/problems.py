@@ -25,6 +25,7 @@ from sawmill_worker.storage.errors import (
     Damaged,
     Invalid,
     NotFound,
+    QueueFull,
     StorageError,
     StorageFull,
     StorageMisconfigured,
@@ -39,6 +40,7 @@ STATUS: Mapping[type[Exception], int] = {
     Busy: 409,
     Invalid: 422,
     Damaged: 400,
+    QueueFull: 429,
     UploadTooLarge: 413,
     StorageUnavailable: 503,
     StorageMisconfigured: 503,
@@ -249,6 +251,8 @@ def _on_stored(request: Request, error: Exception) -> JSONResponse:
         raise error  # ours, not the client's
     code = cast("StorageError | FileError", error).code
     headers = COME_BACK if status == HTTPStatus.SERVICE_UNAVAILABLE or isinstance(error, Busy) else None
+    if isinstance(error, QueueFull):
+        headers = {"Retry-After": str(error.retry_after_s)}
     return problem_response(request.url.path, status, code, str(error), headers=headers)
 
 

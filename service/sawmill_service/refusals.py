@@ -27,6 +27,7 @@ _OF_UPLOADS = (
     "upload-too-large",
 )
 OF_UPLOAD_ID = ("upload-not-found", "upload-incomplete", "upload-lost", "upload-used", "two-files")
+OF_QUEUE = ("queue-full",)
 OF_SCAN = ("scan-not-found", "scan-ingesting", "scan-refused")
 OF_RESULT = ("reconstruction-not-found", "reconstruction-without-result")
 _OF_REFERENCES = {
@@ -61,7 +62,7 @@ def refuses_ask(declared: AskedKind[Any, Any]) -> Responses:
     codes = {code for reference in declared.references for code in _OF_REFERENCES[reference]}
     fields = declared.options.model_fields
     codes |= {code for name, code in (("rows", "rows-outside"), ("views", "views-too-many")) if name in fields}
-    return refuses(*codes)
+    return refuses(*codes, *OF_QUEUE)
 
 
 def list_refusals(method: str, path: str, operation: dict[str, Any]) -> None:

@@ -5,12 +5,14 @@ from html import unescape
 
 import pytest
 
+from sawmill_service.app import create_app
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.phantoms import PhantomPicture
 from sawmill_worker.storage.retries import Retries
+from sawmill_worker.storage.store import Store
 
 ANSWERS = {"scanner_id": "example", "phantom_id": "l-shape", "data": "counts", "angles_deg": "0:30"}
 ANGLES = {"what": "angles", "flag": "--angles-deg", "field": "angles_deg", "why": "the file carries none"}
@@ -140,6 +142,18 @@ def test_a_phantom_that_was_refused_leaves_no_scan_behind(seeded, store, inspect
     assert page.status_code == 422
     assert "was refused and cannot be used" in shown(page)
     assert store.scans.page().items == before
+
+
+def test_a_full_queue_keeps_the_answers_and_leaves_no_scan_without_its_calibration(seeded, store, settings, inspect):
+    inspection, before = inspect(missing=[ANGLES]), store.scans.page().items
+    again = Store(store.settings.model_copy(update={"max_queued_jobs": 1}))  # a place for one of the two
+    seeded.app = create_app(settings, again, print)
+    page = seeded.post("/calibrate", data={**ANSWERS, "inspection_id": inspection})
+    assert page.status_code == 429
+    assert "1 jobs wait, and 1 may in all" in shown(page)
+    assert 'value="0:30"' in page.text
+    assert again.scans.page().items == before
+    again.close()
 
 
 @pytest.mark.parametrize("path", ["/calibrate", "/calibrate/dataset"])

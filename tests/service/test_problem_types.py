@@ -43,7 +43,7 @@ PASSED_ON = {
     *("code", "kind", "noun", "refused.code", "error.code", "path.name.replace('.', '-')", "declared.noun"),
     *("f'{kind}-exists'", "f'{name}-out-of-range'"),
 }
-OWN_CODES = ("UploadTooLarge", "Damaged", "StorageFull", "StorageUnavailable")
+OWN_CODES = ("UploadTooLarge", "QueueFull", "Damaged", "StorageFull", "StorageUnavailable")
 
 
 def assigned_codes() -> Iterator[str]:

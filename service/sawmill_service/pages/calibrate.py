@@ -20,14 +20,14 @@ from sawmill_service.forms import TheForm
 from sawmill_service.pages.calibrate_questions import questions_of, usable_phantoms
 from sawmill_service.pages.calibrate_words import advice_for, changes_of, headline, parameters_of, stages
 from sawmill_service.pages.frame import PageFrame, ThePage
-from sawmill_service.problems import complaint
+from sawmill_service.problems import STATUS, complaint
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded, CalibrationUnfinished
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.inspections import Inspection, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.scans import Scan, ScanSpec, ScanState
-from sawmill_worker.storage.errors import Conflict, NotFound, StorageError
+from sawmill_worker.storage.errors import Conflict, NotFound, QueueFull, StorageError
 from sawmill_worker.storage.store import Store
 
 CALIBRATE = "/calibrate"
@@ -104,6 +104,8 @@ def start(page: ThePage, store: TheStore, wake: TheWake, form: TheForm) -> Respo
         return _asked_again(page, store, where, inspection, form, _sentence(page, error))
     except (NotFound, Conflict) as error:
         return _asked_again(page, store, where, inspection, form, str(error))
+    except QueueFull as error:
+        return _asked_again(page, store, where, inspection, form, str(error), status=STATUS[QueueFull])
     return RedirectResponse(where.path(calibration=calibration.id), 303)
 
 
@@ -139,8 +141,10 @@ def choose_dataset(page: ThePage, store: TheStore, wake: TheWake, form: TheForm)
 
 
 def _started(store: Store, wake: TheWake, spec: ScanSpec, inspection_id: str) -> CalibrationUnfinished:
-    scan = store.scans.accept(spec, store.inspections.received_again(inspection_id))
-    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+    received = store.inspections.received_again(inspection_id)
+    with store.as_one():
+        scan = store.scans.accept(spec, received)
+        calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
     for job_id in (scan.job_id, calibration.job_id):
         wake(job_id)
     assert isinstance(calibration, CalibrationUnfinished)  # noqa: S101 - it was only just asked for
@@ -156,11 +160,18 @@ def _sentence(page: PageFrame, error: ValidationError) -> str:
 
 
 def _asked_again(
-    page: PageFrame, store: Store, where: Where, inspection: Inspection, form: dict[str, str], problem: str
+    page: PageFrame,
+    store: Store,
+    where: Where,
+    inspection: Inspection,
+    form: dict[str, str],
+    problem: str,
+    *,
+    status: int = 422,
 ) -> HTMLResponse:
     """The questions once more, with the answers as they were given."""
     questions = questions_of(store, inspection, form)
-    return page.answer("calibrate_questions.html", status=422, where=where, questions=questions, problem=problem)
+    return page.answer("calibrate_questions.html", status=status, where=where, questions=questions, problem=problem)
 
 
 def _of_inspection(page: PageFrame, store: Store, where: Where, inspection: Inspection) -> HTMLResponse:

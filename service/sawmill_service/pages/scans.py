@@ -13,7 +13,7 @@ from sawmill_service.problems import STATUS
 from sawmill_worker.contracts.base import Identifier, placed_complaint
 from sawmill_worker.contracts.given import Queried
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
-from sawmill_worker.storage.errors import Conflict, Invalid
+from sawmill_worker.storage.errors import Conflict, Invalid, QueueFull
 from sawmill_worker.storage.store import Store
 
 SIZES_PX = (256, 512, 1024, 2048)
@@ -54,7 +54,7 @@ def reconstruct(scan_id: Identifier, page: ThePage, store: TheStore, wake: TheWa
         log = store.reconstructions.accept(asked)
     except ValidationError as error:
         return _scan_page(page, store, scan_id, status=422, problem=placed_complaint(error), given=fields)
-    except (Conflict, Invalid) as error:
+    except (Conflict, Invalid, QueueFull) as error:
         return _scan_page(page, store, scan_id, status=STATUS[type(error)], problem=str(error), given=fields)
     wake(log.job_id)
     return RedirectResponse(f"/logs/{log.id}", status_code=303)

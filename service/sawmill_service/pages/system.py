@@ -9,7 +9,7 @@ from fastapi.responses import HTMLResponse
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
-from sawmill_service.pages.system_parts import clock_remarks, disk_of, limits_of, versions, workers_of
+from sawmill_service.pages.system_parts import clock_remarks, disk_of, limits_of, queue_of, versions, workers_of
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.keys import Scope
@@ -62,13 +62,14 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         health=health_of(store),
         states=STATES,
         disk=disk_of(store),
+        queue=queue_of(store),
         workers=workers_of(store, page, now),
         database=store.database_report(),
         broker=_broker(request.app.state.broker_url),
         clock_off_s=store.clock_off_s(),
         clock=clock_remarks(store),
         versions=versions(),
-        limits=limits_of(settings),
+        limits=limits_of(settings, store.settings),
         keys=store.keys.all().keys if admin else None,
         audit=store.audit.page(limit=AUDITED).items if admin else None,
         actions=ACTIONS,

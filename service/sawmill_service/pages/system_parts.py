@@ -11,6 +11,8 @@ from sawmill_service.pages.job_words import JobView, job_view
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.contracts.events import Event
 from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.storage.places import Waiting
+from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary.version import VERSION
 
@@ -18,6 +20,8 @@ from sawmill_worker.vocabulary.version import VERSION
 SEEN = timedelta(minutes=10)
 # More than this many times the reserve is plenty.
 PLENTY = 10
+# Share of the places in the queue.
+NEARLY = 0.8
 MOST_WORKERS = 200
 CLOCK_EVENTS = 5
 PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")
@@ -41,6 +45,8 @@ LIMITS = (
     "min_client_bytes_per_s",
 )
 
+STORED_LIMITS = ("max_queued_jobs", "max_queued_jobs_per_key")
+
 
 class Disk(NamedTuple):
     """The data folder's disk."""
@@ -61,6 +67,20 @@ class Disk(NamedTuple):
         if self.free_bytes < self.reserve_bytes:
             return "bad"
         return "good" if self.free_bytes > PLENTY * self.reserve_bytes else "watch"
+
+
+class Queue(NamedTuple):
+    """How many jobs wait, and how many may."""
+
+    waiting: Waiting
+    most: int
+    most_of_a_key: int
+
+    @property
+    def tone(self) -> str:
+        """Bad where somebody is refused, a look where that is near."""
+        full = max(self.waiting.in_all / self.most, self.waiting.most_of_a_key / self.most_of_a_key)
+        return "good" if full < NEARLY else "watch" if full < 1.0 else "bad"
 
 
 class Worker(NamedTuple):
@@ -86,6 +106,11 @@ def disk_of(store: Store) -> Disk:
     return Disk(room.free_bytes, room.size_bytes, reserve_bytes, store.scans.uploaded_bytes())
 
 
+def queue_of(store: Store) -> Queue:
+    """As it is now."""
+    return Queue(store.places.waiting(), store.settings.max_queued_jobs, store.settings.max_queued_jobs_per_key)
+
+
 def workers_of(store: Store, page: PageFrame, now: datetime) -> list[Worker]:
     """Those that run something first, then those that did lately."""
     busy: dict[str, list[JobView]] = {}
@@ -108,9 +133,10 @@ def versions() -> dict[str, str]:
     return ours | {name: version(name) for name in PACKAGES}
 
 
-def limits_of(settings: ServiceSettings) -> list[Limit]:
+def limits_of(settings: ServiceSettings, stored: StorageSettings) -> list[Limit]:
     """Those that a person runs into, each as its setting is called."""
-    fields = ServiceSettings.model_fields
     return [
-        Limit(f"SAWMILL_{name.upper()}", getattr(settings, name), fields[name].description or "") for name in LIMITS
+        Limit(f"SAWMILL_{name.upper()}", getattr(these, name), type(these).model_fields[name].description or "")
+        for these, names in ((settings, LIMITS), (stored, STORED_LIMITS))
+        for name in names
     ]

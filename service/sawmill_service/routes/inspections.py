@@ -9,7 +9,7 @@ from pydantic import Field
 from sawmill_service.answers import AskedPriority, accept
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.refusals import OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.asked import linked
 from sawmill_service.uploads import InspectionId, UploadId, received_file
@@ -47,7 +47,7 @@ class InspectionUpload(Queried, FreshAsk, InspectionOptions):
     summary=DECLARATION.to_ask.summary,
     description=DECLARATION.to_ask.description,
     openapi_extra=trying_file("application/octet-stream", "/examples/phantom-scan.npz", required=False),
-    responses=refuses_upload("inspection-not-found", "inspection-expired", *OF_UPLOAD_ID),
+    responses=refuses_upload("inspection-not-found", "inspection-expired", *OF_UPLOAD_ID, *OF_QUEUE),
 )
 async def inspect_file(
     upload: Annotated[InspectionUpload, Query()],
@@ -61,6 +61,8 @@ async def inspect_file(
 ) -> Inspection:
     """As declared."""
     async with repeatable.unless_repeated():
+        if upload.sends_file:
+            await run_in_threadpool(store.places.check)
         received = await received_file(
             request,
             store,

@@ -10,7 +10,7 @@ from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.described_answers import LOCATED, drawn
 from sawmill_service.openapi_document import trying, trying_file
 from sawmill_service.problems import Refused
-from sawmill_service.refusals import OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.refusals import OF_QUEUE, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile, repeatable
 from sawmill_service.uploads import UploadId, received_file
 from sawmill_service.waiting import TheWaiting
@@ -72,7 +72,7 @@ def create_phantom(drawing: PhantomAsk, store: TheStore, response: Response) -> 
     status_code=202,
     summary="Upload a phantom's picture",
     openapi_extra=trying_file("image/png", "/static/phantom.png"),
-    responses=refuses_upload(*OF_UPLOAD_ID),
+    responses=refuses_upload(*OF_UPLOAD_ID, *OF_QUEUE),
 )
 async def upload_phantom_picture(
     upload: Annotated[PictureUpload, Query()],
@@ -90,6 +90,7 @@ async def upload_phantom_picture(
     [A picture to try](/static/phantom.png) (400 mm wide).
     """
     async with repeatable.unless_repeated():
+        await run_in_threadpool(store.places.check)
         received = await received_file(request, store, max_bytes=settings.max_picture_bytes, upload_id=upload.upload_id)
 
     def accepted() -> StoredPhantom:

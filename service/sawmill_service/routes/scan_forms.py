@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, WithJsonSchema, model_validator
 from sawmill_service.dependencies import TheSettings, TheStore, TheWake
 from sawmill_service.described_answers import BINARY
 from sawmill_service.openapi_document import trying_form
-from sawmill_service.refusals import refuses_upload
+from sawmill_service.refusals import OF_QUEUE, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.routes.scans import GivenScan
 from sawmill_service.sent_form import FILE, SentForm
@@ -53,7 +53,10 @@ class ScanForm(GivenScan):
     openapi_extra=trying_form(
         ScanForm, "/examples/phantom-scan.npz", scanner_id="example", data="counts", phantom_id="l-shape"
     ),
-    responses=refuses_upload("bad-form", "two-files", "scanner-not-found", "phantom-not-found", "phantom-refused"),
+    responses=refuses_upload(
+        *("bad-form", "two-files", "scanner-not-found", "phantom-not-found", "phantom-refused"),
+        *OF_QUEUE,
+    ),
 )
 async def upload_scan_form(
     *,
@@ -71,6 +74,7 @@ async def upload_scan_form(
     """
     content = SentForm(request.headers, ScanForm, max_field_bytes=settings.max_json_bytes)
     async with repeatable.unless_repeated(content):
+        await run_in_threadpool(store.places.check)
         content.check = lambda form: store.scans.check(form.spec)
         received = await received_body(request, store, max_bytes=settings.max_form_file_bytes, form=content)
 

@@ -13,7 +13,7 @@ from sawmill_service.described_answers import drawn, stored
 from sawmill_service.drawing import scan_thumbnail
 from sawmill_service.finished import middle_row, ready_scan
 from sawmill_service.openapi_document import trying, trying_file
-from sawmill_service.refusals import OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
+from sawmill_service.refusals import OF_QUEUE, OF_SCAN, OF_UPLOAD_ID, refuses, refuses_upload
 from sawmill_service.repeats import TheRepeatableWithFile
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.uploads import InspectionId, UploadId, received_file
@@ -90,6 +90,7 @@ class SinogramQuery(Queried):
         *("scanner-not-found", "phantom-not-found", "phantom-refused"),
         *("inspection-not-found", "inspection-expired"),
         *OF_UPLOAD_ID,
+        *OF_QUEUE,
     ),
 )
 async def upload_scan(

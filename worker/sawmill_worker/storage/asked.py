@@ -20,6 +20,7 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.earlier import answer_at_once
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import created_between, narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import looked_up
 from sawmill_worker.storage.scan_extent import refuse_beyond_scan
@@ -33,15 +34,16 @@ class Asked(Generic[Ask, Answer]):
 
     Parameters
     ----------
-    database, files
-        Where the rows are, and what jobs leave beside them.
+    database, files, places
+        Where the rows are, what jobs leave beside them, and how many may wait.
     declared
         The kind's declaration.
     """
 
-    def __init__(self, database: Database, files: FileStore, declared: AskedKind[Ask, Answer]) -> None:
+    def __init__(self, database: Database, files: FileStore, places: Places, declared: AskedKind[Ask, Answer]) -> None:
         self._database = database
         self._files = files
+        self._places = places
         self._declared = declared
 
     def accept(
@@ -74,11 +76,14 @@ class Asked(Generic[Ask, Answer]):
             What a reference names cannot be used, nothing is named where something must be, or an id is taken.
         Invalid
             The scan has been read, and lacks rows or views that are asked for.
+        QueueFull
+            As many jobs wait as may.
         """
         with self._database.write() as session:
             row = queue_asked(
                 session,
                 self._files,
+                self._places,
                 self._declared,
                 ask,
                 self._database.now(),
@@ -126,6 +131,7 @@ class Asked(Generic[Ask, Answer]):
 def queue_asked(
     session: Session,
     files: FileStore,
+    places: Places,
     declared: AskedKind[Ask, Answer],
     ask: Ask,
     now: datetime,
@@ -142,29 +148,31 @@ def queue_asked(
     options = declared.options.model_validate(
         {name: known[name] for name in declared.options.model_fields if name in known}
     )
+    job = queue_job(
+        session,
+        declared.kind,
+        identifier,
+        now,
+        short=declared.is_short(options),
+        scanner_id=known.get("scanner_id"),
+        needs=needs,
+        job_id=job_id,
+        priority=priority,
+        fresh=known.get("fresh", False),
+    )
     row = table(
         id=identifier,
         created_at=now,
         options=options.model_dump(mode="json"),
-        job_id=queue_job(
-            session,
-            declared.kind,
-            identifier,
-            now,
-            short=declared.is_short(options),
-            scanner_id=known.get("scanner_id"),
-            needs=needs,
-            job_id=job_id,
-            priority=priority,
-            fresh=known.get("fresh", False),
-        ),
+        job_id=job.id,
         **{name: known[name] for name in table.own_columns() if name in known},
     )
     session.add(row)
     session.flush()
     session.refresh(row, ["job"])
-    if not needs and not row.job.fresh:
-        answer_at_once(session, files, row.job, now)
+    if not needs and not job.fresh:
+        answer_at_once(session, files, job, now)
+    places.take(session, job)
     return row
 
 

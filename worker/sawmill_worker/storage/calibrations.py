@@ -8,6 +8,7 @@ from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scanners import activate, read_scanner
 from sawmill_worker.storage.tables import CalibrationRow, ScannerRow
 
@@ -15,8 +16,8 @@ from sawmill_worker.storage.tables import CalibrationRow, ScannerRow
 class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucceeded]):
     """Every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
-        super().__init__(database, files, calibrations.DECLARATION)
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        super().__init__(database, files, places, calibrations.DECLARATION)
 
     def activate(self, calibration_id: str, reason: str) -> StoredScanner:
         """Make a calibration its scanner's active one, or go back to an older one.

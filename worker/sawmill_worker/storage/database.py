@@ -1,6 +1,7 @@
 """Transactions and migrations, on SQLite and PostgreSQL alike."""
 
 import fcntl
+import re
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
@@ -16,6 +17,7 @@ from sawmill_worker.storage.outages import Door, trouble_translated
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
+_CHAIN = ('^revision = "(\\w+)"$', '^down_revision = "(\\w+)"$')
 _MIGRATIONS = Path(__file__).with_name("migrations")
 
 
@@ -154,8 +156,11 @@ class Database:
 
 
 def newest_revision() -> str:
-    """The number with which the name of the last migration begins."""
-    return max(path.name for path in (_MIGRATIONS / "versions").glob("*.py")).partition("_")[0]
+    """The number of the migration after which none comes: they form a chain, whose order is not that of the numbers."""
+    texts = [path.read_text() for path in (_MIGRATIONS / "versions").glob("*.py")]
+    numbers, before = (set[str](re.findall(pattern, "".join(texts), re.MULTILINE)) for pattern in _CHAIN)
+    [newest] = numbers - before
+    return newest
 
 
 def revision_of(connection: Connection) -> str | None:

@@ -5,6 +5,7 @@ StorageError
 ├── Conflict            the resource's state forbids it
 │   └── Busy            for a moment only
 ├── Invalid             a value that cannot be right, such as a cron expression of four fields
+├── QueueFull           as many jobs wait as may
 ├── UploadTooLarge      more bytes than allowed
 ├── Damaged             other bytes than declared
 ├── LeaseLost           another attempt owns the job
@@ -52,6 +53,16 @@ class Invalid(StorageError):  # noqa: N818
     def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
         self.code = code
+
+
+class QueueFull(StorageError):  # noqa: N818
+    """As many jobs wait as may, in all or of one key."""
+
+    code = "queue-full"
+
+    def __init__(self, sentence: str, retry_after_s: int) -> None:
+        super().__init__(sentence)
+        self.retry_after_s = retry_after_s
 
 
 class UploadTooLarge(StorageError):  # noqa: N818

@@ -13,14 +13,15 @@ from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import new_id
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.uploading import kept_upload
 
 
 class Inspections(Asked[InspectionAsk, Inspection]):
     """As of every kind that is asked for, and their files; every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
-        super().__init__(database, files, DECLARATION)
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+        super().__init__(database, files, places, DECLARATION)
 
     def accept_file(
         self,
@@ -53,6 +54,8 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         ------
         Conflict
             The id is taken.
+        QueueFull
+            As many jobs wait as may.
         """
         file = InspectionAsk(
             **options.model_dump(),
@@ -64,7 +67,16 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         identifier = identifier or new_id()
         with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
             now = self._database.now()
-            row = queue_asked(session, self._files, self._declared, file, now, identifier=identifier, priority=priority)
+            row = queue_asked(
+                session,
+                self._files,
+                self._places,
+                self._declared,
+                file,
+                now,
+                identifier=identifier,
+                priority=priority,
+            )
             keep(session, now)
             return read_asked(self._declared, row)
 

@@ -75,6 +75,14 @@ class Outlooks:
                 outlooks[job_id] = _of_queued(queued[job_id], before, running, durations, now)
         return outlooks
 
+    def wait_s(self, session: Session, row: JobRow, now: datetime) -> float | None:
+        """Seconds until a queued job may start; null: nothing runs, or too little is known."""
+        if session.scalar(select(JobRow.id).where(JobRow.state == JobState.RUNNING).limit(1)) is None:
+            return None
+        durations = self._typical(session)
+        [(_, before)] = _before(session, [row])
+        return _wait_s(row, before, list(_running(session, durations, now)), durations, now)
+
     def _typical(self, session: Session) -> Durations:
         """Seconds from start to success: medians of the last jobs, of a few seconds ago at most."""
         if self._read_at_s is None or time.monotonic() - self._read_at_s > _REFRESH_S:
@@ -153,8 +161,21 @@ def _previous(column: Any, at_the_first: Any) -> Over[Any]:  # noqa: ANN401 - of
 def _of_queued(
     row: JobRow, before: Counter[Line], running: Iterable[_Running], durations: Durations, now: datetime
 ) -> Outlook:
+    wait_s = _wait_s(row, before, running, durations, now)
+    typical_s = durations.get(Line(row.kind, row.short))
+    return Outlook(_of_its_lane(row, before).total(), _rounded(_sum([wait_s, typical_s])))
+
+
+def _of_its_lane(row: JobRow, before: Counter[Line]) -> Counter[Line]:
     """Long jobs wait for all that come before them, short ones for short ones."""
-    own = Counter({line: number for line, number in before.items() if line.short or not row.short})
+    return Counter({line: number for line, number in before.items() if line.short or not row.short})
+
+
+def _wait_s(
+    row: JobRow, before: Counter[Line], running: Iterable[_Running], durations: Durations, now: datetime
+) -> float | None:
+    """Until it may start."""
+    own = _of_its_lane(row, before)
     goes_on = [
         job
         for job in running
@@ -164,8 +185,7 @@ def _of_queued(
     work_s = _sum([queued_s, *(job.seconds_left for job in goes_on)])
     # As many at once as there are now.
     lanes = max(1, sum(job.line.short == row.short for job in goes_on))
-    wait_s = None if work_s is None else max(work_s / lanes, (row.not_before_s or 0.0) - now.timestamp())
-    return Outlook(own.total(), _rounded(_sum([wait_s, durations.get(Line(row.kind, row.short))])))
+    return None if work_s is None else max(work_s / lanes, (row.not_before_s or 0.0) - now.timestamp())
 
 
 def _remaining_s(row: JobRow, durations: Durations, now: datetime) -> float | None:

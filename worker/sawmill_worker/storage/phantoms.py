@@ -23,6 +23,7 @@ from sawmill_worker.storage.errors import Conflict, Invalid
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.references import check_usable
 from sawmill_worker.storage.tables import PhantomRow, ScanRow
@@ -33,9 +34,10 @@ from sawmill_worker.storage.uses import kept_by
 class Phantoms:
     """Every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         self._database = database
         self._files = files
+        self._places = places
 
     def seed_built_in(self, drawings: Mapping[str, PhantomDrawing]) -> None:
         """Put in the built-in phantoms, or bring them up to date; safe when several processes start together."""
@@ -117,6 +119,8 @@ class Phantoms:
         ------
         Conflict
             The id is taken. The upload is discarded.
+        QueueFull
+            As many jobs wait as may.
         """
         row = PhantomRow(
             id=phantom_id or new_id(),
@@ -131,7 +135,7 @@ class Phantoms:
             self._database.write() as session,
         ):
             refuse_taken(session, PhantomRow, "phantom", row.id)
-            row.job_id = queue_job(
+            job = queue_job(
                 session,
                 JobKind.TRACE_PHANTOM,
                 row.id,
@@ -140,8 +144,10 @@ class Phantoms:
                 scanner_id=None,
                 priority=priority,
             )
+            row.job_id = job.id
             session.add(row)
             session.flush()
+            self._places.take(session, job)
             keep(session, row.created_at)
         return read_phantom(row)
 

@@ -25,8 +25,8 @@ def queue_job(
     job_id: str | None = None,
     priority: Priority = Priority.WAITED_FOR,
     fresh: bool = False,
-) -> str:
-    """Queue a job that starts only when the jobs it needs have ended, and return its id.
+) -> JobRow:
+    """Queue a job that starts only when the jobs it needs have ended.
 
     Jobs that it needs are brought forward where they stand behind it. A `fresh` one is not answered from an earlier
     result.
@@ -57,7 +57,7 @@ def queue_job(
     session.flush()
     session.add_all(JobDependencyRow(job_id=job_id, needs_job_id=needed) for needed in needs)
     _bring_forward(session, needs, priority)
-    return job_id
+    return row
 
 
 def _bring_forward(session: Session, job_ids: Sequence[str], priority: Priority) -> None:

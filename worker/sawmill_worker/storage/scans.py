@@ -18,6 +18,7 @@ from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import created_between, found, narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.queueing import queue_job
 from sawmill_worker.storage.tables import PhantomRow, ScannerRow, ScanRow
 from sawmill_worker.storage.uploading import kept_upload
@@ -29,9 +30,10 @@ _COLUMNS = {"scanner_id", "phantom_id"}
 class Scans:
     """Every method is one transaction."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         self._database = database
         self._files = files
+        self._places = places
 
     def accept(
         self,
@@ -58,6 +60,8 @@ class Scans:
         ------
         NotFound, Conflict
             There is no such scanner or phantom, or the id is taken.
+        QueueFull
+            As many jobs wait as may.
         """
         row = ScanRow(
             id=scan_id or new_id(),
@@ -74,7 +78,7 @@ class Scans:
             found(session, ScannerRow, "scanner", spec.scanner_id, lock=True)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id, lock=True)
-            row.job_id = queue_job(
+            job = queue_job(
                 session,
                 JobKind.INGEST,
                 row.id,
@@ -83,8 +87,10 @@ class Scans:
                 scanner_id=spec.scanner_id,
                 priority=priority,
             )
+            row.job_id = job.id
             session.add(row)
             session.flush()
+            self._places.take(session, job)
             keep(session, row.created_at)
         return read_scan(row)
 
@@ -95,6 +101,8 @@ class Scans:
         ------
         NotFound
             There is no such scanner or phantom.
+        QueueFull
+            As many jobs wait as may.
         StorageUnavailable
             The database does not answer, or could not take the scan.
         """
@@ -103,6 +111,7 @@ class Scans:
             found(session, ScannerRow, "scanner", spec.scanner_id)
             if spec.phantom_id is not None:
                 found(session, PhantomRow, "phantom", spec.phantom_id)
+        self._places.check()
 
     def get(self, scan_id: str) -> Scan:
         """One scan, or `NotFound`."""

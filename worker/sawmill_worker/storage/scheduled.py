@@ -15,6 +15,7 @@ from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.asked import queue_asked
 from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG
@@ -31,13 +32,13 @@ class Outcome(NamedTuple):
     drift_id: str | None = None
 
 
-def queue_due(session: Session, files: FileStore, row: ScheduleRow, now: datetime) -> Outcome:
+def queue_due(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
     """Queue what a schedule is for, where there is a scan for it."""
     do = _check_drift if row.kind == "check-drift" else _recalibrate
-    return do(session, files, row, now)
+    return do(session, files, places, row, now)
 
 
-def _recalibrate(session: Session, files: FileStore, row: ScheduleRow, now: datetime) -> Outcome:
+def _recalibrate(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
     """With the scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
     newest = session.scalar(
         select(ScanRow)
@@ -54,11 +55,12 @@ def _recalibrate(session: Session, files: FileStore, row: ScheduleRow, now: date
         return Outcome("no-new-phantom-scan")
     ask = CalibrationAsk.model_validate({**row.options, "scan_id": newest.id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
     given = {"schedule_id": row.id}
-    queued = queue_asked(session, files, calibrations.DECLARATION, ask, now, given=given, priority=Priority.BATCH)
+    declared = calibrations.DECLARATION
+    queued = queue_asked(session, files, places, declared, ask, now, given=given, priority=Priority.BATCH)
     return Outcome("queued", calibration_id=queued.id)
 
 
-def _check_drift(session: Session, files: FileStore, row: ScheduleRow, now: datetime) -> Outcome:
+def _check_drift(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
     """On the newest log scan that is fit for it, of those after the last one that any drift check has looked at.
 
     Fit for it: all round in steps that its rays can be paired in. What else a scan may lack, the check finds, and the
@@ -90,5 +92,5 @@ def _check_drift(session: Session, files: FileStore, row: ScheduleRow, now: date
     if newest is None:
         return Outcome("no-new-log-scan")
     ask = DriftAsk(scan_id=newest, **row.drift_options)
-    queued = queue_asked(session, files, drifts.DECLARATION, ask, now, priority=Priority.BATCH)
+    queued = queue_asked(session, files, places, drifts.DECLARATION, ask, now, priority=Priority.BATCH)
     return Outcome("queued", drift_id=queued.id)

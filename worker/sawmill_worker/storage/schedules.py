@@ -20,6 +20,7 @@ from sawmill_worker.storage.errors import Invalid, StorageError, StorageFull, St
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scheduled import queue_due
 from sawmill_worker.storage.tables import EventRow, ScannerRow, ScheduleRow, ScheduleRunRow
 
@@ -34,9 +35,10 @@ _WHY_NOT = {
 class Schedules:
     """Every method is one transaction, `run_due` one for each due schedule."""
 
-    def __init__(self, database: Database, files: FileStore) -> None:
+    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
         self._database = database
         self._files = files
+        self._places = places
         self._looked_at: datetime | None = None
 
     def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
@@ -156,7 +158,7 @@ class Schedules:
             due_at = latest_due(row.cron, row.time_zone, now)
             if _ran_already(session, schedule_id, due_at):
                 return None
-            run = ScheduleRun(due_at=due_at, **queue_due(session, self._files, row, now)._asdict())
+            run = ScheduleRun(due_at=due_at, **queue_due(session, self._files, self._places, row, now)._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
             if first_due_at < due_at:
                 _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")

@@ -28,6 +28,17 @@ class StorageSettings(BaseSettings):
         "room for the database, and for what runs to end.",
     )
 
+    max_queued_jobs: Annotated[int, Field(ge=1)] = Field(
+        10_000,
+        description="Jobs that may wait in all, those that are tried again included; whoever asks for another one gets "
+        "429. What the service itself asks for, as by a schedule, waits beside them.",
+    )
+    max_queued_jobs_per_key: Annotated[int, Field(ge=1)] = Field(
+        5_000,
+        description="Of these, jobs that were asked for with one key: a line's day, 2 000 logs that are read and "
+        "reconstructed, has room.",
+    )
+
     @property
     def url(self) -> str:
         """The database's URL, the default filled in."""

@@ -1,6 +1,7 @@
 """Everything that is stored, behind one object."""
 
 import os
+from contextlib import AbstractContextManager
 from datetime import datetime
 
 from sqlalchemy import text
@@ -26,6 +27,7 @@ from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.measurements import Measurements
 from sawmill_worker.storage.overviews import Overviews
 from sawmill_worker.storage.phantoms import Phantoms
+from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.repeats import Repeats
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
@@ -48,6 +50,8 @@ class Store:
         Of every scanner at once.
     tallies
         Counts of them.
+    places
+        Those in the queue, which are bounded.
     files
         The arrays.
     settings
@@ -59,18 +63,19 @@ class Store:
         self.files = FileStore(settings.data_folder)
         self._database = Database(make_engine(settings.url), clock)
         self.scanners = Scanners(self._database)
-        self.phantoms = Phantoms(self._database, self.files)
-        self.scans = Scans(self._database, self.files)
-        self.inspections = Inspections(self._database, self.files)
+        self.places = Places(self._database, settings)
+        self.phantoms = Phantoms(self._database, self.files, self.places)
+        self.scans = Scans(self._database, self.files, self.places)
+        self.inspections = Inspections(self._database, self.files, self.places)
         self.uploads = Uploads(self._database, self.files)
-        self.calibrations = Calibrations(self._database, self.files)
+        self.calibrations = Calibrations(self._database, self.files, self.places)
         self.reconstructions = self.asked(reconstructions.DECLARATION)
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.measurements = Measurements(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
-        self.schedules = Schedules(self._database, self.files)
+        self.schedules = Schedules(self._database, self.files, self.places)
         self.alarms = Alarms(self._database)
         self.events = Events(self._database)
         self.overviews = Overviews(self._database)
@@ -81,7 +86,7 @@ class Store:
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
-        return Asked(self._database, self.files, declared)
+        return Asked(self._database, self.files, self.places, declared)
 
     def leftovers(self, *, grace_s: float) -> Leftovers:
         """An observer of what no row knows, which removes it after a grace."""
@@ -171,6 +176,10 @@ class Store:
         needed_by = f"an upload of {size_bytes} bytes, beside others that were begun and SAWMILL_DISK_RESERVE_BYTES,"
         self.files.check_room(reserved_bytes + size_bytes, needed_by=needed_by)
         return reserved_bytes
+
+    def as_one(self) -> AbstractContextManager[object]:
+        """One transaction of all that this thread does with the store within the block."""
+        return self._database.write_as_one()
 
     def close(self) -> None:
         """Let go of the database's connections."""

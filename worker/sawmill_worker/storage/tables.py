@@ -127,6 +127,13 @@ class JobRow(Resource):
         Index("ix_jobs_queue", "state", "priority", "created_at", "id"),
         Index("ix_jobs_lane", "state", "short", "priority", "created_at", "id"),
         Index("ix_jobs_places", "state", "priority", "short", "kind", "created_at", "id"),
+        # Of one key (`storage/places.py`).
+        Index(
+            "ix_jobs_queued_of_key",
+            "key_id",
+            sqlite_where=text("state = 'queued'"),
+            postgresql_where=text("state = 'queued'"),
+        ),
     )
 
     kind: Mapped[JobKind]

@@ -1,0 +1,174 @@
+"""How many jobs may wait, in all and of one key, on each database."""
+
+import pytest
+from results import CONSTANTS, plan_result
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
+from sawmill_worker.contracts.phantoms import PhantomPicture
+from sawmill_worker.contracts.plans import PlanAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.storage.errors import QueueFull
+from sawmill_worker.storage.jobs import Retries
+from sawmill_worker.storage.origins import origin_of
+from sawmill_worker.storage.places import LONGEST_RETRY_S, RETRY_IF_UNKNOWN_S, Waiting
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.software import software
+from sawmill_worker.storage.tables import ScheduleRow
+from sawmill_worker.vocabulary import Theta
+
+NOMINAL = Theta(
+    initial_angle_rad=0.0, detector_to_cor_mm=740.0, source_shift_mm=200.0, detector_shift_mm=30.0, detector_tilt=0.2
+)
+SOMEBODY = Actor("somebody without a key")
+LINE_1, LINE_2 = Actor("line 1", key_id="1"), Actor("line 2", key_id="2")
+
+
+@pytest.fixture
+def settings(settings) -> StorageSettings:
+    return settings.model_copy(update={"max_queued_jobs": 6, "max_queued_jobs_per_key": 4})
+
+
+@pytest.fixture
+def plan(store, scanner):
+    def ask(views=20):
+        return store.plans.accept(
+            PlanAsk(scanner_id=scanner.id, theta=NOMINAL, views=views), given={"phantom_id": "l-shape"}
+        )
+
+    return ask
+
+
+def test_one_key_has_its_own_number_of_places_and_all_together_theirs(store, plan):
+    with acting_as(LINE_1):
+        for views in range(20, 24):
+            plan(views)
+        sentence = r"4 jobs wait, and 4 of one key may \(SAWMILL_MAX_QUEUED_JOBS_PER_KEY\), here of 'line 1': try again"
+        with pytest.raises(QueueFull, match=sentence):
+            plan(24)
+    with acting_as(LINE_2):
+        plan(30)
+    with acting_as(SOMEBODY):
+        plan(31)
+    for actor in (SOMEBODY, LINE_2):
+        with (
+            acting_as(actor),
+            pytest.raises(QueueFull, match=r"6 jobs wait, and 6 may in all \(SAWMILL_MAX_QUEUED_JOBS\)"),
+        ):
+            plan(32)
+    assert store.places.waiting() == Waiting(6, 4, "line 1")
+    assert len(store.plans.page().items) == 6
+    assert len(store.events.following(0)) == 7  # the scanner, and a job each: nothing of those that were refused
+
+
+def test_a_place_is_free_when_a_job_starts_and_not_taken_from_one_that_comes_back(store, plan):
+    with acting_as(SOMEBODY):
+        for views in range(20, 26):
+            plan(views)
+        claim = store.jobs.claim("test")
+        plan(26)
+        lost = Failure(kind=FailureKind.PASSING, code="worker-lost", detail="killed")
+        assert store.jobs.fail(claim, lost, retries=Retries(loss_wait_s=1000.0)) is JobState.QUEUED
+        assert store.places.waiting().in_all == 7  # its delay is a wait like any other
+        with pytest.raises(QueueFull, match="7 jobs wait, and 6 may"):
+            plan(27)
+
+
+def test_what_is_answered_from_an_earlier_result_needs_no_place(store, plan):
+    with acting_as(SOMEBODY):
+        first = plan()
+        claim = store.jobs.claim("test")
+        origin = origin_of(claim.job.kind, store.jobs.handed_over(claim.job_id), software())
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        store.jobs.succeed(claim, plan_result(), output, origin=origin)
+        for views in range(21, 27):
+            plan(views)
+        assert plan().answered_from == first.id
+        with pytest.raises(QueueFull):
+            plan(27)
+
+
+def test_nothing_of_a_refused_file_stays(store, plan, upload):
+    with acting_as(SOMEBODY):
+        for views in range(20, 26):
+            plan(views)
+        before = sorted(path for path in store.files.folder.rglob("*") if path.is_file())
+        received = [store.files.receive([b"file"], max_bytes=10) for _ in range(2)]
+        with pytest.raises(QueueFull):
+            upload(store, received=received[0])
+        with pytest.raises(QueueFull):
+            store.phantoms.accept_picture(PhantomPicture(name="ell", width_mm=400), received[1])
+        with pytest.raises(QueueFull):
+            store.places.check()
+    assert sorted(path for path in store.files.folder.rglob("*") if path.is_file()) == before
+    assert store.scans.page().items == []
+
+
+def test_a_scan_and_its_calibration_get_places_together_or_neither(store, plan, upload):
+    def both():
+        with store.as_one():
+            scan = upload(store)
+            store.calibrations.accept(CalibrationAsk(scan_id=scan.id))
+
+    with acting_as(SOMEBODY):
+        for views in range(20, 25):
+            plan(views)
+        with pytest.raises(QueueFull):
+            both()
+        assert store.scans.page().items == []
+        upload(store)
+
+
+@pytest.mark.usefixtures("ready_scan")
+def test_what_a_schedule_asks_for_is_never_lost_and_its_event_says_that_it_waits_beyond_the_limit(store, scanner, plan):
+    schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
+    with acting_as(SOMEBODY):
+        for views in range(20, 26):
+            plan(views)
+    with store._database.write() as session:
+        session.get(ScheduleRow, schedule.id).next_due_at = store.now()
+    (run,) = store.schedules.run_due()
+    assert run.outcome == "queued"
+    job_id = store.calibrations.get(run.calibration_id).job_id
+    [event] = [event for event in store.events.following(0) if event.job_id == job_id]
+    assert event.what is EventKind.QUEUED
+    assert event.detail == {
+        "reason": "6 jobs wait, and 6 may in all (SAWMILL_MAX_QUEUED_JOBS): this one is the service's own and waits as "
+        "well"
+    }
+
+
+def test_when_to_come_back_follows_from_how_long_jobs_take_and_is_bounded(clocked_store, clock):
+    store = clocked_store
+    line = store.scanners.create(ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS)))
+
+    def plan(views):
+        ask = PlanAsk(scanner_id=line.id, theta=NOMINAL, views=views)
+        store.plans.accept(ask, given={"phantom_id": "l-shape"})
+
+    def retry_after_s():
+        with acting_as(SOMEBODY), pytest.raises(QueueFull) as full:
+            store.places.check()
+        return full.value.retry_after_s
+
+    def take(seconds):
+        claim = store.jobs.claim("test")
+        clock.advance(seconds=seconds)
+        store.jobs.succeed(claim, plan_result(), store.files.make_attempt_folder(claim.job_id, claim.attempt))
+
+    for views in range(20, 30):
+        plan(views)
+    assert retry_after_s() == RETRY_IF_UNKNOWN_S
+    take(20.0)
+    assert retry_after_s() == RETRY_IF_UNKNOWN_S  # nothing runs: there may be no worker
+    store.jobs.claim("test")
+    clock.advance(seconds=5)
+    assert retry_after_s() == 15
+    clock.advance(seconds=100)
+    assert retry_after_s() == 1
+    store.places._outlooks._durations = dict.fromkeys(store.places._outlooks._durations, 9000.0)
+    assert retry_after_s() == LONGEST_RETRY_S
