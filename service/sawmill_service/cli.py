@@ -14,7 +14,7 @@ import typer
 
 from sawmill_service import key_commands
 from sawmill_worker.cli import app as main
-from sawmill_worker.commands.command_line import Command
+from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.terminal import say
 from sawmill_worker.execution.importing import importing
 
@@ -86,6 +86,55 @@ def doctor(
     else:
         command.show(findings)
     raise typer.Exit(1 if any(finding.state == "bad" for finding in findings) else 0)
+
+
+class WithUnits(Command):
+    """Prints the units or writes them."""
+
+    one_of = OneOf(("printed", "to"), "what becomes of the units")
+
+
+@main.command(cls=WithUnits)
+def install_service(
+    printed: Annotated[bool, typer.Option("--print", help="Print the units.")] = False,  # noqa: FBT002 - a flag
+    to: Annotated[
+        Path | None,
+        typer.Option(exists=True, file_okay=False, help="Write the units into a folder, as /etc/systemd/system."),
+    ] = None,
+    data: Annotated[Path, typer.Option(readable=False, resolve_path=True, help="The service's data folder.")] = Path(
+        "/var/lib/sawmill"
+    ),
+    user: Annotated[str, typer.Option(help="As whom the service runs.")] = "sawmill",
+    token: Annotated[
+        Path | None,
+        typer.Option(
+            readable=False, resolve_path=True, help="File of the token, which root alone need be able to read."
+        ),
+    ] = None,
+) -> None:
+    """Make systemd units for this installation: sawmill.service, and sawmill-worker@.service for more workers.
+
+    Nothing is started. What to do next is written to standard error.
+    """
+    from sawmill_service.service_units import Installation, program
+
+    try:
+        installation = Installation(program(), data, user, token)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    if printed:
+        for name, text in installation.units().items():
+            typer.echo(f"# {name}\n{text}")
+    if to is not None:
+        try:
+            written = installation.write(to)
+        except OSError as error:
+            say(str(error), trouble="The units cannot be written")
+            raise typer.Exit(1) from error
+        say(f"written: {', '.join(map(str, written))}")
+    for doubt in installation.doubts():
+        say(doubt, trouble="The service may not start")
+    say("\n".join(["", "Next, as root:", *(f"  {step}" for step in installation.next_steps(written=to is not None))]))
 
 
 @main.command(cls=Command)

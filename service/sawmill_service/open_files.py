@@ -10,6 +10,11 @@ _PER_CONNECTION = 2
 _OTHERS = 256
 
 
+def files_needed(connections: int) -> int:
+    """The number of files that the process opens for so many connections."""
+    return _PER_CONNECTION * connections + _OTHERS
+
+
 def open_files_for(connections: int) -> None:
     """Raise the limit of this process as far as its connections need it; its children inherit that.
 
@@ -18,7 +23,7 @@ def open_files_for(connections: int) -> None:
     ListenError
         The system allows fewer.
     """
-    needed = _PER_CONNECTION * connections + _OTHERS
+    needed = files_needed(connections)
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY and soft < needed:
         if hard != resource.RLIM_INFINITY and hard < needed:

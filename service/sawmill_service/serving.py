@@ -16,6 +16,7 @@ from sawmill_service.connections import ClientConnection, Connections
 from sawmill_service.dependencies import Wake
 from sawmill_service.listening import ListenError, is_loopback, listen
 from sawmill_service.open_files import open_files_for
+from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
 from sawmill_service.unreadable import log_each_once
@@ -108,7 +109,7 @@ def serve_until_stopped(
         structlog.get_logger().info(
             "serving", url=f"http://{settings.host}:{port}", data_folder=str(storage.data_folder)
         )
-        Server(config, app.state.stopping, connections).run(sockets=[listening])
+        Server(config, app.state.stopping, connections, ServiceManager()).run(sockets=[listening])
         _ignore_signals()
 
 

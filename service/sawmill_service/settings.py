@@ -14,6 +14,7 @@ from sawmill_service.rates import check_rate
 
 GIB = 2**30
 MIB = 2**20
+MOST_CONNECTIONS = 10_000
 SHORTEST_TOKEN = 32  # characters: 128 bits even in hexadecimal digits
 
 
@@ -105,7 +106,7 @@ class ServiceSettings(BaseSettings):
         1, description="Seconds that a client is asked to wait before it polls: most jobs take a few."
     )
 
-    max_connections: Annotated[int, Field(ge=1, le=10_000)] = Field(
+    max_connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] = Field(
         512,
         description="Connections open at once. For another one the client that has kept the service waiting longest "
         "gives way.",

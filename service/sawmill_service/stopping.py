@@ -11,6 +11,7 @@ from starlette.types import Message, Receive
 from sawmill_service.connections import Connections
 from sawmill_service.listening import expect_floods
 from sawmill_service.problems import Refused
+from sawmill_service.service_manager import ServiceManager
 
 # From the first signal on. What has not come or gone by then would hold the end for as long as its client likes.
 BODIES_S = 2.0
@@ -85,21 +86,27 @@ class Server(uvicorn.Server):
         The application's.
     connections
         Those of `config`'s protocol.
+    manager
+        Hears when the service answers, that it lives, and when it begins to end.
     """
 
-    def __init__(self, config: uvicorn.Config, stopping: Stopping, connections: Connections) -> None:
+    def __init__(
+        self, config: uvicorn.Config, stopping: Stopping, connections: Connections, manager: ServiceManager
+    ) -> None:
         config.timeout_graceful_shutdown, config.backlog = _ANSWERS_S, _ACCEPTED_AT_ONCE
         super().__init__(config)
-        self._stopping, self._connections = stopping, connections
+        self._stopping, self._connections, self._manager = stopping, connections, manager
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Listen with a long queue; asyncio would accept all of it between two looks at open connections."""
         await super().startup(sockets)
         for listening in sockets or ():
             expect_floods(listening, self._connections.patience.silence_s)
+        self._manager.report("READY=1")
 
     async def on_tick(self, counter: int) -> bool:
         """Look at slow clients now and then."""
+        self._manager.show_life()
         if counter % _TICKS == 0:
             self._connections.look()
         return await super().on_tick(counter)
@@ -113,6 +120,7 @@ class Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Let streams say that they end, bodies come and answers go, each for its time."""
         loop = asyncio.get_running_loop()
+        self._manager.report("STOPPING=1")
         self._stopping.begin()
         loop.call_later(BODIES_S, self._stopping.refuse_bodies)
         loop.call_later(SHUTDOWN_S, self._cut_off)

@@ -2,6 +2,7 @@
 
 import math
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 from sawmill_worker.contracts.jobs import FailureKind
@@ -10,24 +11,31 @@ from sawmill_worker.use_cases.process_memory import free_bytes
 
 MEMINFO = Path("/proc/meminfo")
 CGROUP = Path("/sys/fs/cgroup")
+MEMBERSHIP = Path("/proc/self/cgroup")
 GIGABYTE = 1e9
 
 
-def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP) -> int:
-    """Bytes that can be allocated without swapping: the least of the machine's, the container's and this process's."""
-    machine = _of_machine(meminfo, cgroup)
-    free = free_bytes()
-    return machine if free is None else min(machine, free)
+def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership: Path = MEMBERSHIP) -> int:
+    """Bytes that can be allocated without swapping: the least of the machine's, of the groups' and of this process's.
 
-
-def _of_machine(meminfo: Path, cgroup: Path) -> int:
+    The groups are those that a container or a unit of systemd holds this process in.
+    """
     lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
     machine = int(lines["MemAvailable"].split()[0]) * 1024
-    limit, used = cgroup / "memory.max", cgroup / "memory.current"
-    if not limit.is_file() or limit.read_text(encoding="ascii").strip() == "max":
-        return machine
-    needed = int(used.read_text(encoding="ascii")) - _reclaimable(cgroup)
-    return min(machine, max(int(limit.read_text(encoding="ascii")) - needed, 0))
+    free = free_bytes()
+    return min(machine, *_left_in_groups(cgroup, membership), *([] if free is None else [free]))
+
+
+def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
+    """Bytes left in this process's own cgroup (version 2) and in each that it is in, as far as they have limits."""
+    own = next((line[3:] for line in membership.read_text().splitlines() if line.startswith("0::")), "/")
+    group = root / own.lstrip("/")
+    # A container's own group may be the root of what it sees, under a name that it does not see.
+    for folder in {root, group, *(above for above in group.parents if above.is_relative_to(root))}:
+        limit, used = folder / "memory.max", folder / "memory.current"
+        if limit.is_file() and limit.read_text(encoding="ascii").strip() != "max":
+            needed = int(used.read_text(encoding="ascii")) - _reclaimable(folder)
+            yield max(int(limit.read_text(encoding="ascii")) - needed, 0)
 
 
 def _reclaimable(cgroup: Path) -> int:

@@ -1,0 +1,46 @@
+"""What the service reports to the program that started it and watches it, as systemd with `Type=notify`: sd_notify(3).
+
+Where the environment names no such program, nothing is sent.
+"""
+
+import math
+import os
+import socket
+import time
+from collections.abc import Mapping
+
+import structlog
+
+
+class ServiceManager:
+    """Reports states, and signs of life at half of the interval after which their absence counts as a hang.
+
+    Parameters
+    ----------
+    environment
+        Where `NOTIFY_SOCKET`, `WATCHDOG_USEC` and `WATCHDOG_PID` are looked for.
+    """
+
+    def __init__(self, environment: Mapping[str, str] = os.environ) -> None:
+        self._address = environment.get("NOTIFY_SOCKET", "")
+        watched = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
+        self._period_s = int(environment.get("WATCHDOG_USEC", 0)) / 2e6 if watched else 0.0
+        self._due = time.monotonic() if self._period_s else math.inf
+
+    def report(self, state: str) -> None:
+        """Send a state, as `READY=1`; one that cannot be sent is logged."""
+        if not self._address:
+            return
+        # One in Linux's abstract namespace begins with a zero byte.
+        address = f"\0{self._address[1:]}" if self._address.startswith("@") else self._address
+        try:
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as line:
+                line.sendto(state.encode(), address)
+        except OSError as error:
+            structlog.get_logger().warning("state-not-reported", state=state, reason=str(error))
+
+    def show_life(self) -> None:
+        """For the service's loop, which calls it several times a second as long as it turns."""
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + self._period_s
+            self.report("WATCHDOG=1")

@@ -1,0 +1,256 @@
+"""The systemd units: systemd can read them, and what they start does what they say of it."""
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from live_service import free_port
+from plain_logs import log_plainly
+from structlog.testing import capture_logs
+from typer.testing import CliRunner, Result
+
+from sawmill_service.cli import main
+from sawmill_service.open_files import files_needed
+from sawmill_service.service_manager import ServiceManager
+from sawmill_service.service_units import Installation, program
+from sawmill_service.settings import MOST_CONNECTIONS, ServiceSettings
+from sawmill_service.stopping import SHUTDOWN_S
+from sawmill_worker.execution.settings import ExecutionSettings
+
+# Those that the units use, by section, after systemd.unit(5), systemd.service(5), systemd.exec(5), systemd.kill(5) and
+# systemd.resource-control(5).
+KNOWN = {
+    "Unit": "After Description RequiresMountsFor StartLimitBurst StartLimitIntervalSec",
+    "Service": """
+        CacheDirectory CapabilityBoundingSet Environment EnvironmentFile ExecStart ExecStartPre KillMode LimitCORE
+        LimitNOFILE LoadCredential LockPersonality MemoryMax NoNewPrivileges OOMPolicy PrivateDevices PrivateTmp
+        ProtectClock ProtectControlGroups ProtectHome ProtectHostname ProtectKernelLogs ProtectKernelModules
+        ProtectKernelTunables ProtectProc ProtectSystem ReadWritePaths Restart RestartPreventExitStatus RestartSec
+        RestrictAddressFamilies RestrictNamespaces RestrictRealtime RestrictSUIDSGID StateDirectory StateDirectoryMode
+        SystemCallArchitectures SystemCallErrorNumber SystemCallFilter TasksMax TimeoutStartSec TimeoutStopSec Type
+        UMask User WatchdogSec""",
+    "Install": "WantedBy",
+}
+LISTS = {"Environment", "SystemCallFilter"}
+TOKEN = "-".join(["four"] * 8)
+
+Unit = dict[str, dict[str, list[str]]]
+
+
+def parsed(text: str) -> Unit:
+    """The sections of a unit; a line that systemd would pass over with a warning fails."""
+    unit: Unit = {}
+    for line in filter(None, text.splitlines()):
+        if line.startswith("["):
+            section = unit.setdefault(line.strip("[]"), {})
+        elif not line.startswith("#"):
+            name, equals, value = line.partition("=")
+            assert equals, line
+            section.setdefault(name, []).append(value)
+    for name, directives in unit.items():
+        assert directives.keys() <= set(KNOWN[name].split()), name
+        assert all(len(values) == 1 or directive in LISTS for directive, values in directives.items()), name
+    return unit
+
+
+def install(*arguments: object, code: int = 0) -> Result:
+    result = CliRunner().invoke(main, ["install-service", *map(str, arguments)], terminal_width=200)
+    assert result.exit_code == code, result.output
+    return result
+
+
+@pytest.fixture(params=["sawmill.service", "sawmill-worker@.service"])
+def unit(request: pytest.FixtureRequest) -> Unit:
+    return parsed(Installation(program()).units()[request.param])
+
+
+def test_a_unit_starts_a_command_of_this_installation_as_its_own_user(unit):
+    service = unit["Service"]
+    for start in (*service["ExecStart"], service["ExecStartPre"][0].removeprefix("-")):
+        command, subcommand = shlex.split(start)
+        assert os.access(command, os.X_OK)
+        assert subcommand in {"serve", "worker", "compile"}
+    assert service["User"] == ["sawmill"]
+    assert service["StateDirectory"] == ["sawmill"]
+
+
+def test_its_limits_leave_room_for_the_product_s_own(unit):
+    service, settings = unit["Service"], ExecutionSettings()
+    graces = settings.stop_grace_s + settings.kill_grace_s
+    assert float(service["TimeoutStopSec"][0]) > SHUTDOWN_S + graces + 12
+    _, hard = service["LimitNOFILE"][0].split(":")
+    assert int(hard) == files_needed(MOST_CONNECTIONS)
+    (bounds,) = (each for each in ServiceSettings.model_fields["max_connections"].metadata if hasattr(each, "le"))
+    assert bounds.le == MOST_CONNECTIONS
+
+
+def test_what_confines_attempts_is_not_taken_from_them(unit):
+    service = unit["Service"]
+    allowed = " ".join(service["SystemCallFilter"]).split()
+    # In no set of systemd's: without them attempts would run with all rights of the service.
+    assert {"landlock_create_ruleset", "landlock_add_rule", "landlock_restrict_self", "seccomp"} < set(allowed)
+    # Numba makes memory executable; memory and cores are read from /proc.
+    assert not service.keys() & {"MemoryDenyWriteExecute", "ProcSubset"}
+    # A job's process that is ended for its memory takes no other with it.
+    assert (service["OOMPolicy"], service["KillMode"]) == (["continue"], ["mixed"])
+
+
+def test_systemd_reads_the_units_whatever_is_in_their_paths(tmp_path):
+    if shutil.which("systemd-analyze") is None:
+        pytest.skip("there is no systemd-analyze here")
+    in_order = Installation(program()).write(tmp_path)
+    odd = Installation(Path("/opt/50 % of $x/sawmill"), Path("/srv/data %i"), "mill", Path("/etc/my %t/token"))
+    (elsewhere := tmp_path / "odd").mkdir()
+    for units, complaint in ((in_order, ""), (odd.write(elsewhere), f"Command {odd.program} is not executable")):
+        command = ["systemd-analyze", "verify", "--man=no", *map(str, units)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        # It looks for the program by the path as systemd understands it.
+        assert [line for line in done.stderr.splitlines() if not complaint or complaint not in line] == []
+        assert bool(done.returncode) is bool(complaint)
+
+
+def test_places_where_the_service_could_not_start_are_doubted(tmp_path):
+    (closed := tmp_path / "closed").mkdir(mode=0o700)
+    (doubt, *_) = Installation(closed / "bin/sawmill").doubts()
+    assert "is closed to other users" in doubt
+    # PrivateTmp hides it.
+    shown = install("--print", "--data", "/var/tmp/data").stderr  # noqa: S108 - nothing is written there
+    assert "is in a folder that the system empties" in shown
+
+
+def test_a_folder_elsewhere_is_writable_and_awaited_at_the_start(tmp_path):
+    service = parsed(Installation(program(), Path("/srv/my data")).units()["sawmill.service"])
+    assert service["Service"]["ReadWritePaths"] == ['"/srv/my data"']
+    assert service["Unit"]["RequiresMountsFor"][0].endswith('"/srv/my data"')
+    assert "StateDirectory" not in service["Service"]
+    steps = install("--to", tmp_path, "--data", "/srv/my data").stderr
+    assert "install --directory --owner=sawmill --mode=700 '/srv/my data'" in steps
+
+
+def test_units_are_printed_or_written_with_what_follows(tmp_path):
+    printed = install("--print")
+    assert "install-service --to /etc/systemd/system" in printed.stderr
+    assert "systemctl enable --now sawmill.service" in printed.stderr
+    (tmp_path / "sawmill.service").write_text("an older one")
+    written = install("--to", tmp_path)
+    assert "install-service" not in written.stderr
+    units = Installation(program()).units()
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == units
+    assert printed.stdout == "".join(f"# {name}\n{text}\n" for name, text in units.items())
+
+
+def test_a_folder_that_cannot_be_written_to_keeps_nothing():
+    assert "The units cannot be written" in install("--to", "/proc", code=1).stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ((), "'--print' or '--to'"),
+        (("--print", "--to", "."), "one of them, not both"),
+        (("--print", "--user", "Mr. Mill"), "not 'Mr. Mill'"),
+        (("--print", "--data", '/srv/"data"'), "must be an absolute path of printable characters"),
+        (("--print", "--token", "/etc/to\nken"), "must be an absolute path of printable characters"),
+    ],
+    ids=["nothing", "both", "user", "quotes", "control character"],
+)
+def test_what_could_not_work_is_refused(arguments, sentence):
+    complaint = install(*arguments, code=2)
+    assert complaint.stdout == ""
+    assert sentence in " ".join(complaint.stderr.replace("│", " ").split())
+
+
+def test_a_command_that_is_a_link_stays_one(tmp_path, monkeypatch):
+    (tmp_path / "0.2.0").mkdir()
+    (tmp_path / "0.2.0/sawmill").touch()
+    (tmp_path / "current").symlink_to("0.2.0")
+    monkeypatch.setattr(sys, "argv", [str(tmp_path / "current/sawmill"), "install-service"])
+    assert program() == tmp_path / "current/sawmill"
+    monkeypatch.setattr(sys, "argv", ["pytest"])
+    assert program() == Path(sys.executable).parent / "sawmill"
+
+
+@pytest.fixture
+def manager(tmp_path: Path) -> Iterator[socket.socket]:
+    """A socket like systemd's, on which states arrive."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(str(tmp_path / "notify"))
+        listening.settimeout(60)
+        yield listening
+
+
+def test_signs_of_life_come_at_half_the_interval_and_to_the_watched_process_alone(manager, tmp_path):
+    address = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "100000"}
+    alive = ServiceManager(address)
+    began = time.monotonic()
+    while time.monotonic() - began < 0.12:
+        alive.show_life()
+    manager.settimeout(0)
+    assert [manager.recv(100) for _ in range(3)] == [b"WATCHDOG=1"] * 3
+    for others in ({}, {**address, "WATCHDOG_PID": "1"}, {**address, "WATCHDOG_USEC": "0"}):
+        ServiceManager(others).show_life()
+    with pytest.raises(BlockingIOError):
+        manager.recv(100)
+
+
+def test_a_manager_in_the_abstract_namespace_is_found_and_one_that_is_gone_is_logged():
+    name = f"sawmill-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(f"\0{name}")
+        ServiceManager({"NOTIFY_SOCKET": f"@{name}"}).report("READY=1")
+        assert listening.recv(100) == b"READY=1"
+    with capture_logs() as logs:
+        ServiceManager({"NOTIFY_SOCKET": f"@{name}"}).report("READY=1")
+    log_plainly()
+    assert [(line["event"], line["state"]) for line in logs] == [("state-not-reported", "READY=1")]
+
+
+def given_environment(service: dict[str, list[str]], runtime: Path, settings: dict[str, str]) -> dict[str, str]:
+    """What systemd gives the process: its own few variables, the unit's, and those of the settings' file."""
+    words = [word for line in service["Environment"] for word in shlex.split(line)]
+    given = dict(word.replace("%t", str(runtime)).replace("%n", "sawmill.service").split("=", 1) for word in words)
+    # Where the tests' interpreter finds the tree that is tested.
+    path = {name: os.environ[name] for name in ("PYTHONPATH",) if name in os.environ}
+    return path | {"PATH": "/usr/local/bin:/usr/bin:/bin", "HOME": str(runtime), "USER": "sawmill"} | given | settings
+
+
+@pytest.mark.slow
+def test_the_unit_s_command_with_its_environment_reports_lives_and_stops(manager, tmp_path):
+    service = parsed(Installation(program(), token=Path("/etc/sawmill/token")).units()["sawmill.service"])["Service"]
+    credential = tmp_path / "credentials/sawmill.service/sawmill_token"
+    credential.parent.mkdir(parents=True)
+    credential.write_text(TOKEN)
+    port = free_port()
+    changes = {"SAWMILL_DATA_FOLDER": str(tmp_path / "data"), "SAWMILL_PORT": str(port), "NUMBA_CACHE_DIR": ""}
+    reported = {"NOTIFY_SOCKET": str(tmp_path / "notify"), "WATCHDOG_USEC": "200000"}
+    environment = given_environment(service, tmp_path, changes) | reported
+    with (
+        (tmp_path / "log").open("w") as log,
+        subprocess.Popen(shlex.split(service["ExecStart"][0]), env=environment, stderr=log) as process,
+    ):
+        try:
+            assert manager.recv(100) == b"READY=1", (tmp_path / "log").read_text()
+            address = f"http://127.0.0.1:{port}"
+            assert httpx.get(f"{address}/health/ready", trust_env=False).json()["state"] == "ready"
+            assert httpx.get(f"{address}/v1/scanners", trust_env=False).status_code == 401
+            headers = {"Authorization": f"Bearer {TOKEN}"}
+            assert httpx.get(f"{address}/v1/scanners", headers=headers, trust_env=False).status_code == 200
+            assert manager.recv(100) == b"WATCHDOG=1"
+            process.send_signal(signal.SIGTERM)
+            states = iter(lambda: manager.recv(100), b"STOPPING=1")
+            assert set(states) <= {b"WATCHDOG=1"}
+            assert process.wait(float(service["TimeoutStopSec"][0])) == 0
+        finally:
+            process.kill()
+    lines = (tmp_path / "log").read_text().splitlines()
+    assert all(re.fullmatch(r"\{.*\}", line) for line in lines), lines
