@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -153,5 +153,13 @@ faults: install-dev
 screenshots: install-dev
 	@$(BIN)/python benchmarks/screenshots.py $(OPTIONS)
 
+# One archive for a machine without a network, of the commit that is checked out, in dist/.
+bundle: install-dev
+	@$(BIN)/python installation/bundle.py
+
+# The bundle in an empty environment without a network: installed, served, upgraded. Ten minutes.
+try-bundle: bundle
+	@$(BIN)/python installation/try_bundle.py
+
 clean:
-	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache demo-output

@@ -1,0 +1,268 @@
+"""One archive with everything that an installation needs, for a machine without a network (`make bundle`).
+
+`dist/sawmill-VERSION-PLATFORM-PYTHON.tar.gz` holds the wheels of the product and of all that it runs with, as
+constraints.txt pins them, `install.sh`, the documents, and a list of what is inside. It is made of the commit that is
+checked out: the same commit and the same wheels give the same bytes.
+"""
+
+import gzip
+import hashlib
+import io
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tarfile
+import tempfile
+import tomllib
+import zipfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from email.message import Message
+from email.parser import BytesParser
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name, parse_wheel_filename
+from packaging.version import Version
+
+ROOT = Path(__file__).resolve().parents[1]
+PYTHON = ".".join(platform.python_version_tuple()[:2])
+# Of the commit: what is read without a network, and the script.
+DOCUMENTS = (
+    *("README.md", "CHANGELOG.md", "LICENSE", "constraints.txt", "docker-compose.yml"),
+    *("docs", "examples", "openapi", "installation/install.sh"),
+)
+# What an installation takes beyond its unpacked wheels: bytecode, compiled kernels, pip.
+ROOM = 1.5
+
+
+class BundleError(Exception):
+    """No bundle can be made; the sentence names what is missing."""
+
+
+def main() -> int:
+    """Build the archive below dist/, and the file with its checksum."""
+    try:
+        archive = build(ROOT, ROOT / "dist", ROOT / "build/wheels")
+    except (BundleError, subprocess.CalledProcessError) as error:
+        print(error, file=sys.stderr)
+        return 1
+    print(
+        f"{archive.relative_to(ROOT)}: {archive.stat().st_size / 1e6:.0f} MB; its checksum is in {archive.name}.sha256"
+    )
+    return 0
+
+
+def build(root: Path, target: Path, kept: Path) -> Path:
+    """The archive of the commit that is checked out in `root`, in the folder `target`.
+
+    Parameters
+    ----------
+    kept
+        Where wheels that were fetched stay for the next bundle.
+
+    Raises
+    ------
+    BundleError
+        A package is not pinned or not installed, or what a wheel is called cannot be read.
+    subprocess.CalledProcessError
+        git or pip failed, and has printed why.
+    """
+    if output("git", "status", "--porcelain", "--untracked-files=no", folder=root):
+        print("changes that are not committed are left out", file=sys.stderr)
+    committed_at = int(output("git", "log", "-1", "--format=%ct", folder=root))
+    with tempfile.TemporaryDirectory(prefix="bundle-") as temporary:
+        source, content = Path(temporary, "source"), Path(temporary, "content")
+        export(root, source)
+        (content / "wheels").mkdir(parents=True)
+        for name in DOCUMENTS:
+            copy = shutil.copytree if (source / name).is_dir() else shutil.copy
+            copy(source / name, content / Path(name).name)
+        fetch(pinned(source), kept, content / "wheels")
+        make_wheel(source, content / "wheels", committed_at)
+        wheels = sorted((content / "wheels").glob("*.whl"))
+        facts = described(wheels)
+        (content / "BUNDLE").write_text("".join(f"{name}={value}\n" for name, value in facts.items()))
+        (content / "PACKAGES.txt").write_text("".join(listed(wheels)))
+        (content / "SHA256SUMS").write_text("".join(sums(content)))
+        name = f"sawmill-{facts['version']}-{facts['platform']}-python{facts['python']}"
+        target.mkdir(exist_ok=True)
+        archive = target / f"{name}.tar.gz"
+        pack(content, name, archive, committed_at)
+    archive.with_name(f"{archive.name}.sha256").write_text(f"{digest(archive)}  {archive.name}\n")
+    return archive
+
+
+def pinned(root: Path) -> dict[str, str]:
+    """Every package that the product runs with, PostgreSQL's driver included, and its version in constraints.txt.
+
+    Raises
+    ------
+    BundleError
+        One is not pinned, or not installed, so that nobody knows what it needs itself.
+    """
+    pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
+    versions = {canonicalize_name(name): version for name, version in pins.items()}
+    project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
+    asked = [Requirement(text) for text in (*project["dependencies"], *project["optional-dependencies"]["postgresql"])]
+    found: dict[tuple[str, frozenset[str]], str] = {}
+    while asked:
+        requirement = asked.pop()
+        name, extras = canonicalize_name(requirement.name), frozenset(requirement.extras)
+        if (name, extras) in found or not applies(requirement, {""}):
+            continue
+        if name not in versions:
+            msg = f"{name} is not in constraints.txt: pin it there"
+            raise BundleError(msg)
+        found[name, extras] = versions[name]
+        asked += needs_of(name, extras)
+    return {name: version for (name, _), version in sorted(found.items())}
+
+
+def needs_of(name: str, extras: Iterable[str]) -> Iterator[Requirement]:
+    """What an installed package with these extras needs on this machine."""
+    try:
+        texts = distribution(name).requires or []
+    except PackageNotFoundError as error:
+        msg = f"{name} is not installed here: make install-dev installs it"
+        raise BundleError(msg) from error
+    for requirement in map(Requirement, texts):
+        if applies(requirement, {"", *extras}):
+            requirement.marker = None
+            yield requirement
+
+
+def applies(requirement: Requirement, extras: Iterable[str]) -> bool:
+    """Whether this machine needs it for one of the extras."""
+    return requirement.marker is None or any(requirement.marker.evaluate({"extra": extra}) for extra in extras)
+
+
+def export(root: Path, folder: Path) -> None:
+    """The committed files, as they are in the repository."""
+    archive = subprocess.run(["git", "archive", "HEAD"], cwd=root, check=True, capture_output=True).stdout  # noqa: S607
+    with tarfile.open(fileobj=io.BytesIO(archive)) as tar:
+        tar.extractall(folder, filter="data")
+
+
+def fetch(packages: Mapping[str, str], kept: Path, folder: Path) -> None:
+    """The wheels of these versions; those that an earlier bundle fetched are taken from there."""
+    kept.mkdir(parents=True, exist_ok=True)
+    pip(
+        "download",
+        "--no-deps",
+        "--only-binary=:all:",
+        "--dest",
+        kept,
+        *(f"{name}=={packages[name]}" for name in packages),
+    )
+    for wheel in kept.glob("*.whl"):
+        name, version, _, _ = parse_wheel_filename(wheel.name)
+        if name in packages and Version(packages[name]) == version:
+            shutil.copy(wheel, folder)
+    if len(list(folder.iterdir())) != len(packages):
+        msg = f"{kept} has two wheels of one package, or one by another version's name: remove it and try again"
+        raise BundleError(msg)
+
+
+def make_wheel(source: Path, folder: Path, committed_at: int) -> None:
+    """The product's own wheel."""
+    os.environ["SOURCE_DATE_EPOCH"] = str(committed_at)
+    pip("wheel", "--no-deps", "--wheel-dir", folder, source)
+
+
+def pip(*arguments: str | Path) -> None:
+    """One command of pip's, by its own settings of this machine."""
+    command = [sys.executable, "-m", "pip", "--disable-pip-version-check", arguments[0], "--quiet", *arguments[1:]]
+    subprocess.run(command, check=True)  # noqa: S603 - our own command
+
+
+def described(wheels: Sequence[Path]) -> dict[str, str]:
+    """What `install.sh` compares with the machine, as variables of a shell."""
+    (version,) = (wheel.name.split("-")[1] for wheel in wheels if wheel.name.startswith("sawmill_calibration-"))
+    unpacked = sum(entry.file_size for wheel in wheels for entry in zipfile.ZipFile(wheel).infolist())
+    return {
+        "version": version,
+        "python": PYTHON,
+        "platform": sysconfig.get_platform(),
+        "machine": platform.machine(),
+        "glibc": ".".join(map(str, max(map(least_glibc, wheels)))),
+        "megabytes": str(round(ROOM * unpacked / 1e6)),
+    }
+
+
+def least_glibc(wheel: Path) -> tuple[int, int]:
+    """The oldest C library that one of the wheel's tags asks for; 2.17 is what Python 3.11's own pip begins with."""
+    aliases = {"manylinux1": "manylinux_2_5", "manylinux2010": "manylinux_2_12", "manylinux2014": "manylinux_2_17"}
+    found = [(2, 17)]
+    for tag in parse_wheel_filename(wheel.name)[3]:
+        family, _, rest = tag.platform.partition("_")
+        words = (f"{aliases[family]}_{rest}" if family in aliases else tag.platform).split("_")
+        if words[0] == "manylinux":
+            found.append((int(words[1]), int(words[2])))
+    return min(found[1:], default=found[0])
+
+
+def listed(wheels: Iterable[Path]) -> Iterator[str]:
+    """A line for each package: name, version, licence and the wheel, which has the licence's text."""
+    for wheel in wheels:
+        about = metadata(wheel)
+        yield f"{about['Name']}\t{about['Version']}\t{licence(about)}\t{wheel.name}\n"
+
+
+def metadata(wheel: Path) -> Message:
+    """What a wheel reports about its package."""
+    with zipfile.ZipFile(wheel) as packed:
+        (name,) = (name for name in packed.namelist() if name.endswith(".dist-info/METADATA") and name.count("/") == 1)
+        return BytesParser().parsebytes(packed.read(name))
+
+
+def licence(about: Message) -> str:
+    """As its makers give it: an expression, a name, or a classifier."""
+    given = [about["License-Expression"], about["License"]]
+    given += [text.rpartition(" :: ")[2] for text in about.get_all("Classifier", []) if text.startswith("License ::")]
+    # Some have their whole text there.
+    short = [text.strip() for text in given if text and "\n" not in text.strip() and text.strip() != "UNKNOWN"]
+    return short[0] if short else "see the wheel"
+
+
+def sums(content: Path) -> Iterator[str]:
+    """As sha256sum(1) writes and checks them."""
+    for path in sorted(path for path in content.rglob("*") if path.is_file()):
+        yield f"{digest(path)}  {path.relative_to(content)}\n"
+
+
+def digest(path: Path) -> str:
+    """SHA-256 in hexadecimal digits."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def pack(content: Path, name: str, archive: Path, committed_at: int) -> None:
+    """A folder as an archive that depends on nothing but what is in it."""
+    with (
+        archive.open("wb") as file,
+        # Wheels are compressed already.
+        gzip.GzipFile("", "wb", compresslevel=1, fileobj=file, mtime=committed_at) as packed,
+        tarfile.open(fileobj=packed, mode="w", format=tarfile.PAX_FORMAT) as tar,
+    ):
+        for path in sorted(content.rglob("*")):
+            entry = tar.gettarinfo(path, f"{name}/{path.relative_to(content)}")
+            entry.uid = entry.gid = 0
+            entry.uname = entry.gname = "root"
+            entry.mtime = committed_at
+            entry.mode = 0o755 if path.is_dir() or path.suffix == ".sh" else 0o644
+            with io.BytesIO() if path.is_dir() else path.open("rb") as data:
+                tar.addfile(entry, data)
+
+
+def output(*command: str, folder: Path) -> str:
+    """Standard output of a command of git's."""
+    done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)  # noqa: S603 - our own
+    return done.stdout.strip()
+
+
+if __name__ == "__main__":
+    sys.exit(main())
