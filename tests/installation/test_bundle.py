@@ -1,0 +1,197 @@
+"""What is packed for a machine without a network, and what `install.sh` refuses to begin.
+
+`make try-bundle` builds the bundle and installs it; that takes minutes.
+"""
+
+import os
+import platform
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import bundle
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from packaging.version import Version
+
+ROOT = Path(__file__).parents[2]
+SCRIPT = ROOT / "installation/install.sh"
+FACTS = {
+    "version": "1.2.3",
+    "python": bundle.PYTHON,
+    "platform": "linux",
+    "machine": platform.machine(),
+    "glibc": "2.17",
+    "megabytes": "1",
+}
+Install = Callable[..., str]
+
+
+def test_the_packages_are_those_of_the_product_and_of_all_that_they_need():
+    packed = bundle.pinned(ROOT)
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    of_the_product = {canonicalize_name(Requirement(text).name) for text in project["dependencies"]}
+    # What they need themselves, and the driver of the extra.
+    assert of_the_product - {"tbb"} | {"llvmlite", "starlette", "psycopg-binary"} <= packed.keys()
+    of_tests = {canonicalize_name(Requirement(text).name) for text in project["optional-dependencies"]["dev"]}
+    assert packed.keys() & of_tests <= of_the_product
+    # Nothing is left that an installed one needs: the tests run with the same versions.
+    assert {name: Version(version(name)) for name in packed} == {name: Version(packed[name]) for name in packed}
+    needed = {canonicalize_name(each.name) for name in packed for each in bundle.needs_of(name, ())}
+    assert needed <= packed.keys()
+
+
+def test_a_package_without_a_pin_is_refused(tmp_path):
+    (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
+    pins = (ROOT / "constraints.txt").read_text()
+    (tmp_path / "constraints.txt").write_text(re.sub(r"^llvmlite==.*\n", "", pins, flags=re.MULTILINE))
+    with pytest.raises(bundle.BundleError, match=r"llvmlite is not in constraints\.txt: pin it there"):
+        bundle.pinned(tmp_path)
+
+
+def test_an_archive_depends_on_its_content_alone(tmp_path):
+    digests = []
+    for number, mask in enumerate((0o022, 0o077)):
+        content = tmp_path / f"content-{number}"
+        before = os.umask(mask)
+        (content / "docs").mkdir(parents=True)
+        os.umask(before)
+        for name in ("docs/page.md", "install.sh"):
+            (content / name).write_text(name)
+            os.utime(content / name, (number, number))
+        archive = tmp_path / f"{number}.tar.gz"
+        bundle.pack(content, "sawmill", archive, 1_700_000_000)
+        digests.append(bundle.digest(archive))
+    assert digests[0] == digests[1]
+    with tarfile.open(archive) as tar:
+        modes = {entry.name: (entry.mode, entry.uid) for entry in tar}
+    assert modes == {"sawmill/docs": (0o755, 0), "sawmill/docs/page.md": (0o644, 0), "sawmill/install.sh": (0o755, 0)}
+
+
+@pytest.mark.parametrize(
+    ("tags", "least"),
+    [
+        ("py3-none-any", (2, 17)),
+        ("cp311-cp311-manylinux_2_27_x86_64.manylinux_2_28_x86_64", (2, 27)),
+        ("cp311-cp311-manylinux1_x86_64.manylinux_2_28_x86_64", (2, 5)),
+    ],
+)
+def test_the_c_library_that_a_wheel_needs_is_the_oldest_of_its_tags(tags, least):
+    assert bundle.least_glibc(Path(f"a-1.0-{tags}.whl")) == least
+
+
+@pytest.mark.parametrize(
+    ("fields", "shown"),
+    [
+        ("License-Expression: MIT", "MIT"),
+        ("Classifier: License :: OSI Approved :: BSD License", "BSD License"),
+        ("License: a text\n        of many lines\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
+        ("Author: nobody", "see the wheel"),
+    ],
+    ids=["expression", "classifier", "whole text", "none"],
+)
+def test_the_list_names_each_package_with_its_licence(tmp_path, fields, shown):
+    wheel = tmp_path / "a-1.0-py3-none-any.whl"
+    with zipfile.ZipFile(wheel, "w") as packed:
+        packed.writestr("a-1.0.dist-info/METADATA", f"Name: a\nVersion: 1.0\n{fields}\n\nabout it\n")
+    assert list(bundle.listed([wheel])) == [f"a\t1.0\t{shown}\t{wheel.name}\n"]
+
+
+def test_the_script_is_one_of_any_posix_shell():
+    assert subprocess.run(["sh", "-n", str(SCRIPT)], check=False).returncode == 0
+    assert SCRIPT.read_text().startswith("#!/bin/sh\n")
+
+
+@pytest.fixture
+def unpacked(tmp_path: Path) -> Path:
+    """A bundle with one wheel, as it lies on the machine."""
+    folder = tmp_path / "the bundle"
+    (folder / "wheels").mkdir(parents=True)
+    (folder / "wheels/a-1.0-py3-none-any.whl").write_bytes(b"a wheel")
+    (folder / "install.sh").write_bytes(SCRIPT.read_bytes())
+    describe(folder)
+    return folder
+
+
+def describe(folder: Path, **changes: str) -> None:
+    (folder / "BUNDLE").write_text("".join(f"{name}={value}\n" for name, value in (FACTS | changes).items()))
+    (folder / "SHA256SUMS").unlink(missing_ok=True)
+    (folder / "SHA256SUMS").write_text("".join(bundle.sums(folder)))
+
+
+@pytest.fixture
+def refused(unpacked: Path, tmp_path: Path) -> Install:
+    """The complaint of the script, which leaves nothing."""
+
+    def run(*arguments: object, code: int = 1) -> str:
+        command = ["sh", str(unpacked / "install.sh"), *map(str, arguments)]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout) == (code, ""), done.stderr
+        assert not (tmp_path / "target/current").exists()
+        return done.stderr
+
+    return run
+
+
+def test_a_damaged_or_missing_file_is_named(refused, unpacked, tmp_path):
+    wheel = unpacked / "wheels/a-1.0-py3-none-any.whl"
+    wheel.write_bytes(b"a whale")
+    assert f"{wheel.relative_to(unpacked)}: FAILED" in refused("--python", sys.executable, tmp_path / "target")
+    wheel.unlink()
+    complaint = refused("--python", sys.executable, tmp_path / "target")
+    assert "the bundle is damaged" in complaint
+    assert str(wheel.relative_to(unpacked)) in complaint
+
+
+def test_another_python_is_refused_by_its_version(refused, tmp_path):
+    other = tmp_path / "python"
+    other.write_text("#!/bin/sh\necho 3.9\n")
+    other.chmod(0o755)
+    assert f"needs Python {bundle.PYTHON}, and {other} is Python 3.9" in refused("--python", other, tmp_path / "target")
+    assert "there is no no-python" in refused("--python", "no-python", tmp_path / "target")
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"megabytes": "999999999"}, "and the installation needs 999999999 MB"),
+        ({"machine": "sparc"}, f"this bundle is for sparc, and this machine is {platform.machine()}"),
+        ({"glibc": "9.1"}, "needs glibc 9.1 or later"),
+    ],
+    ids=["no room", "machine", "glibc"],
+)
+def test_a_machine_that_cannot_run_it_is_refused(refused, unpacked, tmp_path, changes, complaint):
+    describe(unpacked, **changes)
+    assert complaint in refused("--python", sys.executable, tmp_path / "target")
+    assert not (tmp_path / "target").exists()
+
+
+def test_a_version_that_is_installed_stays_as_it_is(refused, tmp_path):
+    (tmp_path / "target/1.2.3").mkdir(parents=True)
+    complaint = refused("--python", sys.executable, "target")
+    assert f"{tmp_path / 'target/1.2.3'} is there already" in complaint
+    assert list((tmp_path / "target").iterdir()) == [tmp_path / "target/1.2.3"]
+
+
+def test_an_installation_that_fails_leaves_nothing_of_itself(unpacked, tmp_path):
+    # The one wheel is none: pip refuses it. What an interrupted installation left is no hindrance.
+    (tmp_path / "target/1.2.3").mkdir(parents=True)
+    (tmp_path / "target/1.2.3/unfinished").touch()
+    fake = tmp_path / "python"
+    fake.write_text(f'#!/bin/sh\n[ "$3" != venv ] || exit 7\nexec {sys.executable} "$@"\n')
+    fake.chmod(0o755)
+    command = ["sh", str(unpacked / "install.sh"), "--python", str(fake), str(tmp_path / "target")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, list((tmp_path / "target").iterdir())) == (7, []), done.stderr
+
+
+@pytest.mark.parametrize("arguments", [(), ("--fast", "/opt"), ("/opt", "/srv"), ("--python",)])
+def test_wrong_use_is_answered_with_the_usage(refused, arguments):
+    assert "usage: sh install.sh [--python PROGRAM] FOLDER" in refused(*arguments, code=2)
