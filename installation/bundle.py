@@ -223,9 +223,9 @@ def licence(about: Message) -> str:
     """As its makers give it: an expression, a name, or a classifier."""
     given = [about["License-Expression"], about["License"]]
     given += [text.rpartition(" :: ")[2] for text in about.get_all("Classifier", []) if text.startswith("License ::")]
-    # Some have their whole text there.
-    short = [text.strip() for text in given if text and "\n" not in text.strip() and text.strip() != "UNKNOWN"]
-    return short[0] if short else "see the wheel"
+    # Some have their whole text there; one that is not ASCII is no string.
+    lines = [line for line in (str(text).strip() for text in given if text) if "\n" not in line and line != "UNKNOWN"]
+    return lines[0] if lines else "see the wheel"
 
 
 def sums(content: Path) -> Iterator[str]:

@@ -11,7 +11,7 @@ _OTHERS = 256
 
 
 def files_needed(connections: int) -> int:
-    """The number of files that the process opens for so many connections."""
+    """The number of files that the process opens for this number of connections."""
     return _PER_CONNECTION * connections + _OTHERS
 
 

@@ -63,7 +63,7 @@ def test_an_archive_depends_on_its_content_alone(tmp_path):
         before = os.umask(mask)
         (content / "docs").mkdir(parents=True)
         os.umask(before)
-        for name in ("docs/page.md", "install.sh"):
+        for name in ("docs/page.txt", "install.sh"):
             (content / name).write_text(name)
             os.utime(content / name, (number, number))
         archive = tmp_path / f"{number}.tar.gz"
@@ -72,7 +72,7 @@ def test_an_archive_depends_on_its_content_alone(tmp_path):
     assert digests[0] == digests[1]
     with tarfile.open(archive) as tar:
         modes = {entry.name: (entry.mode, entry.uid) for entry in tar}
-    assert modes == {"sawmill/docs": (0o755, 0), "sawmill/docs/page.md": (0o644, 0), "sawmill/install.sh": (0o755, 0)}
+    assert modes == {"sawmill/docs": (0o755, 0), "sawmill/docs/page.txt": (0o644, 0), "sawmill/install.sh": (0o755, 0)}
 
 
 @pytest.mark.parametrize(
@@ -93,9 +93,10 @@ def test_the_c_library_that_a_wheel_needs_is_the_oldest_of_its_tags(tags, least)
         ("License-Expression: MIT", "MIT"),
         ("Classifier: License :: OSI Approved :: BSD License", "BSD License"),
         ("License: a text\n        of many lines\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
+        ("License: die übliche\n  in vielen Zeilen\nClassifier: License :: OSI Approved :: MIT License", "MIT License"),
         ("Author: nobody", "see the wheel"),
     ],
-    ids=["expression", "classifier", "whole text", "none"],
+    ids=["expression", "classifier", "whole text", "not ASCII", "none"],
 )
 def test_the_list_names_each_package_with_its_licence(tmp_path, fields, shown):
     wheel = tmp_path / "a-1.0-py3-none-any.whl"

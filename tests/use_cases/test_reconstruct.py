@@ -118,6 +118,15 @@ def test_memory_is_the_machine_s_or_the_container_s(tmp_path):
     # The kernel gives up what it only caches of files.
     (tmp_path / "memory.stat").write_text("anon 900000\ninactive_file 500000\nactive_file 100000\n")
     assert capacity.memory_available(meminfo, tmp_path) == 4_000_000
+    # A unit of systemd's in a slice: each may have a limit.
+    (unit := tmp_path / "system.slice/sawmill.service").mkdir(parents=True)
+    (membership := tmp_path / "cgroup").write_text("12:pids:/elsewhere\n0::/system.slice/sawmill.service\n")
+    (unit / "memory.max").write_text("2000000\n")
+    (unit / "memory.current").write_text("500000\n")
+    (unit / "memory.stat").write_text("inactive_file 0\n")
+    assert capacity.memory_available(meminfo, tmp_path, membership) == 1_500_000
+    (unit / "memory.max").write_text("9000000\n")
+    assert capacity.memory_available(meminfo, tmp_path, membership) == 4_000_000
 
 
 def test_the_range_of_a_large_volume_comes_from_a_sample_of_bounded_size():

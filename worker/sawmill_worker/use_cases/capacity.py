@@ -23,7 +23,7 @@ def memory_available(meminfo: Path = MEMINFO, cgroup: Path = CGROUP, membership:
     lines = dict(line.split(":", 1) for line in meminfo.read_text(encoding="ascii").splitlines())
     machine = int(lines["MemAvailable"].split()[0]) * 1024
     free = free_bytes()
-    return min(machine, *_left_in_groups(cgroup, membership), *([] if free is None else [free]))
+    return min([machine, *_left_in_groups(cgroup, membership), *([] if free is None else [free])])
 
 
 def _left_in_groups(root: Path, membership: Path) -> Iterator[int]:
