@@ -67,7 +67,7 @@ def build(root: Path, target: Path, kept: Path) -> Path:
     Raises
     ------
     BundleError
-        A package is not pinned or not installed, or what a wheel is called cannot be read.
+        A package is not pinned or not installed.
     subprocess.CalledProcessError
         git or pip failed, and has printed why.
     """
@@ -150,21 +150,18 @@ def export(root: Path, folder: Path) -> None:
 def fetch(packages: Mapping[str, str], kept: Path, folder: Path) -> None:
     """The wheels of these versions; those that an earlier bundle fetched are taken from there."""
     kept.mkdir(parents=True, exist_ok=True)
-    pip(
-        "download",
-        "--no-deps",
-        "--only-binary=:all:",
-        "--dest",
-        kept,
-        *(f"{name}=={packages[name]}" for name in packages),
-    )
-    for wheel in kept.glob("*.whl"):
-        name, version, _, _ = parse_wheel_filename(wheel.name)
-        if name in packages and Version(packages[name]) == version:
-            shutil.copy(wheel, folder)
-    if len(list(folder.iterdir())) != len(packages):
-        msg = f"{kept} has two wheels of one package, or one by another version's name: remove it and try again"
-        raise BundleError(msg)
+    asked = {name: Version(version) for name, version in packages.items()}
+    missing = [f"{name}=={version}" for name, version in asked.items() if name not in held(asked, kept)]
+    if missing:
+        pip("download", "--no-deps", "--only-binary=:all:", "--dest", kept, *missing)
+    for wheel in held(asked, kept).values():
+        shutil.copy(wheel, folder)
+
+
+def held(asked: Mapping[str, Version], folder: Path) -> dict[str, Path]:
+    """The wheels in a folder that are of these versions, by package."""
+    names = {wheel: parse_wheel_filename(wheel.name) for wheel in sorted(folder.glob("*.whl"))}
+    return {name: wheel for wheel, (name, version, _, _) in names.items() if asked.get(name) == version}
 
 
 def make_wheel(source: Path, folder: Path, committed_at: int) -> None:
