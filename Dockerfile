@@ -1,11 +1,11 @@
-FROM python:3.11-slim AS build
+FROM python:3.11-slim-bookworm AS build
 COPY pyproject.toml constraints.txt README.md LICENSE /src/
 COPY service /src/service
 COPY worker /src/worker
 RUN python -m venv /opt/sawmill \
  && /opt/sawmill/bin/pip install --no-cache-dir --constraint /src/constraints.txt '/src[postgresql]'
 
-FROM python:3.11-slim
+FROM python:3.11-slim-bookworm
 # Numba's parallel kernels link to it; without it a slower layer that forbids threads takes over.
 RUN apt-get update && apt-get install --yes --no-install-recommends libgomp1 && rm -rf /var/lib/apt/lists/*
 COPY --from=build /opt/sawmill /opt/sawmill
@@ -13,7 +13,8 @@ COPY --from=build /opt/sawmill /opt/sawmill
 ENV PATH=/opt/sawmill/bin:$PATH \
     SAWMILL_DATA_FOLDER=/data \
     NUMBA_CACHE_DIR=/var/cache/sawmill
-RUN useradd --create-home --uid 1000 sawmill && install --directory --owner=sawmill /data /var/cache/sawmill
+# Its home is what every container may write to and none keeps.
+RUN useradd --home-dir /tmp --uid 1000 sawmill && install --directory --owner=sawmill /data /var/cache/sawmill
 USER sawmill
 # A processor of another kind compiles them again at the first start.
 RUN sawmill compile

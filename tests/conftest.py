@@ -45,8 +45,8 @@ LONG = {
     "test_the_demo_leaves_a_page_of_pictures_and_figures",
     "test_the_published_log_with_nothing_given",
     "test_the_published_scan_is_calibrated_from_every_seed",
-    "test_the_services_start_and_their_health_checks_tell_the_truth",
     "test_the_tour_the_http_page_and_the_example_script_work_with_curl_alone",
+    "test_what_compose_starts_does_a_mill_s_work",
     "test_the_whole_command_made_small_writes_the_page_and_does_nothing_twice",
     "test_workers_that_are_stopped_lose_nothing",
 }

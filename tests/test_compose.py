@@ -1,24 +1,30 @@
-"""docker-compose.yml is valid, and what it starts and asks works: the same commands, on free loopback ports."""
+"""docker-compose.yml, as far as it can be judged without Docker: what it names exists, what it promises it says.
 
-import os
+`tests/end_to_end/test_composed.py` starts its commands.
+"""
+
 import re
-import socket
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass
+from ipaddress import ip_address, ip_network
 from pathlib import Path
 from typing import Any
 
-import httpx
 import pytest
 import typer
-import yaml
+from compose_file import (
+    COMPOSE,
+    OF_IMAGE,
+    OURS,
+    POSTGRES_BIN,
+    ROOT,
+    SECRETS,
+    VALKEY_BIN,
+    Service,
+    of_containers,
+    read_compose,
+)
 from pydantic_settings import BaseSettings
-from redis import Redis
-from redis.exceptions import ConnectionError as RedisConnectionError
 
 from sawmill_service.cli import main
 from sawmill_service.settings import ServiceSettings
@@ -27,69 +33,38 @@ from sawmill_worker.storage.settings import StorageSettings
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[1]
-COMPOSE = ROOT / "docker-compose.yml"
+PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
 BIN = Path(sys.executable).parent
-# What the images of servers bring along; everything else must come from our own installation.
-SERVERS = {"redis": {"redis-server", "redis-cli"}, "postgres": {"postgres", "pg_isready"}}
-PATIENCE_S = 90.0
-# The token's file beside docker-compose.yml, and as the API's container sees it.
-TOKEN_FILE, IN_CONTAINER = "secrets/sawmill_token", "/run/secrets/sawmill_token"
-
-Service = dict[str, Any]
+# What the images of others bring along; everything else must come from our own installation.
+PROGRAMS = {
+    "proxy": {"caddy", "wget"},
+    "redis": {"valkey-server", "valkey-cli"},
+    "postgres": {"postgres", "pg_isready"},
+}
+UNITS = {"m": 2**20, "g": 2**30}
+# A template that is ready, and the worker itself.
+BESIDE_A_JOB_BYTES = 600 * 2**20
 
 
 @pytest.fixture(scope="module")
-def services() -> dict[str, Service]:
-    document: dict[str, dict[str, Service]] = yaml.safe_load(COMPOSE.read_text())
+def document() -> dict[str, Any]:
+    return read_compose(COMPOSE.read_text())
+
+
+@pytest.fixture(scope="module")
+def services(document: dict[str, Any]) -> dict[str, Service]:
     return document["services"]
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where the services run here instead of in their containers."""
-
-    redis_url: str
-    port: int
-    data: Path
-    token: Path
-
-    def moved(self, text: str) -> str:
-        """A command's word or a variable's value, with this place's addresses; `$$` is compose's `$`."""
-        for there, here in (
-            ("redis://redis:6379/0", self.redis_url),
-            ("0.0.0.0", "127.0.0.1"),  # noqa: S104 - the container's; tests stay on loopback
-            ("8000", str(self.port)),
-            ("/run/secrets/sawmill_token", str(self.token)),
-            ("${SAWMILL_DATABASE_URL:-}", ""),
-            ("$$", "$"),
-        ):
-            text = text.replace(there, here)
-        return text
-
-    def environment(self, service: Service) -> dict[str, str]:
-        kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
-        given = {name: self.moved(value) for name, value in service["environment"].items()}
-        containers = {
-            "PATH": f"{BIN}:{os.environ['PATH']}",
-            "HOSTNAME": socket.gethostname(),
-            "SAWMILL_DATA_FOLDER": str(self.data),
-        }
-        return kept | given | containers
+def ours(services: dict[str, Service]) -> dict[str, Service]:
+    return {name: service for name, service in services.items() if name not in OF_IMAGE}
 
 
-def health_check(service: Service) -> list[str]:
-    """The command that compose runs."""
-    kind, *words = service["healthcheck"]["test"]
-    return words if kind == "CMD" else ["sh", "-c", *words]
-
-
-def words(service: Service) -> Iterator[list[str]]:
+def words(service: Service) -> list[list[str]]:
     """Its command, and its health check's as it stands after the shell."""
-    yield service["command"]
-    check = health_check(service)
-    yield check[2].split() if check[0] == "sh" else check
+    kind, *check = service.get("healthcheck", {"test": ["NONE"]})["test"]
+    return [service["command"], *([] if kind == "NONE" else [check[0].split() if kind == "CMD-SHELL" else check])]
 
 
 def test_it_is_a_valid_compose_file():
@@ -98,41 +73,120 @@ def test_it_is_a_valid_compose_file():
     assert done.returncode == 0, done.stdout
 
 
-def test_it_has_no_secret_and_opens_nothing_beyond_loopback(services):
+def test_a_key_that_stands_twice_is_found():
+    with pytest.raises(AssertionError, match="stands twice"):
+        read_compose(COMPOSE.read_text() + "name: another\n")
+
+
+def test_everything_that_is_named_is_there_and_used(document, services):
+    for kind in ("secrets", "networks"):
+        assert {name for service in services.values() for name in service.get(kind, [])} == set(document[kind])
+    mounted = [pair for service in services.values() for pair in of_containers(service, "volumes")]
+    assert {source for source, _ in mounted if "/" not in source} == set(document["volumes"])
+    assert all((ROOT / source).is_file() for source, _ in mounted if "/" in source)
+    assert {needed for service in services.values() for needed in service.get("depends_on", {})} <= set(services)
+
+
+def test_secrets_are_files_of_their_own_which_the_page_makes(document, services):
+    assert document["secrets"] == {name: {"file": f"./secrets/{name}"} for name in document["secrets"]}
+    made = set(re.findall(r"\bsecrets/(\w+)", PAGE.read_text()))
+    assert made == set(document["secrets"])
+    assert "secrets/" in (ROOT / ".gitignore").read_text().splitlines()
+    # Each service reads those that it names, at the place where compose puts them, and has no other.
+    for name, service in services.items():
+        texts = [*service.get("environment", {}).values(), *service["command"]]
+        if name == "proxy":
+            [(source, _)] = of_containers(service, "volumes")
+            texts += (ROOT / source).read_text().split()
+        read = {text.removeprefix(SECRETS) for text in texts if text.startswith(SECRETS)}
+        assert read == set(service.get("secrets", [])), name
+
+
+def test_no_secret_stands_in_it():
     lines = [line.strip() for line in COMPOSE.read_text().splitlines() if not line.strip().startswith("#")]
-    suspects = [line for line in lines if re.search(r"password|secret|token|://[^/]*@", line, re.IGNORECASE)]
-    # The one secret is named by the file that holds it, here and in its container.
-    assert suspects == [
-        f"SAWMILL_TOKEN_FILE: {IN_CONTAINER}",
-        "secrets:",
-        f"- {Path(IN_CONTAINER).name}",
-        "secrets:",
-        f"{Path(IN_CONTAINER).name}:",
-        f"file: ./{TOKEN_FILE}",
-    ]
-    assert [port for service in services.values() for port in service.get("ports", [])] == ["127.0.0.1:8000:8000"]
+    suspects = [line for line in lines if re.search(r"PASSWORD|TOKEN|KEY|://[^/]*:[^/]*@", line)]
+    assert suspects
+    assert all(re.fullmatch(r"[A-Z_]+_FILE: /run/secrets/\w+", line) for line in suspects)
 
 
-def test_the_token_s_file_is_no_part_of_the_repository():
-    assert f"{Path(TOKEN_FILE).parent}/" in (ROOT / ".gitignore").read_text().splitlines()
+def test_every_container_is_held(services):
+    for name, service in services.items():
+        assert service["read_only"], name
+        assert service["cap_drop"] == ["ALL"], name
+        assert service.get("cap_add", []) == (["NET_BIND_SERVICE"] if name == "proxy" else []), name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert int(service["user"].split(":")[0]) > 0, name
+        assert service["logging"]["options"], name
+        assert set(service["deploy"]["resources"]["limits"]) == {"cpus", "memory", "pids"}, name
+        assert not {"privileged", "devices", "network_mode", "pid", "ipc"} & set(service), name
 
 
 def test_every_service_is_watched_and_comes_back(services):
-    for service in services.values():
-        assert service["healthcheck"]["test"][0] in {"CMD", "CMD-SHELL"}
-        assert service["restart"] == "unless-stopped"
+    for name, service in services.items():
+        once = name == "migrate"
+        assert service["restart"] == ("on-failure:3" if once else "unless-stopped")
+        assert ("healthcheck" in service) is not once
 
 
-def test_a_worker_has_time_to_give_its_job_back(services):
+def test_the_proxy_alone_is_reached_and_the_api_believes_it_alone(document, services):
+    assert {name: service["ports"] for name, service in services.items() if "ports" in service} == {
+        "proxy": ["443:8443"]
+    }
+    inside = {name for name, network in document["networks"].items() if (network or {}).get("internal")}
+    reach_out = {name for name, service in services.items() if set(service["networks"]) - inside}
+    assert reach_out == {"proxy"}
+    [front] = document["networks"]["front"]["ipam"]["config"]
+    fixed = {name: services[name]["networks"]["front"]["ipv4_address"] for name in ("proxy", "api")}
+    assert all(ip_address(address) in ip_network(front["subnet"]) for address in fixed.values())
+    assert services["api"]["environment"]["SAWMILL_TRUSTED_PROXIES"] == f'["{fixed["proxy"]}"]'
+    assert "back" not in services["proxy"]["networks"]
+
+
+def test_a_service_starts_when_what_it_needs_is_there(services):
+    needs = {name: service.get("depends_on", {}) for name, service in services.items()}
+    assert needs["migrate"] == {"postgres": {"condition": "service_healthy"}}
+    for name in ("api", "worker", "short-worker"):
+        assert needs[name]["migrate"] == {"condition": "service_completed_successfully"}
+    assert needs["proxy"] == {"api": {"condition": "service_healthy"}}
+
+
+def test_what_is_stopped_has_time_to_end(services):
     settings = ExecutionSettings()
-    allowed = int(services["worker"]["stop_grace_period"].removesuffix("s"))
-    assert allowed > settings.stop_grace_s + settings.kill_grace_s + settings.housekeeping_s
+    needed = settings.stop_grace_s + settings.kill_grace_s + settings.housekeeping_s
+    for name in ("api", "worker", "short-worker"):
+        assert int(services[name]["stop_grace_period"].removesuffix("s")) > needed
+
+
+def test_a_worker_s_limits_are_those_of_its_jobs(services):
+    for name in ("worker", "short-worker"):
+        limits, given = services[name]["deploy"]["resources"]["limits"], services[name]["environment"]
+        assert limits["cpus"] == given["SAWMILL_NUMBA_NUM_THREADS"]
+        memory_bytes = int(limits["memory"][:-1]) * UNITS[limits["memory"][-1]]
+        assert int(given["SAWMILL_MEMORY_LIMIT_BYTES"]) + BESIDE_A_JOB_BYTES < memory_bytes
+
+
+def test_the_page_has_each_service_with_its_limits(services):
+    rows = re.findall(r"^\| `([\w-]+)` \| .* \| (\d+) ([GM])iB, (\d) \|", PAGE.read_text(), re.MULTILINE)
+    documented = {name: (f"{size}{unit.lower()}", cores) for name, size, unit, cores in rows}
+    limits = {name: service["deploy"]["resources"]["limits"] for name, service in services.items()}
+    cores = {name: re.sub(r"\$\{\w+:-(\d)\}", r"\1", limit["cpus"]) for name, limit in limits.items()}
+    assert documented == {name: (limit["memory"], cores[name]) for name, limit in limits.items()}
+
+
+def test_redis_holds_nothing_that_matters(services):
+    command = " ".join(services["redis"]["command"])
+    assert "--save  --appendonly no --maxmemory 64mb --maxmemory-policy noeviction" in command
+    assert of_containers(services["redis"], "volumes") == []
+
+
+def test_no_volume_of_the_file_before_is_taken_over(document):
+    """Files that a new database does not know would be removed as leftovers."""
+    assert not {"data", "rows"} & set(document["volumes"])
 
 
 def test_every_variable_is_a_setting(services):
     known = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
-    ours = (service for name, service in services.items() if name not in SERVERS)
-    given = {name for service in ours for name in service["environment"]}
+    given = {name for service in ours(services).values() for name in service["environment"]}
     image = re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())
     assert given | set(image) <= known
 
@@ -140,24 +194,45 @@ def test_every_variable_is_a_setting(services):
 def test_every_program_is_installed(services):
     for name, service in services.items():
         for program in (command[0] for command in words(service)):
-            assert program in SERVERS[name] if name in SERVERS else (BIN / program).is_file(), program
+            assert program in PROGRAMS[name] if name in PROGRAMS else (BIN / program).is_file(), program
+
+
+def test_the_servers_are_those_that_tests_run_with(services):
+    for image, server in (("postgres", POSTGRES_BIN / "postgres"), ("valkey/valkey", VALKEY_BIN / "valkey-server")):
+        printed = subprocess.run([server, "--version"], capture_output=True, text=True, check=True).stdout
+        version = re.search(r"\d+\.\d+(\.\d+)?", printed)
+        assert version is not None
+        assert f"{image}:{version[0]}-alpine" in {service["image"] for service in services.values()}
+    assert all(re.search(r":\d+\.\d+", service["image"]) for service in services.values())
 
 
 def documented_commands() -> list[list[str]]:
     """What docs/operations.md says of one machine and of a cluster."""
-    blocks = re.findall(r"^```sh\n(.*?)^```$", (ROOT / "docs/operations.md").read_text(), re.MULTILINE | re.DOTALL)
+    blocks = re.findall(r"^```sh\n(.*?)^```$", OPERATIONS.read_text(), re.MULTILINE | re.DOTALL)
     lines = [line for block in blocks for line in block.splitlines()]
     return [line.split() for line in lines if not line.startswith("export ")]
 
 
 def test_every_sawmill_command_and_option_exists(services):
     application = typer.main.get_command(main)
-    commands = [command for service in services.values() for command in words(service)] + documented_commands()
-    ours = [command for command in commands if command[0] == "sawmill"]
-    assert ours
-    for _, subcommand, *rest in ours:
+    executed = re.findall(r"^docker compose exec \w+ (sawmill .*)$", PAGE.read_text(), re.MULTILINE)
+    commands = [command for service in services.values() for command in words(service)]
+    named = [*commands, *documented_commands(), *(line.replace('"', "").split() for line in executed)]
+    called = [command for command in named if command[0] == "sawmill"]
+    assert executed
+    for _, *arguments in called:
+        group = application
+        while arguments and arguments[0] in getattr(group, "commands", {}):
+            group = group.commands[arguments.pop(0)]
         # Parses, without running it; an unknown option or a bad value raises.
-        application.commands[subcommand].make_context(subcommand, list(rest)).close()
+        group.make_context(group.name, arguments).close()
+
+
+def test_services_that_the_page_names_are_there(services):
+    lines = re.findall(r"docker compose (?:exec(?: -T)?|restart|logs) (.*?)(?:`|$)", PAGE.read_text(), re.MULTILINE)
+    named = [re.split(r" (?:sawmill|psql|pg_\w+|tar) ", line)[0] for line in lines]
+    assert len(named) > 5
+    assert {name for names in named for name in names.split()} <= set(services)
 
 
 def test_a_cluster_s_worker_is_documented_as_it_is_composed(services):
@@ -166,85 +241,26 @@ def test_a_cluster_s_worker_is_documented_as_it_is_composed(services):
     assert documented == composed[: len(documented)]
 
 
-def test_the_image_is_built_from_what_it_copies():
+def test_the_image_is_built_from_what_it_copies_and_what_is_pinned():
+    dockerfile = (ROOT / "Dockerfile").read_text()
     kept = re.findall(r"^!(\S+)$", (ROOT / ".dockerignore").read_text(), re.MULTILINE)
-    copied = re.findall(r"^COPY ((?!--from)\S.*) \S+$", (ROOT / "Dockerfile").read_text(), re.MULTILINE)
+    copied = re.findall(r"^COPY ((?!--from)\S.*) \S+$", dockerfile, re.MULTILINE)
     assert sorted(kept) == sorted(" ".join(copied).split())
     assert all((ROOT / name).exists() for name in kept)
+    assert "--constraint /src/constraints.txt '/src[postgresql]'" in dockerfile
+    assert len(set(re.findall(r"^FROM (\S+)", dockerfile, re.MULTILINE))) == 1
 
 
-def make_token(folder: Path) -> Path:
-    """As docs/operations.md says to make it."""
-    page = (ROOT / "docs/operations.md").read_text()
-    (block,) = re.findall(r"^```sh\n(mkdir .*?)^```$", page, re.MULTILINE | re.DOTALL)
-    subprocess.run(["bash", "-euc", block], cwd=folder, check=True)
-    return folder / TOKEN_FILE
-
-
-@pytest.fixture
-def start(services, redis_url, tmp_path) -> Iterator[tuple[Place, Callable[[str], Path]]]:
-    """The place, and a function that starts a service there by compose's own command; it gives its log."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        place = Place(redis_url, free.getsockname()[1], tmp_path / "data", make_token(tmp_path))
-    with ExitStack() as stack:
-
-        def run(name: str) -> Path:
-            log = stack.enter_context((tmp_path / f"{name}.log").open("w"))
-            process = subprocess.Popen(
-                [place.moved(word) for word in services[name]["command"]],
-                env=place.environment(services[name]),
-                cwd=tmp_path,
-                stdout=log,
-                stderr=log,
-            )
-            stack.callback(process.wait, 30)
-            stack.callback(process.terminate)
-            return Path(log.name)
-
-        yield place, run
-
-
-def is_healthy(place: Place, service: Service) -> bool:
-    command = [place.moved(word) for word in health_check(service)]
-    timeout_s = float(service["healthcheck"]["timeout"].removesuffix("s"))
-    done = subprocess.run(command, env=place.environment(service), capture_output=True, timeout=timeout_s, check=False)
-    return done.returncode == 0
-
-
-def wait_until(holds: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + PATIENCE_S
-    while not holds():
-        assert time.monotonic() < deadline, f"{what} was not so within {PATIENCE_S:.0f} s"
-        time.sleep(0.2)
-
-
-def test_the_services_start_and_their_health_checks_tell_the_truth(services, start):
-    place, run = start
-    # Its examples have been made: their jobs would keep the worker busy.
-    (place.data / "examples").mkdir(parents=True)
-    (place.data / "examples/complete").touch()
-    for name, started in (("api", "serving"), ("worker", " ready.")):
-        assert not is_healthy(place, services[name]), f"{name} does not run yet"
-        log = run(name)
-        # Celery's check takes seconds of a core: it is not asked before it can succeed.
-        wait_until(lambda log=log, started=started: started in log.read_text(), f"{name} started")
-        wait_until(lambda name=name: is_healthy(place, services[name]), f"{name} healthy")
-    address = f"http://127.0.0.1:{place.port}"
-    assert httpx.get(f"{address}/v1/scans/example", trust_env=False).status_code == 401
-    token = {"Authorization": f"Bearer {place.token.read_text().strip()}"}
-    with httpx.Client(base_url=address, headers=token, trust_env=False) as client:
-        # A job reaches the worker through Redis.
-        asked = client.post("/v1/inspections", content=b"no scan").json()
-        job = f"/v1/jobs/{asked['job_id']}"
-        wait_until(lambda: client.get(job).json()["state"] in {"succeeded", "failed"}, f"{client.get(job).text} ended")
-
-
-def test_redis_health_check_reports_the_truth(services, redis_url):
-    """The image of Redis brings redis-cli along; the command that it is given is sent to a real server here."""
-    program, *command = health_check(services["redis"])
-    assert program == "redis-cli"
-    with Redis.from_url(redis_url) as server:
-        assert server.execute_command(*command) is True
-    with Redis(host="127.0.0.1", port=1) as nobody, pytest.raises(RedisConnectionError):
-        nobody.execute_command(*command)
+def test_the_image_s_user_and_folders_are_those_of_the_services(services):
+    dockerfile = (ROOT / "Dockerfile").read_text()
+    assert f"useradd --home-dir {OURS['HOME']} --uid 1000 sawmill" in dockerfile
+    assert f"SAWMILL_DATA_FOLDER={OURS['SAWMILL_DATA_FOLDER']}" in dockerfile
+    assert f"WORKDIR {OURS['SAWMILL_DATA_FOLDER']}" in dockerfile
+    [kernels] = re.findall(r"NUMBA_CACHE_DIR=(\S+)", dockerfile)
+    # Numba takes a cache that it cannot write to for none.
+    for name in ("worker", "short-worker"):
+        assert kernels in {target for _, target in of_containers(services[name], "volumes")}
+    for service in ours(services).values():
+        assert service["user"] == "1000:1000"
+        written = {target for kind in ("volumes", "tmpfs") for _, target in of_containers(service, kind)}
+        assert set(OURS.values()) <= written

@@ -334,7 +334,7 @@ def test_every_shell_block_is_run_by_a_test():
         *blocks((ROOT / "docs/measured.md").read_text(), "sh"),  # by test_measured.py
     }
     others = [block for path in DOCUMENTS for block in blocks(path.read_text(), "sh") if block not in run_here]
-    # `make` is looked at below, a cluster's commands and compose's token in test_compose.py.
+    # `make` is looked at below, a cluster's commands in test_compose.py; test_composed.py makes compose's secrets.
     assert all(block.startswith((*ELSEWHERE, "export SAWMILL_BROKER_URL", "celery ", "mkdir")) for block in others)
 
 

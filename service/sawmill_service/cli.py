@@ -1,4 +1,4 @@
-"""The `sawmill` entry: serve, demo, key, audit, openapi, and the commands that need no server.
+"""The `sawmill` entry: serve, migrate, demo, key, audit, openapi, and the commands that need no server.
 
 The one file of service/ that may reach the science. Each command imports what it needs, so that none waits for
 another's libraries.
@@ -63,6 +63,14 @@ def serve(
     except (ListenError, StorageError, OSError) as error:
         say(str(error), trouble="The service cannot start")
         raise typer.Exit(1) from error
+
+
+@main.command(cls=Command)
+def migrate(data: key_commands.Data = None) -> None:
+    """Make the database's tables, or bring them up to date, and end: what every start of the service does first."""
+    with key_commands.opened(data) as store:
+        report = store.database_report()
+    say(f"{report.system} has the tables of version {report.migration}.")
 
 
 @main.command(cls=Command)

@@ -62,14 +62,14 @@ def create(
 
     with wrong_use():
         ask = KeyAsk(name=name, scope=scope, expires_at=expires, display=display)
-    with _opened(data) as store:
+    with opened(data) as store:
         _show(store.keys.create(ask), as_json=as_json)
 
 
 @app.command("list", cls=Command)
 def list_keys(data: Data = None, as_json: AsJson = False) -> None:
     """List all keys, newest first, with their last use."""
-    with _opened(data) as store:
+    with opened(data) as store:
         keys = store.keys.all()
     if as_json:
         print_json(keys.model_dump(mode="json"))
@@ -90,14 +90,14 @@ def rotate(
     as_json: AsJson = False,
 ) -> None:
     """Replace a key's secret and print the new one, which is shown this once."""
-    with _opened(data) as store:
+    with opened(data) as store:
         _show(store.keys.rotate(key_id, grace_s=grace_s), as_json=as_json)
 
 
 @app.command(cls=Command)
 def revoke(key_id: KeyId, data: Data = None) -> None:
     """End a key, and the sessions that it opened, at once."""
-    with _opened(data) as store:
+    with opened(data) as store:
         key = store.keys.revoke(key_id)
     say(f"The key of {key.name!r} opens nothing any more.")
 
@@ -109,12 +109,12 @@ def audit(
     data: Data = None,
 ) -> None:
     """Write who did what, the oldest first, one JSON object a line."""
-    with _opened(data) as store, nullcontext(sys.stdout) if output is None else output.open("w") as file:
+    with opened(data) as store, nullcontext(sys.stdout) if output is None else output.open("w") as file:
         file.writelines(f"{entry.model_dump_json()}\n" for entry in store.audit.all())
 
 
 @contextmanager
-def _opened(data: Path | None) -> Iterator["Store"]:
+def opened(data: Path | None) -> Iterator["Store"]:
     """The store of a data folder, worked on in the name of whoever calls the command."""
     from sawmill_worker.execution.variables import WrongVariableError, variables_checked
     from sawmill_worker.storage.acting import Actor, acting_as

@@ -4,6 +4,7 @@ import signal
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from urllib.parse import urlsplit
 
 import psycopg
@@ -99,6 +100,33 @@ def test_what_waiting_does_not_help_is_said_at_once(settings, postgres):
         with pytest.raises(StorageMisconfigured, match=sentence) as refused:
             open_store(settings.model_copy(update={"database_url": url}), threading.Event())
         assert "secret" not in str(refused.value)
+
+
+def test_a_password_is_read_from_a_file(settings, postgres, tmp_path):
+    postgres.run("CREATE USER saw PASSWORD 'p@ss/w:rd' IN ROLE pg_read_all_data")
+    file = tmp_path / "password"
+    file.write_text("p@ss/w:rd\n")
+    address = f"127.0.0.1:{postgres.port}/postgres"
+    with closing(Store(with_password(settings, f"postgresql://saw@{address}", file))) as store:
+        store.check()
+    for url, content, sentence in (
+        (f"postgresql://saw@{address}", "secret", 'password authentication failed for user "saw"'),
+        (f"postgresql://saw@{address}", "\n", "holds no password"),
+        (f"postgresql://saw:secret@{address}", "secret", "goes with a SAWMILL_DATABASE_URL without a password"),
+        (None, "secret", "goes with a SAWMILL_DATABASE_URL without a password"),
+        (f"postgresql://saw@{address}", None, "cannot be read"),
+    ):
+        file.unlink(missing_ok=True)
+        if content is not None:
+            file.write_text(content)
+        with pytest.raises(StorageMisconfigured, match=sentence) as refused:
+            open_store(with_password(settings, url, file), threading.Event())
+        assert "secret" not in str(refused.value)
+    postgres.run("DROP USER saw")
+
+
+def with_password(settings, url, file):
+    return settings.model_copy(update={"database_url": url, "database_password_file": file})
 
 
 def test_an_absent_server_is_awaited_until_it_is_there_or_this_process_ends(settings, database_url, postgres):

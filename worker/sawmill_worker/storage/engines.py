@@ -1,6 +1,7 @@
 """Engines on SQLite and PostgreSQL: how many connections there are, and how long one waits for an answer."""
 
 import sqlite3
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Connection, Engine, create_engine, event, make_url
@@ -21,15 +22,22 @@ _POSTGRESQL = {"postgresql", "postgres", "postgresql+psycopg"}
 _FORMS = "sqlite:////path/to/file or postgresql://user:password@host/database"
 
 
-def make_engine(url: str) -> Engine:
+def make_engine(url: str, password_file: Path | None = None) -> Engine:
     """An engine whose transactions give up in a few seconds, and on SQLite are serialised where they write.
+
+    Parameters
+    ----------
+    password_file
+        Holds the password of the URL's user; null: the URL itself does, or none is needed.
 
     Raises
     ------
     StorageMisconfigured
-        The URL is none of a database that is supported, or there is no driver for it.
+        The URL is none of a database that is supported, there is no driver for it, or the file gives no password.
     """
     parsed = _parsed(url)
+    if password_file is not None:
+        parsed = _with_password(parsed, password_file)
     # A statement's values, other people's data among them, are kept out of what errors say, and so out of the log.
     options = {"pool_size": _KEPT_CONNECTIONS, "pool_timeout": _POOL_WAIT_S, "hide_parameters": True}
     if parsed.drivername in _POSTGRESQL:
@@ -50,6 +58,21 @@ def _parsed(url: str) -> URL:
         msg = f"SAWMILL_DATABASE_URL must begin with sqlite: or postgresql:, not {parsed.drivername!r}; give {_FORMS}"
         raise StorageMisconfigured(msg)
     return parsed
+
+
+def _with_password(url: URL, file: Path) -> URL:
+    if url.drivername not in _POSTGRESQL or url.password is not None:
+        raise StorageMisconfigured(
+            "SAWMILL_DATABASE_PASSWORD_FILE goes with a SAWMILL_DATABASE_URL without a password, as in "
+            "postgresql://user@host/database"
+        )
+    try:
+        password = file.read_text().rstrip("\n")
+    except (OSError, UnicodeDecodeError) as error:
+        raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE cannot be read: {error}") from error
+    if not password:
+        raise StorageMisconfigured(f"SAWMILL_DATABASE_PASSWORD_FILE holds no password: {file} is empty")
+    return url.set(password=password)
 
 
 def _on_postgresql(url: URL, options: dict[str, Any]) -> Engine:

@@ -21,7 +21,9 @@ class StorageSettings(BaseSettings):
         description="`postgresql://user:password@host/database`; null: SQLite in the data folder, "
         "which must then be on a local disk.",
     )
-
+    database_password_file: Path | None = Field(
+        None, description="File that holds the password of that URL's user, which the URL then leaves out."
+    )
     disk_reserve_bytes: Annotated[int, Field(ge=0)] = Field(
         256 * 2**20,
         description="Free bytes below which the disk counts as full, also in `/health/ready`: "

@@ -61,7 +61,7 @@ class Store:
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
         self.settings = settings
         self.files = FileStore(settings.data_folder)
-        self._database = Database(make_engine(settings.url), clock)
+        self._database = Database(make_engine(settings.url, settings.database_password_file), clock)
         self.scanners = Scanners(self._database)
         self.places = Places(self._database, settings)
         self.phantoms = Phantoms(self._database, self.files, self.places)
