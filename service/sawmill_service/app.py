@@ -49,6 +49,7 @@ from sawmill_service.routes import (
     schedules,
     uploads,
     volumes,
+    webhooks,
 )
 from sawmill_service.sent_json import check_body
 from sawmill_service.session_cookie import SessionCookie
@@ -82,12 +83,13 @@ TAGS = [
     {"name": "jobs", "description": "All long work: state, queue, progress, cancelling."},
     {"name": "events", "description": "What happens, as it happens."},
     {"name": "schedules", "description": "Recalibration and drift checks at fixed times."},
+    {"name": "webhooks", "description": "What happens, sent to where the settings allow."},
     {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
     *(scanners, phantoms, uploads, inspections, scans, scan_forms, calibrations, reconstructions, volumes),
-    *(jobs, events, schedules, alarms, keys, audit, health, login, console),
+    *(jobs, events, schedules, alarms, webhooks, keys, audit, health, login, console),
 )
 
 

@@ -18,6 +18,7 @@ from prometheus_client.registry import Collector
 from sawmill_service.routes.health import PATIENCE_S
 from sawmill_service.scanner_conditions import conditions_of
 from sawmill_service.scanner_measures import scanner_measures
+from sawmill_service.webhook_measures import webhook_measures
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
@@ -77,6 +78,7 @@ def _database(store: Store) -> Iterator[Metric]:
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
         places = list(_places(store))
         scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
+        webhooks = list(webhook_measures(store.webhooks.all().webhooks, tally.at))
     except (StorageUnavailable, StorageMisconfigured):
         yield gauge("sawmill_database_up", "Whether the database answers.", 0)
         return
@@ -88,6 +90,7 @@ def _database(store: Store) -> Iterator[Metric]:
     yield from places
     yield from _attempts(tally.fates)
     yield from scanners
+    yield from webhooks
 
 
 def _places(store: Store) -> Iterator[Metric]:

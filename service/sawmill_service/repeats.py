@@ -92,7 +92,7 @@ class Repeatable:
         keyed = replace(self.keyed, file_sha256=file_sha256)
         made = self.store.repeats.once(keyed, make, self._kept)
         if isinstance(made, Answer):
-            raise _repeated(made)
+            raise _repeated(made, self.request)
         return made
 
     def once_with(self, received: Received, make: Callable[[], Made], *, sent_sha256: str | None) -> Made:
@@ -151,7 +151,7 @@ class Repeatable:
             max_bytes = self.request.app.state.settings.max_upload_bytes
             what = content or SentContent(self.request.headers)
             digest = await body_sha256(self.request, what, max_bytes=max_bytes)
-        raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)))
+        raise _repeated(kept.answer_to(replace(self.keyed, file_sha256=digest)), self.request)
 
     def _kept(self, made: Contract) -> Answer:
         return Answer(
@@ -209,15 +209,17 @@ def repeatable(endpoint: Callable[..., Made]) -> Callable[..., Made]:
     return once
 
 
-def _repeated(answer: Answer) -> AnsweredBefore | Refused:
+def _repeated(answer: Answer, request: Request) -> AnsweredBefore | Refused:
     if answer.whole:
         return AnsweredBefore(answer)
-    made = json.loads(answer.body)["id"]
+    # Only what has secrets answers with one, and each is replaced by the same path.
+    made, kinds = json.loads(answer.body)["id"], request.url.path.split("/")[2]
+    what = f"{kinds.removesuffix('s')} {made!r}"
     return Refused(
         409,
         "secret-not-repeated",
-        f"the first request with this {HEADER} was answered, and the secret of key {made!r} stood in its answer alone: "
-        f"POST /v1/keys/{made}/rotate, with another {HEADER}, makes a new one",
+        f"the first request with this {HEADER} was answered, and the secret of {what} stood in its answer alone: "
+        f"POST /v1/{kinds}/{made}/rotate, with another {HEADER}, makes a new one",
     )
 
 

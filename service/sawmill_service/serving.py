@@ -20,6 +20,8 @@ from sawmill_service.service_manager import ServiceManager
 from sawmill_service.settings import ServiceSettings
 from sawmill_service.stopping import Server
 from sawmill_service.unreadable import log_each_once
+from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_worker.execution.clock_keeper import ClockKeeper
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.execution.opening import open_store
@@ -81,6 +83,7 @@ def serve_until_stopped(
         store = stack.enter_context(closing(_opened(storage)))
         stack.enter_context(store.files.receiving())
         stack.enter_context(ClockKeeper(store))
+        stack.enter_context(WebhookSender(store.outbox(), AllowedDestinations(settings.webhook_destinations)))
         wake: Wake = no_wake
         if execution.broker_url is not None:
             # Imported here: without a broker nobody needs Celery's 11 MiB.

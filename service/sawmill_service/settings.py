@@ -11,6 +11,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from sawmill_service.listening import is_loopback
 from sawmill_service.rates import check_rate
+from sawmill_service.webhooks.destinations import check_entry
 
 GIB = 2**30
 MIB = 2**20
@@ -74,6 +75,11 @@ class ServiceSettings(BaseSettings):
         [],
         description="Addresses or networks of reverse proxies (JSON list), whose `X-Forwarded-For` and "
         "`X-Forwarded-Proto` are believed; every request must bring a key.",
+    )
+    webhook_destinations: list[Annotated[str, AfterValidator(check_entry)]] = Field(
+        [],
+        description="Where webhooks may lead (JSON list): names, with a port unless it is 443 or 80, and networks, for "
+        "addresses that are not public and for http. Empty: nothing is sent anywhere.",
     )
     max_upload_bytes: Annotated[int, Field(gt=0)] = Field(
         8 * GIB, description="Bytes of one scan: 360 views x 1000 rows x 2000 cells in float32 are 2.9 GB."

@@ -33,6 +33,7 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.contracts.uploads import UploadAsk
+from sawmill_worker.contracts.webhooks import WebhookAsk
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.files.calibration_file import NamedArray
 from sawmill_worker.files.calibration_file import write_calibration as write_calibration_file
@@ -158,7 +159,13 @@ def log_lines(log_text: Callable[[str], io.StringIO]) -> Callable[[], list[dict[
 
 @pytest.fixture
 def settings() -> ServiceSettings:
-    return ServiceSettings(max_upload_bytes=100_000, max_picture_bytes=50_000, max_json_bytes=20_000, event_poll_s=0.01)
+    return ServiceSettings(
+        max_upload_bytes=100_000,
+        max_picture_bytes=50_000,
+        max_json_bytes=20_000,
+        event_poll_s=0.01,
+        webhook_destinations=["alarms.mill.example", "127.0.0.1"],
+    )
 
 
 @pytest.fixture
@@ -253,6 +260,8 @@ def seed(store: Store, worker: FakeWorker) -> None:
         store.uploads.create(UploadAsk(size_bytes=2**20), UploadQuota(2, 2**21, 2**30), identifier=upload_id)
     for schedule_id in ("example", "example-spare"):
         store.schedules.create(ScheduleSpec(scanner_id="example", cron="30 5 * * 1-6"), schedule_id=schedule_id)
+    for webhook_id in ("example", "example-spare"):
+        store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/", enabled=False), webhook_id=webhook_id)
     add_finished_job(store, "example")
     examples = store.files.folder / "examples"
     examples.mkdir()

@@ -45,6 +45,11 @@ FOLLOWED_BY = {
     "revoke_key": ("key-revoked", "key"),
     "rotate_key": ("key-rotated", "key"),
     "send_part": ("upload-complete", "upload"),
+    "create_webhook": ("webhook-created", "webhook"),
+    "replace_webhook": ("webhook-changed", "webhook"),
+    "rotate_webhook": ("webhook-rotated", "webhook"),
+    "test_webhook": ("webhook-tested", "webhook"),
+    "delete_webhook": ("webhook-deleted", "webhook"),
 }
 
 

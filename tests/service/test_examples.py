@@ -24,7 +24,7 @@ def test_the_committed_example_request_works(seeded, store, path):
         options |= with_file(example, offered.content)
     elif example["media_type"]:
         options["json"] = example["body"]
-    # A fresh data folder holds no key: one that nobody has would guard nothing.
+    # A fresh data folder holds no key, one that nobody has would guard nothing, and no webhook, nor allows it one.
     key = store.keys.create(KeyAsk(name="example", scope=Scope.READ))
     asked = example["path"].replace("/v1/keys/example", f"/v1/keys/{key.id}")
     answer = seeded.request(example["method"], asked, **options)

@@ -47,7 +47,7 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
         return
     yield from _service(settings, storage)
     if storage.is_made:
-        yield from store.database(storage, needs_key=settings.may_be_reached and settings.token is None)
+        yield from store.database(storage, settings)
 
 
 def _service(settings: ServiceSettings, storage: StorageSettings) -> Iterator[Finding]:

@@ -5,8 +5,10 @@ from contextlib import closing
 from datetime import UTC, datetime
 
 from sawmill_service.doctor.findings import Finding, State
+from sawmill_service.doctor.webhooks import webhooks
 from sawmill_service.pages.system_parts import SEEN
 from sawmill_service.routes.health import Readiness, health_of
+from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
 from sawmill_worker.storage.database_report import DatabaseReport
@@ -20,7 +22,7 @@ _NO_KEY = "the service can be reached from other machines by its settings, and t
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
 
-def database(storage: StorageSettings, *, needs_key: bool) -> Iterator[Finding]:
+def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Finding]:
     """The database, and what can be asked of one that answers and is up to date."""
     try:
         with closing(Store(storage)) as store:
@@ -31,10 +33,11 @@ def database(storage: StorageSettings, *, needs_key: bool) -> Iterator[Finding]:
                 yield damage
                 if damage.state is State.BAD:
                     return
-                if needs_key and not store.keys.any_good():
+                if settings.may_be_reached and settings.token is None and not store.keys.any_good():
                     yield Finding("keys", State.BAD, _NO_KEY, _MAKE_A_KEY)
                 yield _workers(store)
                 yield _clock(store)
+                yield from webhooks(store, settings.webhook_destinations)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
         yield Finding("database", State.BAD, str(error), cure)

@@ -12,6 +12,7 @@ from sawmill_service.pages import (
     scans,
     system,
     today,
+    webhooks,
 )
 
 PAGES = (
@@ -26,4 +27,5 @@ PAGES = (
     scans.router,
     system.router,
     today.router,
+    webhooks.router,
 )

@@ -46,6 +46,11 @@ ACTIONS = {
     AuditAction.KEY_CREATED: marked("made the key"),
     AuditAction.KEY_ROTATED: marked("gave a new secret to the key"),
     AuditAction.KEY_REVOKED: marked("revoked the key"),
+    AuditAction.WEBHOOK_CREATED: marked("added the webhook"),
+    AuditAction.WEBHOOK_CHANGED: marked("changed the webhook"),
+    AuditAction.WEBHOOK_ROTATED: marked("gave a new secret to the webhook"),
+    AuditAction.WEBHOOK_TESTED: marked("sent a test to the webhook"),
+    AuditAction.WEBHOOK_DELETED: marked("deleted the webhook"),
     AuditAction.LOGGED_IN: marked("logged in with"),
     AuditAction.LOGGED_OUT: marked("logged out of"),
 }

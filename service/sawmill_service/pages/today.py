@@ -33,6 +33,12 @@ _NOT_SHOWN = {
     EventKind.KEY_CREATED,
     EventKind.KEY_ROTATED,
     EventKind.KEY_REVOKED,
+    EventKind.WEBHOOK_CREATED,
+    EventKind.WEBHOOK_CHANGED,
+    EventKind.WEBHOOK_ROTATED,
+    EventKind.WEBHOOK_TESTED,
+    EventKind.WEBHOOK_PAUSED,
+    EventKind.WEBHOOK_DELETED,
 }
 
 router = APIRouter(include_in_schema=False)

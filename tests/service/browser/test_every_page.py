@@ -25,6 +25,7 @@ PAGES = {
     "phantom": "/phantoms/l-shape",
     "jobs": "/jobs",
     "system": "/system",
+    "webhooks": "/system/webhooks",
 }
 # The widths that each page is looked at in, the first when it is opened; and in which colours and language.
 LOOKS = [((390,), "light", "en"), ((1280, 800), "dark", "fi")]

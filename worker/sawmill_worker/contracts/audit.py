@@ -26,6 +26,11 @@ class AuditAction(StrEnum):
     KEY_CREATED = "key-created"
     KEY_ROTATED = "key-rotated"
     KEY_REVOKED = "key-revoked"
+    WEBHOOK_CREATED = "webhook-created"
+    WEBHOOK_CHANGED = "webhook-changed"
+    WEBHOOK_ROTATED = "webhook-rotated"
+    WEBHOOK_TESTED = "webhook-tested"
+    WEBHOOK_DELETED = "webhook-deleted"
     LOGGED_IN = "logged-in"
     LOGGED_OUT = "logged-out"
 

@@ -44,6 +44,12 @@ class EventKind(StrEnum):
     KEY_CREATED = "key-created"
     KEY_ROTATED = "key-rotated"
     KEY_REVOKED = "key-revoked"
+    WEBHOOK_CREATED = "webhook-created"
+    WEBHOOK_CHANGED = "webhook-changed"
+    WEBHOOK_ROTATED = "webhook-rotated"
+    WEBHOOK_TESTED = "webhook-tested"
+    WEBHOOK_PAUSED = "webhook-paused"
+    WEBHOOK_DELETED = "webhook-deleted"
     ALARM_OPENED = "alarm-opened"
     ALARM_CLOSED = "alarm-closed"
     CLOCK_STEPPED = "clock-stepped"
@@ -66,7 +72,8 @@ class Event(Contract):
         "an outage ended it, which is no loss; `given-back`: its worker stopped or another job went first; "
         "`cancel-requested`: its worker was asked to stop; "
         "`schedule-missed`: a due time passed and nothing was queued; `alarm-opened`, `alarm-closed`: "
-        "of a scanner, which `/v1/alarms` lists between the two; `clock-off`: the worker's clock differs from the "
+        "of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: nothing is sent to it any more, for "
+        "`reason`; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
         examples=["succeeded"],
     )
@@ -76,7 +83,7 @@ class Event(Contract):
     subject: str | None = Field(
         None,
         description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
-        "`drift`, `inspection`, `schedule`, `upload` or `key`.",
+        "`drift`, `inspection`, `schedule`, `upload`, `key` or `webhook`.",
         examples=["calibration"],
     )
     subject_id: Identifier | None = Field(
@@ -94,9 +101,9 @@ class Event(Contract):
     detail: dict[str, Any] | None = Field(
         None,
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; "
-        "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal "
-        "or a missed due time, which is `due_at`; `used_by`, the address of what was made of an upload, or the "
-        "`reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
+        "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal, "
+        "a paused webhook or a missed due time, which is `due_at`; `used_by`, the address of what was made of an "
+        "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

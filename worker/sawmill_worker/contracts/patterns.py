@@ -34,3 +34,10 @@ CRON = " ".join(
         _field("[0-7]|SUN|MON|TUE|WED|THU|FRI|SAT", "|[0-7](?:L|#[1-5])") + "$",
     )
 )
+
+# A webhook's URL: nothing in it that two programs could read in two ways. JSON Schema has no named groups.
+_HOST, _PORT, _TARGET = r"[A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\]", "[0-9]{1,5}", r"[/?][A-Za-z0-9._~!$&'()*+,;=:@%/?-]*"
+WEBHOOK_URL = rf"(?P<scheme>https?)://(?P<host>{_HOST})(?::(?P<port>{_PORT}))?(?P<target>{_TARGET})?"
+WEBHOOK_URL_SCHEMA = rf"^https?://({_HOST})(:{_PORT})?({_TARGET})?$"
+# The `what` of an event, or its beginning with a star.
+EVENT_NAME = r"^[a-z-]*\*?$"

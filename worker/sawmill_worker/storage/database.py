@@ -18,6 +18,8 @@ from sawmill_worker.storage.outages import Door, trouble_translated
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
 _CHAIN = ('^revision = "(\\w+)"$', '^down_revision = "(\\w+)"$')
+# In `info` of a session: what is called after its commit.
+AFTER_COMMIT = "after commit"
 _MIGRATIONS = Path(__file__).with_name("migrations")
 
 
@@ -91,9 +93,12 @@ class Database:
             with trouble_translated(), whole.session.begin_nested():
                 yield whole.session
             return
-        with trouble_translated(), Session(self._writer, expire_on_commit=False) as session, session.begin():
-            self._writing.begin(session)
-            yield session
+        with trouble_translated(), Session(self._writer, expire_on_commit=False) as session:
+            with session.begin():
+                self._writing.begin(session)
+                yield session
+            for log in session.info.get(AFTER_COMMIT, ()):
+                log()
 
     def check_writable(self) -> None:
         """Refuse at once, before work that a transaction ends, while the database is known to be away.

@@ -1,16 +1,18 @@
 """What happened, written in the transaction of the change itself; `storage/event_reader.py` follows it."""
 
 from datetime import datetime
+from functools import partial
 from typing import Any, NamedTuple
 
-from sqlalchemy import and_, func, select
+import structlog
+from sqlalchemy import and_, func, inspect, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import JOB_ENDS, Event, EventKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage import clock
-from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.database import AFTER_COMMIT, Database
 from sawmill_worker.storage.event_reader import EventReader, read_event
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
@@ -67,17 +69,16 @@ def announce(
     detail
         More about it, of few words: events are sent to whoever follows them.
     """
-    session.add(
-        EventRow(
-            at=now,
-            what=what,
-            scanner_id=scanner_id,
-            subject=subject,
-            subject_id=subject_id,
-            job_id=job_id,
-            detail=detail,
-        )
+    row = EventRow(
+        at=now,
+        what=what,
+        scanner_id=scanner_id,
+        subject=subject,
+        subject_id=subject_id,
+        job_id=job_id,
+        detail=detail,
     )
+    _write(session, row)
 
 
 def scanner_of(session: Session, kind: JobKind, subject_id: str) -> str | None:
@@ -96,19 +97,30 @@ def _add(
     scanner_id: str | None,
     detail: dict[str, Any] | None = None,
 ) -> None:
-    session.add(
-        EventRow(
-            at=at,
-            what=what,
-            scanner_id=scanner_id,
-            subject=declaration_of(job.kind).noun,
-            subject_id=job.subject_id,
-            job_id=job.id,
-            attempt=job.attempt or None,
-            worker=job.worker,
-            detail=detail,
-        )
+    row = EventRow(
+        at=at,
+        what=what,
+        scanner_id=scanner_id,
+        subject=declaration_of(job.kind).noun,
+        subject_id=job.subject_id,
+        job_id=job.id,
+        attempt=job.attempt or None,
+        worker=job.worker,
+        detail=detail,
     )
+    _write(session, row)
+
+
+def _write(session: Session, row: EventRow) -> None:
+    """Add it, and have it logged once it is committed."""
+    session.add(row)
+    session.info.setdefault(AFTER_COMMIT, []).append(partial(_log, row))
+
+
+def _log(row: EventRow) -> None:
+    """A line for what happened; commands, which print their answer, have no log."""
+    if structlog.is_configured() and inspect(row).persistent:  # a part of the transaction may have been undone
+        structlog.get_logger().info("event", **read_event(row).model_dump(mode="json", exclude_none=True))
 
 
 class JobNumbers(NamedTuple):
@@ -210,4 +222,5 @@ class Events:
             return [read_event(row) for row in rows]
 
     def _add_of_clock(self, session: Session, what: EventKind, worker: str, off_s: float) -> None:
-        session.add(EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)}))
+        row = EventRow(at=self._database.now(), what=what, worker=worker, detail={"off_s": round(off_s, 3)})
+        _write(session, row)

@@ -25,6 +25,7 @@ from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
 from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.measurements import Measurements
+from sawmill_worker.storage.outbox import Outbox
 from sawmill_worker.storage.overviews import Overviews
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.places import Places
@@ -36,6 +37,7 @@ from sawmill_worker.storage.sessions import Sessions
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tallies import Tallies
 from sawmill_worker.storage.uploads import Uploads
+from sawmill_worker.storage.webhooks import WebhookStore
 
 
 class Store:
@@ -44,7 +46,7 @@ class Store:
     Attributes
     ----------
     scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements, jobs,
-    schedules, alarms, events, keys, sessions, audit, repeats
+    schedules, alarms, events, keys, sessions, audit, repeats, webhooks
         The rows.
     overviews
         Of every scanner at once.
@@ -83,10 +85,15 @@ class Store:
         self.sessions = Sessions(self._database)
         self.audit = Audit(self._database)
         self.repeats = Repeats(self._database)
+        self.webhooks = WebhookStore(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
         return Asked(self._database, self.files, self.places, declared)
+
+    def outbox(self) -> Outbox:
+        """What is to be sent to webhooks, for one sender."""
+        return Outbox(self._database)
 
     def leftovers(self, *, grace_s: float) -> Leftovers:
         """An observer of what no row knows, which removes it after a grace."""

@@ -32,6 +32,7 @@ from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.uploads import UploadState
+from sawmill_worker.contracts.webhooks import DeliveryState
 
 Json = dict[str, Any]
 
@@ -94,6 +95,7 @@ class Base(DeclarativeBase):
         datetime: UtcDateTime(),
         AlarmKind: _words(AlarmKind, 40),
         AuditAction: _words(AuditAction, 40),
+        DeliveryState: _words(DeliveryState),
         EventKind: _words(EventKind, 40),
         JobKind: _words(JobKind),
         JobState: _words(JobState),
@@ -181,7 +183,7 @@ class EventRow(Base):
     """What happened; written with the change itself. Rows of jobs of the first versions name no subject."""
 
     __tablename__ = "events"
-    __table_args__ = (Index(None, "scanner_id", "number"),)
+    __table_args__ = (Index(None, "scanner_id", "number"), Index(None, "what", "number"))
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     at: Mapped[datetime]
@@ -474,6 +476,59 @@ class SessionRow(Base):
     opened_by_hash: Mapped[str] = mapped_column(String(64))
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime | None]
+
+
+class WebhookRow(Resource):
+    """Who is sent which events; `after` is the number of the last one with which it is done."""
+
+    __tablename__ = "webhooks"
+
+    url: Mapped[str] = mapped_column(String(2000))
+    description: Mapped[str | None] = mapped_column(String(200))
+    events: Mapped[list[str]] = mapped_column(JSON)
+    enabled: Mapped[bool]
+    paused: Mapped[bool] = mapped_column(default=False)
+    # In the clear: signing needs it.
+    secret: Mapped[str] = mapped_column(String(100))
+    previous_secret: Mapped[str | None] = mapped_column(String(100))
+    previous_secret_until: Mapped[datetime | None]
+    after: Mapped[int]
+    delivered: Mapped[int] = mapped_column(default=0)
+    failed: Mapped[int] = mapped_column(default=0)
+    failures: Mapped[int] = mapped_column(default=0)
+    next_attempt_at: Mapped[datetime | None]
+    last_success_at: Mapped[datetime | None]
+    last_failure_at: Mapped[datetime | None]
+    last_failure: Mapped[str | None]
+
+
+class DeliveryRow(Base):
+    """An event that was sent to a webhook; written after the attempt, and forgotten some days later."""
+
+    __tablename__ = "webhook_deliveries"
+    __table_args__ = (UniqueConstraint("webhook_id", "event_number"), Index(None, "last_at"))
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    webhook_id: Mapped[str] = mapped_column(ForeignKey("webhooks.id", ondelete="CASCADE"))
+    event_number: Mapped[int]
+    message_id: Mapped[str] = mapped_column(String(64))
+    what: Mapped[EventKind]
+    state: Mapped[DeliveryState]
+    attempts: Mapped[int]
+    first_at: Mapped[datetime]
+    last_at: Mapped[datetime]
+    status: Mapped[int | None]
+    reason: Mapped[str | None]
+
+
+class SenderRow(Base):
+    """One row: the process that sends to webhooks, and until when no other one does."""
+
+    __tablename__ = "webhook_sender"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    holder: Mapped[str] = mapped_column(String(64))
+    held_until: Mapped[datetime]
 
 
 class RepeatRow(Base):

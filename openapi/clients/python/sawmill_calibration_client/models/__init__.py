@@ -29,6 +29,9 @@ from .color_map import ColorMap
 from .column_and_tilt import ColumnAndTilt
 from .comparison import Comparison
 from .data_kind import DataKind
+from .delivery import Delivery
+from .delivery_page import DeliveryPage
+from .delivery_state import DeliveryState
 from .detector_deviation import DetectorDeviation
 from .detector_geometry import DetectorGeometry
 from .disc import Disc
@@ -82,6 +85,7 @@ from .method_report import MethodReport
 from .missing_part import MissingPart
 from .moved_body import MovedBody
 from .new_key import NewKey
+from .new_webhook import NewWebhook
 from .on_pass import OnPass
 from .own_key import OwnKey
 from .paper_correlation import PaperCorrelation
@@ -155,6 +159,12 @@ from .upload_ask import UploadAsk
 from .upload_state import UploadState
 from .verdict import Verdict
 from .view_angles import ViewAngles
+from .webhook import Webhook
+from .webhook_ask import WebhookAsk
+from .webhook_rotation import WebhookRotation
+from .webhook_state import WebhookState
+from .webhook_test import WebhookTest
+from .webhooks import Webhooks
 from .weighting import Weighting
 from .witness_taken import WitnessTaken
 
@@ -188,6 +198,9 @@ __all__ = (
     "ColumnAndTilt",
     "Comparison",
     "DataKind",
+    "Delivery",
+    "DeliveryPage",
+    "DeliveryState",
     "DetectorDeviation",
     "DetectorGeometry",
     "Disc",
@@ -241,6 +254,7 @@ __all__ = (
     "MissingPart",
     "MovedBody",
     "NewKey",
+    "NewWebhook",
     "OnPass",
     "OwnKey",
     "PaperCorrelation",
@@ -314,6 +328,12 @@ __all__ = (
     "UploadState",
     "Verdict",
     "ViewAngles",
+    "Webhook",
+    "WebhookAsk",
+    "WebhookRotation",
+    "Webhooks",
+    "WebhookState",
+    "WebhookTest",
     "Weighting",
     "WitnessTaken",
 )

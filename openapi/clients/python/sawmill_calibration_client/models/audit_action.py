@@ -19,6 +19,11 @@ class AuditAction(StrEnum):
     SCHEDULE_CHANGED = "schedule-changed"
     SCHEDULE_CREATED = "schedule-created"
     SCHEDULE_DELETED = "schedule-deleted"
+    WEBHOOK_CHANGED = "webhook-changed"
+    WEBHOOK_CREATED = "webhook-created"
+    WEBHOOK_DELETED = "webhook-deleted"
+    WEBHOOK_ROTATED = "webhook-rotated"
+    WEBHOOK_TESTED = "webhook-tested"
 
     def __str__(self) -> str:
         return str(self.value)

@@ -39,6 +39,12 @@ class EventKind(StrEnum):
     UPLOAD_CREATED = "upload-created"
     UPLOAD_DELETED = "upload-deleted"
     UPLOAD_USED = "upload-used"
+    WEBHOOK_CHANGED = "webhook-changed"
+    WEBHOOK_CREATED = "webhook-created"
+    WEBHOOK_DELETED = "webhook-deleted"
+    WEBHOOK_PAUSED = "webhook-paused"
+    WEBHOOK_ROTATED = "webhook-rotated"
+    WEBHOOK_TESTED = "webhook-tested"
 
     def __str__(self) -> str:
         return str(self.value)

@@ -1,0 +1,63 @@
+"""/system/webhooks: where events are sent, how that goes, a test, and pausing; for administrators."""
+
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.languages import marked
+from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_service.webhooks.testing import send_test
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.webhooks import WebhookState, WebhookTest
+from sawmill_worker.storage.store import Store
+
+WEBHOOKS = "/system/webhooks"
+STATES = {
+    WebhookState.ACTIVE: ("good", marked("Sends")),
+    WebhookState.RETRYING: ("watch", marked("Tries again")),
+    WebhookState.PAUSED: ("bad", marked("Given up")),
+    WebhookState.DISABLED: ("idle", marked("Paused")),
+}
+
+router = APIRouter(prefix=WEBHOOKS, include_in_schema=False)
+
+
+@router.get("")
+def webhooks(page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """All of them."""
+    return _answer(page, store, settings)
+
+
+@router.post("/{webhook_id}/test")
+def try_webhook(webhook_id: Identifier, page: ThePage, store: TheStore, settings: TheSettings) -> HTMLResponse:
+    """Send a test, and show how that went."""
+    tested = send_test(store, AllowedDestinations(settings.webhook_destinations), webhook_id)
+    return _answer(page, store, settings, store.webhooks.note_test(tested))
+
+
+@router.post("/{webhook_id}/pause")
+def pause_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
+    """Send nothing to it until it is enabled."""
+    store.webhooks.enable(webhook_id, enabled=False)
+    return RedirectResponse(WEBHOOKS, status_code=303)
+
+
+@router.post("/{webhook_id}/enable")
+def enable_webhook(webhook_id: Identifier, store: TheStore) -> RedirectResponse:
+    """Send what waits, and go on."""
+    store.webhooks.enable(webhook_id, enabled=True)
+    return RedirectResponse(WEBHOOKS, status_code=303)
+
+
+def _answer(
+    page: PageFrame, store: Store, settings: ServiceSettings, tested: WebhookTest | None = None
+) -> HTMLResponse:
+    return page.answer(
+        "webhooks.html",
+        webhooks=store.webhooks.all().webhooks,
+        states=STATES,
+        allowed=settings.webhook_destinations,
+        tested=tested,
+    )

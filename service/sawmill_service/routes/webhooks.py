@@ -1,0 +1,144 @@
+"""/v1/webhooks."""
+
+from functools import partial
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Response
+from fastapi.concurrency import run_in_threadpool
+
+from sawmill_service.answers import NumberedPaging
+from sawmill_service.dependencies import TheSettings, TheStore
+from sawmill_service.described_answers import LOCATED
+from sawmill_service.openapi_document import trying
+from sawmill_service.problems import Refused
+from sawmill_service.refusals import refuses
+from sawmill_service.repeats import TheRepeatable, repeatable
+from sawmill_service.settings import ServiceSettings
+from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
+from sawmill_service.webhooks.testing import send_test
+from sawmill_worker.contracts.base import Identifier, Page
+from sawmill_worker.contracts.webhooks import (
+    Delivery,
+    NewWebhook,
+    Webhook,
+    WebhookAsk,
+    WebhookRotation,
+    Webhooks,
+    WebhookTest,
+    destination_of,
+)
+
+router = APIRouter(prefix="/v1/webhooks", tags=["webhooks"])
+
+EXAMPLE = {
+    "url": "https://alarms.mill.example/sawmill",
+    "description": "shift office",
+    "events": ["alarm-*", "failed"],
+    "enabled": False,
+}
+FOR_A_DAY = WebhookRotation()
+
+
+@router.post(
+    "",
+    status_code=201,
+    summary="Add a webhook",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=LOCATED | refuses("destination-not-allowed", "too-many-webhooks", "secret-not-repeated"),
+)
+@repeatable
+def create_webhook(ask: WebhookAsk, store: TheStore, settings: TheSettings, response: Response) -> NewWebhook:
+    """Events are posted to its URL, signed as Standard Webhooks has it. Its secret is in this answer and nowhere else.
+
+    The destination must be one that `SAWMILL_WEBHOOK_DESTINATIONS` allows, which is empty at first.
+    """
+    _check(ask, settings)
+    webhook = store.webhooks.create(ask)
+    response.headers["Location"] = f"/v1/webhooks/{webhook.id}"
+    response.headers["Cache-Control"] = "no-store"
+    return webhook
+
+
+@router.get("", summary="List webhooks, newest first")
+def list_webhooks(store: TheStore) -> Webhooks:
+    """Each with what waits for it, and its last success and failure; without their secrets."""
+    return store.webhooks.all()
+
+
+@router.get("/{webhook_id}", summary="Get a webhook", responses=refuses("webhook-not-found"))
+def get_webhook(webhook_id: Identifier, store: TheStore) -> Webhook:
+    """How it stands, and what waits for it."""
+    return store.webhooks.get(webhook_id)
+
+
+@router.put(
+    "/{webhook_id}",
+    summary="Replace a webhook",
+    openapi_extra=trying(body=EXAMPLE),
+    responses=refuses("webhook-not-found", "destination-not-allowed"),
+)
+def replace_webhook(webhook_id: Identifier, ask: WebhookAsk, store: TheStore, settings: TheSettings) -> Webhook:
+    """Its secret stays. Where it is enabled, what waits is sent at once: so a paused one goes on."""
+    _check(ask, settings)
+    return store.webhooks.update(webhook_id, ask)
+
+
+@router.delete(
+    "/{webhook_id}",
+    status_code=204,
+    summary="Delete a webhook",
+    openapi_extra=trying(webhook_id="example-spare"),
+    responses=refuses("webhook-not-found"),
+)
+def delete_webhook(webhook_id: Identifier, store: TheStore) -> None:
+    """Nothing is sent to it any more; the list of what it was sent goes too."""
+    store.webhooks.delete(webhook_id)
+
+
+@router.post(
+    "/{webhook_id}/test",
+    summary="Send a test to a webhook",
+    responses=refuses("webhook-not-found"),
+)
+async def test_webhook(
+    webhook_id: Identifier, store: TheStore, settings: TheSettings, repeatable: TheRepeatable
+) -> WebhookTest:
+    """A message of the type `webhook-test` is sent once, now, to a disabled one too; the answer says how that went."""
+    await repeatable.check_sent()
+    # Before the transaction: no lock waits for a receiver.
+    tested = await run_in_threadpool(send_test, store, AllowedDestinations(settings.webhook_destinations), webhook_id)
+    return await run_in_threadpool(repeatable.once, partial(store.webhooks.note_test, tested))
+
+
+@router.post(
+    "/{webhook_id}/rotate",
+    summary="Replace a webhook's secret",
+    openapi_extra=trying(body={"grace_s": 3600}),
+    responses=refuses("webhook-not-found", "secret-not-repeated"),
+)
+@repeatable
+def rotate_webhook(
+    webhook_id: Identifier, store: TheStore, response: Response, rotation: WebhookRotation = FOR_A_DAY
+) -> NewWebhook:
+    """Messages are signed with both secrets for the grace. The new one is in this answer and nowhere else."""
+    response.headers["Cache-Control"] = "no-store"
+    return store.webhooks.rotate(webhook_id, grace_s=rotation.grace_s)
+
+
+@router.get(
+    "/{webhook_id}/deliveries",
+    summary="List what a webhook was sent",
+    responses=refuses("webhook-not-found", "invalid-cursor"),
+)
+def list_deliveries(
+    webhook_id: Identifier, paging: Annotated[NumberedPaging, Query()], store: TheStore
+) -> Page[Delivery]:
+    """An entry an event, the newest first; each is kept for a week after its last attempt."""
+    return store.webhooks.deliveries(webhook_id, after=paging.after, limit=paging.limit)
+
+
+def _check(ask: WebhookAsk, settings: ServiceSettings) -> None:
+    try:
+        AllowedDestinations(settings.webhook_destinations).check(destination_of(ask.url))
+    except RefusedDestinationError as refused:
+        raise Refused(422, "destination-not-allowed", str(refused)) from refused

@@ -1,0 +1,1 @@
+"""Webhooks: what happens is sent to the destinations that the settings allow, and to no others."""

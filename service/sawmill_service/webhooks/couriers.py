@@ -1,0 +1,142 @@
+"""Sends what is due to the webhooks, one event after the other to each and all webhooks at once.
+
+At least once: an event counts as delivered when that is noted, so a process that is killed between sending and noting
+sends again, with the same `webhook-id`. A receiver that fails is left alone for longer and longer; no other waits.
+"""
+
+import asyncio
+import time
+from collections.abc import Callable
+from functools import partial
+from http import HTTPStatus
+
+import structlog
+
+from sawmill_service.webhooks.messages import body_of_event, headers_of
+from sawmill_service.webhooks.sending import Answer, Sending
+from sawmill_worker.contracts.events import Event
+from sawmill_worker.execution.logs import going_on
+from sawmill_worker.storage.event_reader import EventReader
+from sawmill_worker.storage.outbox import Attempt, Outbox, Pending, message_id
+
+# Before the second attempt and the next ones, as the specification proposes: three days in all.
+WAITS_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400.0)
+# Longer by up to this share, so that receivers that failed together are not tried together.
+JITTER = 0.1
+LONGEST_RETRY_AFTER_S = 86400.0
+_FORGET_EVERY_S = 60.0
+_MOST_READS = 20  # of a few hundred events each, before anything is sent
+
+
+class Couriers:
+    """One for each webhook that has something to be sent; used by one event loop.
+
+    Parameters
+    ----------
+    outbox
+        What is to be sent.
+    sending
+        How.
+    jitter
+        A number from 0 to 1 for each wait.
+    """
+
+    def __init__(self, outbox: Outbox, sending: Sending, jitter: Callable[[], float]) -> None:
+        self._outbox = outbox
+        self._sending = sending
+        self._jitter = jitter
+        self._reader: EventReader | None = None
+        self._under_way: dict[str, asyncio.Task[None]] = {}
+        self._forgot_at_s = float("-inf")
+
+    async def send_due(self) -> None:
+        """Begin to send what can be sent now, unless another process does.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database does not answer; nothing is lost.
+        """
+        if not await asyncio.to_thread(self._outbox.hold):
+            await self._end()
+            return
+        through = await asyncio.to_thread(self._read)
+        for webhook_id in await asyncio.to_thread(self._outbox.due, through):
+            if webhook_id not in self._under_way:
+                self._under_way[webhook_id] = asyncio.create_task(self._send_to(webhook_id))
+        if time.monotonic() - self._forgot_at_s > _FORGET_EVERY_S:
+            self._forgot_at_s = time.monotonic()
+            await asyncio.to_thread(self._outbox.forget_old)
+
+    async def finish(self) -> None:
+        """Wait until everything is sent that was begun."""
+        await asyncio.gather(*self._under_way.values())
+
+    async def stop(self) -> None:
+        """Give up what is under way, and let another process send at once."""
+        await self._end()
+        with going_on("webhooks-not-released"):
+            await asyncio.to_thread(self._outbox.release)
+
+    async def _end(self) -> None:
+        tasks = list(self._under_way.values())
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._under_way.clear()  # one that had not begun has not ended either
+
+    def _read(self) -> int:
+        """The number through which all events are written."""
+        if self._reader is None:
+            self._reader = self._outbox.reader()
+        for _ in range(_MOST_READS):
+            if not self._reader.read():
+                break
+        return self._reader.number
+
+    async def _send_to(self, webhook_id: str) -> None:
+        try:
+            with going_on("webhook-put-off", webhook_id=webhook_id):
+                while pending := await asyncio.to_thread(self._pending, webhook_id):
+                    if not await self._send(pending):
+                        return
+        finally:
+            self._under_way.pop(webhook_id, None)
+
+    def _pending(self, webhook_id: str) -> Pending | None:
+        assert self._reader is not None  # noqa: S101 - read before anything is sent
+        return self._outbox.pending(webhook_id, self._reader.number)
+
+    async def _send(self, pending: Pending) -> bool:
+        """Whether all of it was delivered, and there may be more."""
+        failures = pending.failures
+        for event in pending.events:
+            headers, body = await asyncio.to_thread(self._message, pending, event)
+            answer = await self._sending.post(pending.url, headers, body)
+            attempt = Attempt(answer.status, answer.reason, self._wait_s(answer, failures))
+            if attempt.reason is not None:
+                _log(pending, event, attempt, failures + 1)
+            if not await asyncio.to_thread(self._outbox.note, pending, event, attempt):
+                return False
+            failures = 0
+        return True
+
+    def _message(self, pending: Pending, event: Event) -> tuple[dict[str, str], bytes]:
+        body = body_of_event(event)
+        return headers_of(message_id(pending.webhook_id, event), self._outbox.now(), body, pending.secrets), body
+
+    def _wait_s(self, answer: Answer, failures: int) -> float | None:
+        """Until the next attempt; None: there is none."""
+        if answer.reason is None or answer.status == HTTPStatus.GONE or failures >= len(WAITS_S):
+            return None
+        wait_s = WAITS_S[failures] * (1.0 + JITTER * self._jitter())
+        return max(wait_s, min(answer.retry_after_s, LONGEST_RETRY_AFTER_S))
+
+
+def _log(pending: Pending, event: Event, attempt: Attempt, failures: int) -> None:
+    log = structlog.get_logger().warning
+    said = partial(log, webhook_id=pending.webhook_id, number=event.number, failures=failures, reason=attempt.reason)
+    if attempt.wait_s is None:
+        said("webhook-paused")
+    else:
+        said("webhook-failed", wait_s=round(attempt.wait_s))

@@ -1,0 +1,152 @@
+"""Where webhooks may lead: the names and networks of SAWMILL_WEBHOOK_DESTINATIONS, and nowhere else.
+
+A name is allowed by being listed. What it resolves to is looked at in each attempt: addresses that are not public
+(loopback, the mill's own networks, link-local ones with the metadata of clouds) must lie in a listed network too, so
+that whoever answers for a name cannot lead the service to where only this machine gets.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
+
+from sawmill_worker.contracts.webhooks import LARGEST_PORT, Destination
+
+SETTING = "SAWMILL_WEBHOOK_DESTINATIONS"
+_NAME = re.compile(r"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::([0-9]{1,5}))?")
+STANDARD_PORTS = (443, 80)
+# An IPv4 address stands in them, behind a gateway that nobody sees here: 6to4, Teredo, NAT64 (RFC 3056, 4380, 6052).
+_TRANSLATED = tuple(ip_network(text) for text in ("2002::/16", "2001::/32", "64:ff9b::/96", "64:ff9b:1::/48"))
+
+Address = IPv4Address | IPv6Address
+
+
+class RefusedDestinationError(Exception):
+    """Nothing is sent there; the sentence says what to set."""
+
+
+def check_entry(text: str) -> str:
+    """An entry of the setting as it is.
+
+    Raises
+    ------
+    ValueError
+        It is neither a name, with a port or without, nor an address or a network.
+    """
+    if _is_network(text):
+        return text
+    found = _NAME.fullmatch(text)
+    # What looks like an IPv4 address and is none would be taken for a name.
+    if found is None or not 0 < int(found[2] or 443) <= LARGEST_PORT or re.fullmatch(r"[0-9.]+", found[1]):
+        msg = (
+            f"must be names or networks, as in alarms.mill.example, mes.mill.example:8443 or 10.20.0.0/16, not {text!r}"
+        )
+        raise ValueError(msg)
+    return text
+
+
+def _is_network(text: str) -> bool:
+    try:
+        ip_network(text)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class AllowedDestinations:
+    """The setting's entries.
+
+    Attributes
+    ----------
+    entries : sequence of str
+        Each as `check_entry` takes it.
+    """
+
+    entries: Sequence[str] = ()
+    _names: frozenset[tuple[str, int]] = field(init=False)
+    _networks: tuple[IPv4Network | IPv6Network, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = [found for text in self.entries if not _is_network(text) and (found := _NAME.fullmatch(text))]
+        ports = ((found[1].lower(), [int(found[2])] if found[2] else STANDARD_PORTS) for found in names)
+        named = frozenset((name, port) for name, several in ports for port in several)
+        object.__setattr__(self, "_names", named)
+        object.__setattr__(self, "_networks", tuple(ip_network(text) for text in self.entries if _is_network(text)))
+
+    def __bool__(self) -> bool:
+        return bool(self.entries)
+
+    def check(self, destination: Destination) -> None:
+        """Refuse what no entry allows; nothing is looked up.
+
+        Raises
+        ------
+        RefusedDestinationError
+            Nothing is allowed, or another host, or `https` alone.
+        """
+        if not self.entries:
+            msg = f'nothing is sent anywhere: set {SETTING} to ["{_example(destination)}"] and start the service again'
+            raise RefusedDestinationError(msg)
+        address = _address(destination.host)
+        if address is not None:
+            self._check_address(address, destination)
+        elif (destination.host, destination.port) not in self._names:
+            msg = f"{destination.authority!r} is not allowed: add {_example(destination)!r} to {SETTING}"
+            raise RefusedDestinationError(msg)
+        elif destination.scheme == "http" and not self._networks:
+            msg = f"http reaches allowed networks alone: use https, or add {destination.host!r}'s network to {SETTING}"
+            raise RefusedDestinationError(msg)
+
+    def check_addresses(self, texts: Iterable[str], destination: Destination) -> list[str]:
+        """The addresses to which a destination's name leads, all of which must be allowed.
+
+        Raises
+        ------
+        RefusedDestinationError
+            One of them is not.
+        """
+        checked = []
+        for text in texts:
+            address = _address(text)
+            if address is None:
+                msg = f"{destination.host!r} leads to {text!r}, which is no address that can be checked"
+                raise RefusedDestinationError(msg)
+            self._check_address(address, destination)
+            checked.append(str(address))
+        return checked
+
+    def _check_address(self, address: Address, destination: Destination) -> None:
+        if any(address in network for network in self._networks):
+            return
+        cure = f"add {str(address)!r} or its network to {SETTING}"
+        if _address(destination.host) is not None:
+            raise RefusedDestinationError(f"{destination.host} lies in no network that is allowed: {cure}")
+        leads = f"{destination.host!r} leads to {address}"
+        if not _is_public(address):
+            raise RefusedDestinationError(f"{leads}, which is no public address: {cure}")
+        if destination.scheme == "http":
+            raise RefusedDestinationError(f"{leads}, and http reaches allowed networks alone: use https, or {cure}")
+
+
+def _address(text: str) -> Address | None:
+    """An address; one of IPv4 in the clothes of IPv6 as the former. None: a name, or with a zone."""
+    try:
+        address = ip_address(text)
+    except ValueError:
+        return None
+    if isinstance(address, IPv6Address) and address.scope_id is not None:
+        return None
+    return getattr(address, "ipv4_mapped", None) or address
+
+
+def _is_public(address: Address) -> bool:
+    translated = any(address in network for network in _TRANSLATED)
+    return address.is_global and not address.is_multicast and not translated
+
+
+def _example(destination: Destination) -> str:
+    """The entry that would allow it."""
+    if _address(destination.host) is not None or destination.port in STANDARD_PORTS:
+        return destination.host
+    return f"{destination.host}:{destination.port}"

@@ -1,0 +1,71 @@
+"""The thread that sends to webhooks, in every service; of several, one holds the right to at a time."""
+
+import asyncio
+import random
+import threading
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_worker.execution.logs import going_on
+from sawmill_worker.storage.outbox import Outbox
+
+if TYPE_CHECKING:
+    from sawmill_service.webhooks.couriers import Couriers
+
+POLL_S = 1.0
+
+
+class WebhookSender:
+    """Sends from a thread, as a context manager; where no destination is allowed there is no thread.
+
+    Parameters
+    ----------
+    outbox
+        What is to be sent.
+    allowed
+        Where to.
+    poll_s
+        How often it looks.
+    """
+
+    def __init__(self, outbox: Outbox, allowed: AllowedDestinations, *, poll_s: float = POLL_S) -> None:
+        self._outbox = outbox
+        self._allowed = allowed
+        self._poll_s = poll_s
+        self._loop = asyncio.new_event_loop() if allowed else None
+        self._stop = asyncio.Event()
+        self._thread = threading.Thread(target=self._run, name="webhooks", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self._loop is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._stop.set)
+            self._thread.join()
+
+    def _run(self) -> None:
+        # Imported here: where nothing may be sent, nobody needs the client.
+        from sawmill_service.webhooks.couriers import Couriers  # noqa: PLC0415
+        from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
+
+        assert self._loop is not None  # noqa: S101 - there is no thread otherwise
+        # No generator of numbers that anybody must not guess.
+        couriers = Couriers(self._outbox, Sending(self._allowed), random.random)
+        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:  # type: ignore[arg-type, return-value]
+            runner.run(self._send_until_stopped(couriers))
+
+    async def _send_until_stopped(self, couriers: "Couriers") -> None:
+        while not self._stop.is_set():
+            with going_on("webhooks-put-off"):
+                await couriers.send_due()
+            try:
+                await asyncio.wait_for(self._stop.wait(), self._poll_s)
+            except TimeoutError:
+                continue
+        await couriers.stop()

@@ -1,0 +1,185 @@
+"""One attempt to deliver a message: to a checked address, without redirects and proxies, with a time limit in all."""
+
+import asyncio
+import socket
+import ssl
+import threading
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from email.utils import parsedate_to_datetime
+from functools import cache, partial
+from http import HTTPStatus
+from typing import NamedTuple
+
+import httpcore
+
+from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
+from sawmill_worker.contracts.webhooks import Destination, destination_of
+
+# Of one attempt in all: the specification recommends 15 to 30.
+LIMIT_S = 15.0
+_LONGEST_REASON = 300
+
+Resolve = Callable[[str, int], Awaitable[list[str]]]
+"""The addresses of a name, as texts."""
+
+
+class Answer(NamedTuple):
+    """The outcome of an attempt.
+
+    Attributes
+    ----------
+    status : int or None
+        Of the answer; None: there was none.
+    reason : str or None
+        Why the message was not delivered; None: it was.
+    retry_after_s : float
+        How long the receiver asks to be left alone.
+    """
+
+    status: int | None
+    reason: str | None = None
+    retry_after_s: float = 0.0
+
+
+async def resolve(host: str, port: int) -> list[str]:
+    """As the system's resolver has it, which may hang: then the thread is left behind, and ends with the process.
+
+    Raises
+    ------
+    OSError
+        It has none.
+    """
+    loop = asyncio.get_running_loop()
+    found: asyncio.Future[list[str]] = loop.create_future()
+
+    def look() -> None:
+        try:
+            addresses = [str(place[0]) for *_, place in socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)]
+            tell = partial(_settle, found, addresses)
+        except OSError as error:
+            tell = partial(_settle, found, error)
+        with suppress(RuntimeError):  # the loop has ended meanwhile
+            loop.call_soon_threadsafe(tell)
+
+    threading.Thread(target=look, name="resolver", daemon=True).start()
+    return await found
+
+
+def _settle(found: "asyncio.Future[list[str]]", result: list[str] | OSError) -> None:
+    if found.done():  # nobody waits any more
+        return
+    if isinstance(result, OSError):
+        found.set_exception(result)
+    else:
+        found.set_result(list(dict.fromkeys(result)))
+
+
+@cache
+def system_certificates() -> ssl.SSLContext:
+    """Certificates are verified against the system's own store, to which a mill adds its authority."""
+    return ssl.create_default_context()
+
+
+class Sending:
+    """How messages are sent.
+
+    Parameters
+    ----------
+    allowed
+        Where to.
+    resolve
+        Finds addresses; each attempt asks once.
+    certificates
+        Makes what checks a receiver's certificate.
+    limit_s
+        For one attempt in all.
+    """
+
+    def __init__(
+        self,
+        allowed: AllowedDestinations,
+        *,
+        resolve: Resolve = resolve,
+        certificates: Callable[[], ssl.SSLContext] = system_certificates,
+        limit_s: float = LIMIT_S,
+    ) -> None:
+        self._allowed = allowed
+        self._resolve = resolve
+        self._certificates = certificates
+        self._limit_s = limit_s
+
+    async def post(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
+        """Send a message once; whatever goes wrong is an answer with its reason."""
+        destination = destination_of(url)
+        try:
+            async with asyncio.timeout(self._limit_s):
+                return await self._post(destination, {"Host": destination.authority, **headers}, body)
+        except TimeoutError:
+            return Answer(None, f"there was no answer within {self._limit_s:g} s")
+        except RefusedDestinationError as error:
+            return Answer(None, str(error))
+        except socket.gaierror as error:
+            return Answer(None, f"the name {destination.host!r} cannot be resolved: {error.strerror}")
+        except httpcore.RemoteProtocolError:
+            return Answer(None, "what it answered is not HTTP, or the connection was closed early")
+        except (httpcore.NetworkError, httpcore.TimeoutException, httpcore.ProtocolError, OSError) as error:
+            return Answer(None, f"the connection failed: {_cause_of(error)}"[:_LONGEST_REASON])
+
+    async def _post(self, destination: Destination, headers: Mapping[str, str], body: bytes) -> Answer:
+        self._allowed.check(destination)
+        found = await self._resolve(destination.host, destination.port)
+        addresses = self._allowed.check_addresses(found, destination)
+        for address in addresses[:-1]:
+            try:
+                return await self._post_to(address, destination, headers, body)
+            except httpcore.ConnectError:
+                continue
+        return await self._post_to(addresses[-1], destination, headers, body)
+
+    async def _post_to(self, address: str, destination: Destination, headers: Mapping[str, str], body: bytes) -> Answer:
+        """Connect to the address itself: the name is not looked up again."""
+        secure = destination.scheme == "https"
+        context = await asyncio.to_thread(self._certificates) if secure else None
+        where = httpcore.URL(
+            scheme=destination.scheme, host=address, port=destination.port, target=destination.target.encode()
+        )
+        extensions = {"sni_hostname": destination.host} if secure else {}
+        async with (
+            httpcore.AsyncConnectionPool(ssl_context=context, max_keepalive_connections=0) as pool,
+            pool.stream("POST", where, headers=list(headers.items()), content=body, extensions=extensions) as answer,
+        ):
+            # The status tells everything; nothing of the body is read.
+            return _read(answer.status, {name.lower(): value for name, value in answer.headers})
+
+
+def _read(status: int, headers: Mapping[bytes, bytes]) -> Answer:
+    if HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
+        return Answer(status)
+    reason = f"it answered {status}"
+    if HTTPStatus.MULTIPLE_CHOICES <= status < HTTPStatus.BAD_REQUEST:
+        reason += ", and redirects are not followed: change the webhook's URL"
+    if status == HTTPStatus.GONE:
+        reason += ": it wants no more messages"
+    return Answer(status, reason, _wait_s(headers.get(b"retry-after", b"").decode("latin-1").strip()))
+
+
+def _wait_s(text: str) -> float:
+    """`Retry-After` (RFC 9110, section 10.2.3); 0 where it is neither seconds nor a date."""
+    if text.isascii() and text.isdecimal():
+        return float(text[:9])
+    try:
+        moment = parsedate_to_datetime(text)
+    except ValueError:
+        return 0.0
+    aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
+    return max(0.0, (aware - datetime.now(UTC)).total_seconds())
+
+
+def _cause_of(error: BaseException) -> str:
+    """What the system or TLS says of it; the libraries in between say only that it failed."""
+    # httpcore keeps what it translates as the argument of its own error.
+    while inner := error.__cause__ or next((each for each in error.args if isinstance(each, BaseException)), None):
+        error = inner
+    return str(error) or type(error).__name__

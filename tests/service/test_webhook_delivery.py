@@ -1,0 +1,425 @@
+"""Messages to real receivers on loopback, which answer well, badly, late, never or without an end."""
+
+import asyncio
+import json
+import os
+import re
+import shutil
+import signal
+import ssl
+import subprocess
+import sys
+import threading
+import time
+from datetime import UTC, datetime, timedelta
+from http.server import HTTPServer
+from pathlib import Path
+
+import httpx
+import pytest
+import receivers
+from receivers import receiving, status
+
+from sawmill_service.webhooks.couriers import JITTER, WAITS_S, Couriers
+from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_service.webhooks.sender import WebhookSender
+from sawmill_service.webhooks.sending import Sending
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.webhooks import WebhookAsk
+from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.outbox import LEASE
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+LOOPBACK = AllowedDestinations(["127.0.0.0/8"])
+LIMIT_S = 0.3
+
+
+class GivenClock:
+    """Moves when it is moved."""
+
+    def __init__(self) -> None:
+        self.now = datetime.now(UTC)
+
+    def __call__(self) -> datetime:
+        return self.now
+
+    def advance(self, seconds: float) -> None:
+        self.now += timedelta(seconds=seconds)
+
+
+@pytest.fixture
+def clock():
+    return GivenClock()
+
+
+@pytest.fixture
+def store(empty_data, tmp_path, clock):
+    shutil.copytree(empty_data, tmp_path / "data")
+    opened = Store(StorageSettings(data_folder=tmp_path / "data", database_url=None), clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def receiver():
+    with receiving() as one:
+        yield one
+
+
+@pytest.fixture
+def hook(store, receiver):
+    return store.webhooks.create(WebhookAsk(url=receiver.url))
+
+
+def happen(store, number: int = 1) -> None:
+    with store._database.write() as session:
+        for k in range(number):
+            announce(session, store._database.now(), EventKind.ALARM_OPENED, "scanner", f"line-{k}")
+
+
+def send(store, sending: Sending | None = None, rounds: int = 1) -> None:
+    """Look for what is due, and wait until that is done."""
+
+    async def look() -> None:
+        couriers = Couriers(store.outbox(), sending or Sending(LOOPBACK, limit_s=LIMIT_S), lambda: 1.0)
+        for _ in range(rounds):
+            await couriers.send_due()
+            await couriers.finish()
+        await couriers.stop()
+
+    asyncio.run(look())
+
+
+def test_an_event_arrives_signed_with_its_id_and_time(store, receiver, hook, clock):
+    happen(store)
+    clock.advance(3600)  # the attempt's own time is signed, and the event's stands in the body
+    send(store)
+    [message] = receiver.messages
+    assert message.path == "/hook?line=2"
+    assert message.headers["host"] == f"127.0.0.1:{receiver.port}"
+    assert message.headers["content-type"] == "application/json"
+    assert message.is_signed_with(hook.secret)
+    assert abs(int(message.headers["webhook-timestamp"]) - clock().timestamp()) < 1
+    body = json.loads(message.body)
+    assert (body["type"], body["data"]["subject_id"]) == ("alarm-opened", "line-0")
+    assert datetime.fromisoformat(body["timestamp"]) == clock() - timedelta(hours=1)
+    [event] = store.events.following(hook.after)
+    assert body["data"] == event.model_dump(mode="json")
+    [entry] = store.webhooks.deliveries(hook.id).items
+    assert (entry.message_id, entry.state, entry.status) == (message.id, "delivered", 204)
+    send(store)
+    assert len(receiver.messages) == 1
+
+
+def test_for_the_grace_messages_are_signed_with_both_secrets(store, receiver, hook):
+    new = store.webhooks.rotate(hook.id, grace_s=60)
+    happen(store)
+    send(store)
+    [message] = receiver.messages
+    assert [message.is_signed_with(secret) for secret in (hook.secret, new.secret)] == [True, True]
+    assert len(message.headers["webhook-signature"].split(" ")) == 2
+
+
+def test_attempts_follow_the_schedule_for_three_days_then_the_webhook_is_paused(store, receiver, hook, clock):
+    receiver.usual = status(500)
+    happen(store, 2)
+    begun = clock()
+    for wait_s in WAITS_S:
+        send(store)
+        stands = store.webhooks.get(hook.id)
+        assert (stands.state, stands.next_attempt_at) == (
+            "retrying",
+            clock() + timedelta(seconds=wait_s * (1 + JITTER)),
+        )
+        send(store)  # too early
+        clock.advance(wait_s * (1 + JITTER) + 1)
+    send(store)
+    assert len(receiver.messages) == len(WAITS_S) + 1
+    assert len({message.id for message in receiver.messages}) == 1
+    assert clock() - begun > timedelta(days=3)
+    stands = store.webhooks.get(hook.id)
+    assert (stands.state, stands.last_failure, stands.waiting) == ("paused", "it answered 500", 2)
+    assert store.events.following(0)[-1].what == "webhook-paused"
+    clock.advance(86400)
+    send(store)
+    assert len(receiver.messages) == len(WAITS_S) + 1
+    receiver.usual = status(200)
+    store.webhooks.enable(hook.id, enabled=True)
+    send(store)
+    assert [json.loads(message.body)["data"]["subject_id"] for message in receiver.messages[-2:]] == [
+        "line-0",
+        "line-1",
+    ]
+
+
+def test_gone_pauses_at_once(store, receiver, hook):
+    receiver.usual = status(410)
+    happen(store)
+    send(store)
+    assert store.webhooks.get(hook.id).state == "paused"
+    assert len(receiver.messages) == 1
+
+
+@pytest.mark.parametrize(
+    ("answer", "wait_s"),
+    [
+        (status(429, Retry_After="120"), 120),
+        (status(503, Retry_After="1"), WAITS_S[0] * (1 + JITTER)),
+        (status(503, Retry_After="999999999999"), 86400),
+        (status(503, Retry_After="soon"), WAITS_S[0] * (1 + JITTER)),
+    ],
+    ids=["seconds", "less than the schedule", "too long", "garbled"],
+)
+def test_a_receiver_says_when_to_come_back(store, receiver, hook, clock, answer, wait_s):
+    receiver.usual = answer
+    happen(store)
+    send(store)
+    assert store.webhooks.get(hook.id).next_attempt_at == clock() + timedelta(seconds=wait_s)
+
+
+def test_a_date_says_when_to_come_back(store, receiver, hook, clock):
+    at = datetime.now(UTC) + timedelta(minutes=10)
+    receiver.usual = status(503, Retry_After=at.strftime("%a, %d %b %Y %H:%M:%S GMT"))
+    happen(store)
+    send(store)
+    waits_s = (store.webhooks.get(hook.id).next_attempt_at - clock()).total_seconds()
+    assert 590 < waits_s < 601
+
+
+@pytest.mark.parametrize(
+    ("answer", "reason"),
+    [
+        (status(302, Location="http://127.0.0.1:1/"), "it answered 302, and redirects are not followed"),
+        (status(404), "it answered 404"),
+        (receivers.hanging, f"there was no answer within {LIMIT_S} s"),
+        (receivers.dripping, f"there was no answer within {LIMIT_S} s"),
+        (receivers.early_close, "what it answered is not HTTP, or the connection was closed early"),
+        (receivers.garbage, "what it answered is not HTTP, or the connection was closed early"),
+    ],
+    ids=["redirect", "404", "hanging", "dripping", "early close", "garbage"],
+)
+def test_every_other_answer_is_a_failure_with_its_reason(store, receiver, hook, answer, reason):
+    receiver.usual = answer
+    happen(store)
+    send(store)
+    stands = store.webhooks.get(hook.id)
+    assert (stands.state, stands.last_failure[: len(reason)]) == ("retrying", reason)
+    assert len(receiver.messages) == 1
+
+
+def test_an_endless_body_is_not_read(store, receiver, hook):
+    receiver.usual = receivers.endless
+    happen(store)
+    send(store, Sending(LOOPBACK))
+    assert store.webhooks.get(hook.id).state == "active"
+    assert receiver.ended.wait(5)  # its connection was closed
+
+
+def test_nobody_listening_is_a_failure(store):
+    hook = store.webhooks.create(WebhookAsk(url="http://127.0.0.1:9/"))
+    happen(store)
+    send(store)
+    assert "the connection failed: [Errno 111] " in store.webhooks.get(hook.id).last_failure
+
+
+def test_one_that_hangs_holds_up_no_other(store, receiver, hook):
+    receiver.usual = receivers.hanging
+    with receiving() as other:
+        store.webhooks.create(WebhookAsk(url=other.url))
+        happen(store, 3)
+
+        async def look() -> None:
+            couriers = Couriers(store.outbox(), Sending(LOOPBACK, limit_s=60), lambda: 0.0)
+            await couriers.send_due()
+            assert await asyncio.to_thread(other.has, 3)
+            happen(store)
+            while not await asyncio.to_thread(other.has, 4, 0.01):
+                await couriers.send_due()
+            await couriers.stop()  # what hangs is given up
+
+        asyncio.run(look())
+        assert len(receiver.messages) == 1
+    assert store.webhooks.get(hook.id).failures == 0
+
+
+def test_an_address_is_looked_up_once_an_attempt_and_checked_each_time(store, receiver):
+    allowed = AllowedDestinations([f"mes.mill.example:{receiver.port}", "127.0.0.0/8"])
+    hook = store.webhooks.create(WebhookAsk(url=f"http://mes.mill.example:{receiver.port}/"))
+    answers, asked = [["127.0.0.1"], ["169.254.169.254"], ["127.0.0.1", "10.0.0.1"]], []
+
+    async def rebinding(host: str, _port: int) -> list[str]:
+        asked.append(host)
+        return answers.pop(0)
+
+    happen(store, 2)
+    send(store, Sending(allowed, resolve=rebinding))
+    assert asked == ["mes.mill.example"] * 2
+    [message] = receiver.messages
+    assert message.headers["host"] == f"mes.mill.example:{receiver.port}"
+    refused = store.webhooks.get(hook.id).last_failure
+    assert refused.startswith("'mes.mill.example' leads to 169.254.169.254, which is no public address: add ")
+    store.webhooks.enable(hook.id, enabled=True)
+    send(store, Sending(allowed, resolve=rebinding))
+    assert "leads to 10.0.0.1" in store.webhooks.get(hook.id).last_failure
+    assert len(receiver.messages) == 1
+
+
+def test_a_destination_that_is_no_longer_allowed_gets_nothing(store, receiver, hook):
+    happen(store)
+    send(store, Sending(AllowedDestinations(["127.0.0.2"])))
+    assert receiver.messages == []
+    assert "lies in no network that is allowed" in store.webhooks.get(hook.id).last_failure
+
+
+def test_without_destinations_nothing_is_looked_up_and_no_thread_runs(store, hook, monkeypatch):
+    monkeypatch.setattr("socket.getaddrinfo", lambda *_, **__: pytest.fail("a name was looked up"))
+    monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("a connection was made"))
+    happen(store)
+    with WebhookSender(store.outbox(), AllowedDestinations([])) as sender:
+        assert not sender._thread.is_alive()
+    send(store, Sending(AllowedDestinations([])))
+    assert "set SAWMILL_WEBHOOK_DESTINATIONS" in store.webhooks.get(hook.id).last_failure
+
+
+@pytest.mark.usefixtures("hook")
+def test_variables_of_proxies_are_passed_over(store, receiver, monkeypatch):
+    for name in ("http_proxy", "HTTP_PROXY", "all_proxy", "ALL_PROXY"):
+        monkeypatch.setenv(name, "http://127.0.0.1:9")
+    happen(store)
+    send(store)
+    assert len(receiver.messages) == 1
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory):
+    """Of hooks.mill.example, by itself."""
+    folder = tmp_path_factory.mktemp("tls")
+    name = "hooks.mill.example"
+    command = [
+        *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "1"),
+        *(
+            "-keyout",
+            "key.pem",
+            "-out",
+            "certificate.pem",
+            "-subj",
+            f"/CN={name}",
+            "-addext",
+            f"subjectAltName=DNS:{name}",
+        ),
+    ]
+    subprocess.run(command, cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="no openssl here to make a certificate")
+def test_tls_is_verified_by_the_name_and_not_by_the_address(store, certificate):
+    server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server.load_cert_chain(certificate / "certificate.pem", certificate / "key.pem")
+    named = []
+    server.sni_callback = lambda _socket, name, _context: named.append(name)
+
+    async def at_home(_host: str, _port: int) -> list[str]:
+        return ["127.0.0.1"]
+
+    def trusted() -> ssl.SSLContext:
+        return ssl.create_default_context(cafile=certificate / "certificate.pem")
+
+    with receiving(server) as receiver:
+        hosts = [f"{name}.mill.example:{receiver.port}" for name in ("hooks", "other")]
+        allowed = AllowedDestinations([*hosts, "127.0.0.1"])
+        hooks, other = (store.webhooks.create(WebhookAsk(url=f"https://{host}/")) for host in hosts)
+        happen(store)
+        send(store, Sending(allowed, resolve=at_home, certificates=trusted))
+        [message] = receiver.messages
+        assert message.is_signed_with(hooks.secret)
+        assert sorted(named) == ["hooks.mill.example", "other.mill.example"]
+        assert "certificate verify failed: Hostname mismatch" in store.webhooks.get(other.id).last_failure
+        happen(store)
+        send(store, Sending(allowed, resolve=at_home))  # the system's store does not know it
+        assert "certificate verify failed: self-signed" in store.webhooks.get(hooks.id).last_failure
+        assert len(receiver.messages) == 1
+
+
+def test_the_thread_of_the_service_sends_and_ends(store, receiver, hook):
+    happen(store)
+    with WebhookSender(store.outbox(), LOOPBACK, poll_s=0.01):
+        assert receiver.has(1)
+        deadline = time.monotonic() + 10
+        while store.webhooks.get(hook.id).waiting and time.monotonic() < deadline:
+            time.sleep(0.005)
+    assert store.webhooks.get(hook.id).waiting == 0
+    assert store.outbox().hold()  # another process may send at once
+
+
+SENDING = """
+import sys, time
+from sawmill_service.webhooks.destinations import AllowedDestinations
+from sawmill_service.webhooks.sender import WebhookSender
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+store = Store(StorageSettings(data_folder=sys.argv[1], database_url=None))
+with WebhookSender(store.outbox(), AllowedDestinations(["127.0.0.1"]), poll_s=0.01):
+    time.sleep(60)
+"""
+
+
+@pytest.mark.usefixtures("hook")
+def test_what_a_killed_process_had_sent_and_not_noted_is_sent_again_with_its_id(store, receiver, clock):
+    receiver.usual = receivers.hanging
+    happen(store, 2)
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+    command = [sys.executable, "-c", SENDING, str(store.files.folder)]
+    with subprocess.Popen(command, env=environment) as process:
+        try:
+            assert receiver.has(1)
+        finally:
+            process.send_signal(signal.SIGKILL)
+    receiver.usual = status(200)
+    clock.now = datetime.now(UTC)  # by which the process went
+    send(store)
+    assert len(receiver.messages) == 1  # the dead process's lease runs on
+    clock.advance(LEASE.total_seconds())
+    send(store)
+    first, again, second = receiver.messages
+    assert first.id == again.id != second.id
+    assert first.body == again.body
+
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "webhooks.md"
+
+
+def test_the_receiver_of_the_page_takes_what_is_signed_once_and_nothing_else(
+    store, hook, receiver, monkeypatch, capsys
+):
+    monkeypatch.setenv("WEBHOOK_SECRET", hook.secret)
+    [program] = re.findall(r"^```python\n(.*?)^```$", DOCUMENT.read_text(), re.MULTILINE | re.DOTALL)
+    documented = {"__name__": "documented"}
+    exec(compile(program, str(DOCUMENT), "exec"), documented)  # noqa: S102 - our own page
+    monkeypatch.setattr(documented["Receiver"], "log_message", lambda *_: None)
+    happen(store)
+    send(store)
+    [message] = receiver.messages
+    with HTTPServer(("127.0.0.1", 0), documented["Receiver"]) as server:
+        threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+
+        def post(**changes: str) -> int:
+            headers = {name: value for name, value in message.headers.items() if name.startswith("webhook-")} | changes
+            url = f"http://127.0.0.1:{server.server_port}/"
+            return httpx.post(url, content=message.body, headers=headers, trust_env=False).status_code
+
+        old = str(int(message.headers["webhook-timestamp"]) - 301)
+        assert [post(), post()] == [204, 204]
+        assert post(**{"webhook-id": "another"}) == 401
+        assert post(**{"webhook-timestamp": old}) == 401
+        assert post(**{"webhook-signature": "v1,AAAA"}) == 401
+        assert post(**{"webhook-signature": f"v1,AAAA {message.headers['webhook-signature']}"}) == 204
+        server.shutdown()
+    assert capsys.readouterr().out.count("alarm-opened None") == 1
+
+
+def test_the_page_has_the_schedule_of_the_code():
+    rows = re.findall(r"^\| \d+ \| (.+?) \| .+ \|$", DOCUMENT.read_text(), re.MULTILINE)
+    units = {"s": 1, "min": 60, "h": 3600}
+    assert [float(row.split()[0]) * units[row.split()[1]] for row in rows] == list(WAITS_S)

@@ -1,0 +1,300 @@
+"""What is sent to webhooks and in which order, what is noted of it, and who sends; on both databases."""
+
+import shutil
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+from databases import postgresql_alone
+from pydantic import ValidationError
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.webhooks import WebhookAsk, WebhookTest, destination_of, kinds_of
+from sawmill_worker.storage import webhooks
+from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.outbox import KEPT, LEASE, Attempt, message_id
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import DeliveryRow
+
+URL = "https://alarms.mill.example/sawmill"
+DELIVERED = Attempt(200)
+
+
+@pytest.fixture
+def store(settings, clock, empty_data):
+    if settings.database_url is None:
+        shutil.copytree(empty_data, settings.data_folder)
+    opened = Store.open(settings, clock=clock)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def outbox(store):
+    return store.outbox()
+
+
+def happen(store, *kinds: EventKind) -> list[int]:
+    """Write events in one transaction each; their numbers."""
+    numbers = []
+    for kind in kinds:
+        with store._database.write() as session:
+            announce(session, store._database.now(), kind, "scanner", "line-2", scanner_id="line-2")
+        numbers.append(store.events.newest_number())
+    return numbers
+
+
+def waiting(outbox, webhook, through: int = 10**6) -> list[int]:
+    pending = outbox.pending(webhook.id, through)
+    return [] if pending is None else [event.number for event in pending.events]
+
+
+def deliver(outbox, webhook, attempt: Attempt = DELIVERED) -> bool:
+    pending = outbox.pending(webhook.id, 10**6)
+    return outbox.note(pending, pending.events[0], attempt)
+
+
+def failed(wait_s: float | None = 5.0) -> Attempt:
+    return Attempt(500, "it answered 500", wait_s)
+
+
+def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox):
+    happen(store, EventKind.ALARM_OPENED)
+    alarms = store.webhooks.create(WebhookAsk(url=URL))
+    everything = store.webhooks.create(WebhookAsk(url=URL, events=["*"]))
+    disabled = store.webhooks.create(WebhookAsk(url=URL, enabled=False))
+    first, changed, last = happen(store, EventKind.ALARM_OPENED, EventKind.SCANNER_CHANGED, EventKind.ALARM_CLOSED)
+    assert waiting(outbox, alarms) == [first, last]
+    assert waiting(outbox, everything)[-3:] == [first, changed, last]
+    assert waiting(outbox, disabled) == []
+    assert (store.webhooks.get(alarms.id).waiting, store.webhooks.get(disabled.id).waiting) == (2, 2)
+    assert waiting(outbox, alarms, through=first) == [first]
+    assert outbox.due(first - 1) == [everything.id]
+    assert outbox.due(first) == sorted([alarms.id, everything.id])
+    assert [deliver(outbox, alarms), deliver(outbox, alarms)] == [True, True]
+    now = store.webhooks.get(alarms.id)
+    assert (now.after, now.waiting, now.waiting_since, now.state) == (last, 0, None, "active")
+
+
+def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, clock):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    first, second = happen(store, EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED)
+    assert deliver(outbox, webhook, failed(60.0)) is False
+    assert outbox.due(second) == []
+    stands = store.webhooks.get(webhook.id)
+    assert (stands.state, stands.failures, stands.last_failure) == ("retrying", 1, "it answered 500")
+    assert stands.next_attempt_at == clock() + timedelta(seconds=60)
+    clock.advance(seconds=61)
+    assert waiting(outbox, webhook) == [first, second]
+    assert deliver(outbox, webhook) is True
+    entries = store.webhooks.deliveries(webhook.id).items
+    assert [(entry.event_number, entry.state, entry.attempts) for entry in entries] == [(first, "delivered", 2)]
+    assert store.webhooks.get(webhook.id).failures == 0
+    clock.advance(hours=-12)  # a clock that is put back makes nobody wait for it
+    deliver(outbox, webhook, failed(60.0))
+    clock.advance(hours=-48)
+    assert waiting(outbox, webhook) == [second]
+
+
+def test_the_last_failure_pauses_a_webhook_and_says_so_and_nothing_is_lost(store, outbox):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    watching = store.webhooks.create(WebhookAsk(url=URL, events=["webhook-paused"]))
+    [number] = happen(store, EventKind.ALARM_OPENED)
+    deliver(outbox, webhook, failed(None))
+    assert waiting(outbox, webhook) == []
+    stands = store.webhooks.get(webhook.id)
+    assert (stands.state, stands.enabled, stands.waiting) == ("paused", False, 1)
+    [said] = outbox.pending(watching.id, 10**6).events
+    assert (said.what, said.subject_id, said.detail) == (
+        "webhook-paused",
+        webhook.id,
+        {"reason": "it answered 500", "failures": 1},
+    )
+    assert store.webhooks.deliveries(webhook.id).items[0].state == "failed"
+    store.webhooks.enable(webhook.id, enabled=True)
+    assert waiting(outbox, webhook) == [number]
+    assert store.webhooks.get(webhook.id).state == "active"
+    store.webhooks.enable(webhook.id, enabled=False)
+    assert store.webhooks.get(webhook.id).state == "disabled"
+
+
+def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbox):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    first, second, third = happen(store, *[EventKind.ALARM_OPENED] * 3)
+    deliver(outbox, webhook)
+    sent = store.webhooks.deliveries(webhook.id).items[0].message_id
+    pending = outbox.pending(webhook.id, 10**6)
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=first - 1))
+    assert outbox.note(pending, pending.events[0], DELIVERED) is False  # that was sent before somebody moved it back
+    assert waiting(outbox, webhook) == [first, second, third]
+    deliver(outbox, webhook)
+    [again] = [entry for entry in store.webhooks.deliveries(webhook.id).items if entry.event_number == first]
+    assert (again.message_id, again.attempts) == (sent, 2)
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=second))
+    assert waiting(outbox, webhook) == [third]
+
+
+def test_a_change_counts_from_the_next_event_on(store, outbox):
+    changes = {
+        "pause": lambda identifier: store.webhooks.enable(identifier, enabled=False),
+        "move": lambda identifier: store.webhooks.update(identifier, WebhookAsk(url="https://other.mill.example/")),
+        "rotate": lambda identifier: store.webhooks.rotate(identifier, grace_s=0),
+        "delete": store.webhooks.delete,
+    }
+    for name, change in changes.items():
+        webhook = store.webhooks.create(WebhookAsk(url=URL))
+        happen(store, *[EventKind.ALARM_OPENED] * 2)
+        pending = outbox.pending(webhook.id, 10**6)
+        change(webhook.id)
+        assert outbox.note(pending, pending.events[0], DELIVERED) is False
+        assert name == "delete" or store.webhooks.get(webhook.id).after == pending.events[0].number
+
+
+def test_a_new_secret_and_the_one_before_sign_for_the_grace(store, outbox, clock):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    happen(store, EventKind.ALARM_OPENED)
+    new = store.webhooks.rotate(webhook.id, grace_s=3600)
+    assert outbox.pending(webhook.id, 10**6).secrets == (new.secret, webhook.secret)
+    clock.advance(seconds=3600)
+    assert outbox.pending(webhook.id, 10**6).secrets == (new.secret,)
+    assert new.secret not in repr(new)
+    assert [entry for entry in store.audit.all() if new.secret in str(entry)] == []
+    assert new.secret not in str(store.events.following(0))
+
+
+def test_an_id_is_the_same_in_every_attempt_and_another_for_whatever_else(store, outbox):
+    webhook, other = (store.webhooks.create(WebhookAsk(url=URL)) for _ in range(2))
+    happen(store, *[EventKind.ALARM_OPENED] * 2)
+    first, second = outbox.pending(webhook.id, 10**6).events
+    put_back = first.model_copy(update={"at": first.at + timedelta(days=1)})
+    ids = [message_id(webhook.id, first), message_id(webhook.id, second), message_id(other.id, first)]
+    assert len({*ids, message_id(webhook.id, put_back)}) == 4
+    assert ids[0] == message_id(webhook.id, store.outbox().pending(webhook.id, 10**6).events[0])
+    assert all("." not in each for each in ids)
+
+
+def test_one_process_sends_at_a_time(store, clock):
+    mine, other = store.outbox(), store.outbox()
+    assert [mine.hold(), other.hold(), mine.hold()] == [True, False, True]
+    clock.advance(seconds=0.6 * LEASE.total_seconds())
+    assert mine.hold()  # and renews it
+    clock.advance(seconds=0.6 * LEASE.total_seconds())
+    assert not other.hold()
+    clock.advance(seconds=LEASE.total_seconds())  # killed
+    assert [other.hold(), mine.hold()] == [True, False]
+    other.release()
+    assert [mine.hold(), other.hold()] == [True, False]
+    clock.advance(hours=-1)  # a clock that is put back does not lend it for an hour
+    assert other.hold()
+
+
+def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    happen(store, *[EventKind.ALARM_OPENED] * 2)
+    deliver(outbox, webhook)
+    clock.advance(days=KEPT.days - 1)
+    deliver(outbox, webhook)
+    clock.advance(days=1, seconds=1)
+    outbox.forget_old()
+    assert len(store.webhooks.deliveries(webhook.id).items) == 1
+    store.webhooks.delete(webhook.id)
+    with store._database.read() as session:
+        assert session.scalar(select(func.count()).select_from(DeliveryRow)) == 0
+
+
+def test_lists_turn_pages_and_every_change_is_audited(store, outbox, monkeypatch):
+    webhook = store.webhooks.create(WebhookAsk(url=URL, description="office"))
+    numbers = happen(store, *[EventKind.ALARM_OPENED] * 3)
+    while waiting(outbox, webhook):
+        deliver(outbox, webhook)
+    page = store.webhooks.deliveries(webhook.id, limit=2)
+    rest = store.webhooks.deliveries(webhook.id, limit=2, after=page.next)
+    assert [entry.event_number for entry in (*page.items, *rest.items)] == numbers[::-1]
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, events=["failed"]))
+    test = WebhookTest(delivered=False, message_id="msg_1", webhook_id=webhook.id, status=500, reason="it answered 500")
+    assert store.webhooks.note_test(test) == test
+    store.webhooks.rotate(webhook.id, grace_s=0)
+    store.webhooks.delete(webhook.id)
+    changes = [AuditAction.WEBHOOK_CREATED, AuditAction.WEBHOOK_CHANGED, AuditAction.WEBHOOK_TESTED]
+    changes += [AuditAction.WEBHOOK_ROTATED, AuditAction.WEBHOOK_DELETED]
+    assert [entry.action for entry in store.audit.all()] == changes
+    for call in (store.webhooks.get, store.webhooks.deliveries, store.webhooks.delete, store.webhooks.signing):
+        with pytest.raises(NotFound):
+            call(webhook.id)
+    monkeypatch.setattr(webhooks, "MOST", 1)
+    store.webhooks.create(WebhookAsk(url=URL))
+    with pytest.raises(Conflict, match="there are 1 webhooks already"):
+        store.webhooks.create(WebhookAsk(url=URL))
+
+
+@postgresql_alone
+def test_an_event_that_is_committed_late_is_sent_before_those_behind_it(store, outbox):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    reader = outbox.reader()
+    with Session(store._database.engine) as slow, slow.begin():
+        announce(slow, store._database.now(), EventKind.ALARM_OPENED, "scanner", "slow")
+        slow.flush()
+        [later] = happen(store, EventKind.ALARM_CLOSED)
+        reader.read()
+        assert reader.number < later
+        assert waiting(outbox, webhook, reader.number) == []
+    while reader.number < later:
+        reader.read()
+    sent = outbox.pending(webhook.id, reader.number).events
+    assert [event.subject_id for event in sent] == ["slow", "line-2"]
+
+
+def test_names_and_beginnings_choose_events():
+    assert kinds_of(["alarm-*"]) == {EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED}
+    assert kinds_of(["*"]) == set(EventKind)
+    assert kinds_of(["failed", "lost"]) == {EventKind.FAILED, EventKind.LOST}
+    with pytest.raises(ValidationError, match="not 'alarms'"):
+        WebhookAsk(url=URL, events=["alarms"])
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "ftp://alarms.mill.example/",
+        "https://user:secret@alarms.mill.example/",
+        "https://alarms.mill.example\\@169.254.169.254/",
+        "https://alarms.mill.example/#here",
+        "https://alarms.mill.example:0/",
+        "https://alarms.mill.example:65536/",
+        "https://alarms.mill.example/a b",
+        "https://alarms.mill.example/\r\nHost: other",
+        "https://älarm.mill.example/",
+        "https:///path",
+        "alarms.mill.example",
+    ],
+)
+def test_what_is_no_plain_url_is_refused(url):
+    with pytest.raises(ValidationError, match=r"must be as in|control characters"):
+        WebhookAsk(url=url)
+
+
+def test_a_url_has_the_parts_that_are_sent():
+    assert destination_of("https://Alarms.Mill.Example./a?b=1%20c")._asdict() == {
+        "scheme": "https",
+        "host": "alarms.mill.example",
+        "port": 443,
+        "target": "/a?b=1%20c",
+    }
+    v6 = destination_of("http://[FD00::1]:8080")
+    assert (v6.host, v6.port, v6.target, v6.authority) == ("fd00::1", 8080, "/", "[fd00::1]:8080")
+
+
+def test_an_entry_of_a_database_that_was_put_back_is_replaced(store, outbox):
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    happen(store, EventKind.ALARM_OPENED)
+    pending = outbox.pending(webhook.id, 10**6)
+    [event] = pending.events
+    outbox.note(pending, event, failed())
+    other = event.model_copy(update={"at": event.at + timedelta(days=1)})
+    outbox.note(replace(pending, events=[other]), other, DELIVERED)
+    [entry] = store.webhooks.deliveries(webhook.id).items
+    assert (entry.message_id, entry.attempts) == (message_id(webhook.id, other), 1)
