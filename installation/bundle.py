@@ -107,37 +107,42 @@ def pinned(root: Path) -> dict[str, str]:
     pins = dict(line.split("==") for line in (root / "constraints.txt").read_text().split())
     versions = {canonicalize_name(name): version for name, version in pins.items()}
     project = tomllib.loads((root / "pyproject.toml").read_text())["project"]
-    asked = [Requirement(text) for text in (*project["dependencies"], *project["optional-dependencies"]["postgresql"])]
-    found: dict[tuple[str, frozenset[str]], str] = {}
+    texts = (*project["dependencies"], *project["optional-dependencies"]["postgresql"])
+    asked = list(of_this_machine(texts, ()))
+    found: dict[tuple[str, frozenset[str], bool], str] = {}
     while asked:
         requirement = asked.pop()
-        name, extras = canonicalize_name(requirement.name), frozenset(requirement.extras)
-        if (name, extras) in found or not applies(requirement, {""}):
+        name, extras, here = canonicalize_name(requirement.name), requirement.extras, requirement.marker is None
+        if (name, frozenset(extras), here) in found:
             continue
         if name not in versions:
             msg = f"{name} is not in constraints.txt: pin it there"
             raise BundleError(msg)
-        found[name, extras] = versions[name]
-        asked += needs_of(name, extras)
-    return {name: version for (name, _), version in sorted(found.items())}
+        found[name, frozenset(extras), here] = versions[name]
+        if here:
+            asked += needs_of(name, extras)
+    return {name: version for (name, _, _), version in found.items()}
 
 
 def needs_of(name: str, extras: Iterable[str]) -> Iterator[Requirement]:
-    """What an installed package with these extras needs on this machine."""
+    """What an installed package with these extras needs."""
     try:
-        texts = distribution(name).requires or []
+        return of_this_machine(distribution(name).requires or [], extras)
     except PackageNotFoundError as error:
         msg = f"{name} is not installed here: make install-dev installs it"
         raise BundleError(msg) from error
+
+
+def of_this_machine(texts: Iterable[str], extras: Iterable[str]) -> Iterator[Requirement]:
+    """The requirements that hold on this machine, without markers, and those of an earlier Python of its version."""
+    oldest = {"python_full_version": f"{PYTHON}.0"}
     for requirement in map(Requirement, texts):
-        if applies(requirement, {"", *extras}):
+        marker = requirement.marker
+        if marker is None or any(marker.evaluate({"extra": extra}) for extra in ("", *extras)):
             requirement.marker = None
             yield requirement
-
-
-def applies(requirement: Requirement, extras: Iterable[str]) -> bool:
-    """Whether this machine needs it for one of the extras."""
-    return requirement.marker is None or any(requirement.marker.evaluate({"extra": extra}) for extra in extras)
+        elif any(marker.evaluate({"extra": extra} | oldest) for extra in ("", *extras)):
+            yield requirement
 
 
 def export(root: Path, folder: Path) -> None:

@@ -77,7 +77,8 @@ trap 'exit 143' TERM HUP
   # shellcheck disable=SC2086 # one word a wheel
   PIP_CONFIG_FILE=/dev/null "$place/bin/python" -I -m pip --isolated --disable-pip-version-check install \
     --quiet --no-index --no-deps --no-cache-dir $wheels
-  PIP_CONFIG_FILE=/dev/null "$place/bin/python" -I -m pip --isolated check > /dev/null
+  missing=$(PIP_CONFIG_FILE=/dev/null "$place/bin/python" -I -m pip --isolated --disable-pip-version-check check) ||
+    refuse "the bundle is not complete for this Python: $missing"
 )
 mkdir -p "$place/share/sawmill"
 for name in README.md CHANGELOG.md LICENSE PACKAGES.txt docker-compose.yml docs examples openapi; do

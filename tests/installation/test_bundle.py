@@ -42,9 +42,11 @@ def test_the_packages_are_those_of_the_product_and_of_all_that_they_need():
     assert of_the_product - {"tbb"} | {"llvmlite", "starlette", "psycopg-binary"} <= packed.keys()
     of_tests = {canonicalize_name(Requirement(text).name) for text in project["optional-dependencies"]["dev"]}
     assert packed.keys() & of_tests <= of_the_product
+    # Needed before Python 3.11.3, whatever this one is.
+    assert packed.pop("async-timeout")
     # Nothing is left that an installed one needs: the tests run with the same versions.
     assert {name: Version(version(name)) for name in packed} == {name: Version(packed[name]) for name in packed}
-    needed = {canonicalize_name(each.name) for name in packed for each in bundle.needs_of(name, ())}
+    needed = {canonicalize_name(each.name) for name in packed for each in bundle.needs_of(name, ()) if not each.marker}
     assert needed <= packed.keys()
 
 
