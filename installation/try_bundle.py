@@ -45,6 +45,7 @@ for _ in $(seq 120); do curl -sf -o /dev/null http://127.0.0.1:8000/health/ready
 cp -R {documents}/examples .
 {heart}
 sawmill doctor
+trap - EXIT
 kill $service
 wait $service
 grep -o '"state":"[a-z]*"' calibration.json | head -n 1
