@@ -19,10 +19,10 @@ SCANNER = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 3.0)
 
 @pytest.fixture(scope="session")
 def log_scans(run, scans):
-    """Counts of a log before and after the turntable moved, and in too few views."""
+    """Counts of a log before and after the turntable moved, in few views, and in too few."""
     folder = scans / "drift"
     folder.mkdir()
-    for name, theta, views in (("still", THETA, 180), ("moved", MOVED, 180), ("sparse", THETA, 60)):
+    for name, theta, views in (("still", THETA, 180), ("moved", MOVED, 180), ("sparse", MOVED, 60), ("few", THETA, 7)):
         flags = ("--detector-pixels", 384, "--views", views, "--rows", 2, "--seed", 3)
         run("simulate", "log", "--theta", theta, *SCANNER, *flags, "-o", folder / f"{name}.h5")
     return folder
@@ -76,12 +76,19 @@ def test_a_turntable_that_moved_is_reported_in_words(run, log_scans, known):
     assert "not seen: the distance R" in reported
 
 
-def test_sparse_views_have_no_answer(failure, log_scans, known):
-    reported = failure("drift", log_scans / "sparse.h5", "--data", "counts", "--calibration", known)
+@pytest.mark.parametrize("thinned", [(), ("--views", 20)])
+def test_sparse_views_are_compared_two_by_two(run, log_scans, known, thinned):
+    flags = ("--data", "counts", "--calibration", known, "--json", *thinned)
+    reported = json.loads(run("drift", log_scans / "sparse.h5", *flags).stdout)
+    assert (reported["method"], reported["moved"]) == ("view-pairs", True)
+    before, after = (Theta.from_vector(map(float, theta.split(","))).source_frame(859.46) for theta in (THETA, MOVED))
+    assert reported["change"]["cor_column_mm"] == pytest.approx(after.cor_column_mm - before.cor_column_mm, abs=0.6)
+
+
+def test_too_few_views_have_no_answer(failure, log_scans, known):
+    reported = failure("drift", log_scans / "few.h5", "--data", "counts", "--calibration", known)
     assert (reported["kind"], reported["code"]) == ("input", "sparse-views")
-    assert "60 views stand 6 degrees apart" in reported["detail"]
-    thinned = failure("drift", log_scans / "still.h5", "--data", "counts", "--calibration", known, "--views", 90)
-    assert thinned["code"] == "sparse-views"
+    assert "7 usable views are too few" in reported["detail"]
 
 
 def test_a_flag_that_contradicts_the_calibration_is_refused(failure, log_scans, known):

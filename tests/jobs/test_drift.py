@@ -142,9 +142,20 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
     assert store.drifts.get(looking.job.subject_id).result == result
 
 
+def test_twenty_views_are_compared_two_by_two(look, log_scan):
+    still, moved = look(log_scan(views=20)), look(log_scan(TURNTABLE, views=20))
+    assert (still.method, moved.method, look(log_scan()).method) == ("view-pairs", "view-pairs", "opposite-rays")
+    assert abs(still.change.cor_column_mm) < 4.0 * still.change_standard_deviation.cor_column_mm
+    expected = TURNTABLE.source_frame(859.46).cor_column_mm - THETA.source_frame(859.46).cor_column_mm
+    assert moved.change.cor_column_mm == pytest.approx(expected, abs=0.25)
+    assert (still.moved, moved.moved) == (False, True)
+    assert any("flat field" in blind for blind in still.not_seen)
+    assert still.change_standard_deviation.source_to_detector_mm is None
+
+
 def test_sparse_views_are_the_asker_s_to_mend(asked, log_scan):
-    with pytest.raises(JobFailure, match="60 views stand 6 degrees apart") as failure:
-        run(asked(log_scan(views=60)[:, None]))
+    with pytest.raises(JobFailure, match="7 usable views are too few") as failure:
+        run(asked(log_scan(views=7)[:, None]))
     assert (failure.value.kind, failure.value.code) == (FailureKind.INPUT, "sparse-views")
 
 

@@ -361,7 +361,7 @@ def reconstruct(
 
 
 def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) -> Drift:
-    """What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+    """What moved since a calibration, from any scan of a log with 8 views or more.
 
     Parameters
     ----------
@@ -371,7 +371,7 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
     Raises
     ------
     ValueError
-        `InputError`: the calibration is of another scanner, or the scan's opposite rays cannot be paired.
+        `InputError`: the calibration is of another scanner, or the scan's views cannot be compared.
     """
     _check_same_scanner(scan, calibration)
     with input_errors():

@@ -29,8 +29,7 @@ EXAMPLE = {"scanner_id": "example", "cron": "30 5 * * 1-6", "time_zone": "Europe
 def create_schedule(spec: ScheduleAsk, store: TheStore, response: Response) -> Schedule:
     """At each due time it calibrates the newest phantom scan that no schedule has used, or looks for drift.
 
-    A drift check takes the newest log scan that no drift check has looked at and that goes all round in steps of
-    3 degrees or less.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
     """
     schedule = store.schedules.create(spec)
     response.headers["Location"] = f"/v1/schedules/{schedule.id}"

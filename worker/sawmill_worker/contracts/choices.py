@@ -48,6 +48,16 @@ DisturbedPart = TypeAliasType(
         Field(description="encoder: the angles run ahead and behind. bearing: the log swings across the beam."),
     ],
 )
+DriftMethod = TypeAliasType(
+    "DriftMethod",
+    Annotated[
+        Literal["opposite-rays", "view-pairs"],
+        Field(
+            description="opposite-rays: every ray against the one from the other side, in dense scans all round. "
+            "view-pairs: what any two views have in common, in scans of 8 views or more."
+        ),
+    ],
+)
 OnPass = TypeAliasType(
     "OnPass",
     Annotated[

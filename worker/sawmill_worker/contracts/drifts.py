@@ -3,7 +3,7 @@
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Rows
-from sawmill_worker.contracts.choices import DisturbedPart
+from sawmill_worker.contracts.choices import DisturbedPart, DriftMethod
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.given import FreshAsk
 from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
@@ -22,7 +22,7 @@ class DriftOptions(Contract):
 
 
 class DriftAsk(DriftOptions, FreshAsk):
-    """Ask whether a scanner has moved since a calibration. The scan must go all round in steps of 3 degrees or less."""
+    """Ask whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
     calibration_id: Identifier | None = Field(
@@ -31,7 +31,7 @@ class DriftAsk(DriftOptions, FreshAsk):
 
 
 class DetectorGeometry(Contract):
-    """The part of the geometry that pairs of opposite rays show."""
+    """The part of the geometry that a log shows."""
 
     cor_column_mm: float = Field(
         description="u_c, where the centre of rotation falls on the detector.", examples=[-209.1]
@@ -113,11 +113,14 @@ class DriftResult(Contract):
     reason: str = Field(
         description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
     )
+    method: DriftMethod | None = Field(
+        None, description="How the views were compared. Null: from an earlier version.", examples=["opposite-rays"]
+    )
     not_seen: list[str] = Field(
         description="What no scan without a phantom can show.",
         examples=[["R, the distance from the source to the centre of rotation"]],
     )
-    rotation: Rotation = Field(description="The sense of rotation in which opposite rays agree.", examples=["as-given"])
+    rotation: Rotation = Field(description="The sense of rotation in which rays agree.", examples=["as-given"])
     rotation_ratio: float = Field(
         description="How many times worse they agree in the other sense, no unit.", examples=[60.0]
     )
@@ -125,7 +128,9 @@ class DriftResult(Contract):
         description="False: a log too round and centred to tell; the calibration's is kept.", examples=[True]
     )
     relative_residual: float = Field(
-        description="What opposite rays differ by, against what changes with the view, no unit.", examples=[0.01]
+        description="What opposite rays differ by, against what changes with the view; or what sums of pairs of views "
+        "differ by, against the sums. No unit.",
+        examples=[0.01],
     )
     disturbances: list[TurnDisturbance] = Field(
         default_factory=list,
@@ -189,10 +194,12 @@ DECLARATION = AskedKind(
     to_ask=Operation(
         "Look for drift without a phantom",
         """\
-What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+What moved since a calibration, from any scan of a log with 8 views or more.
 
-Every ray is measured twice, from either side; where the two agree shows where the centre of rotation falls on the
-detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either side. In any other
+one the views are compared two by two: weighted sums of their rays must be the same. Where they agree shows where the
+centre of rotation falls on the detector, and the detector's tilt. The source's distance and the first angle cannot be
+seen.
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),

@@ -47,6 +47,7 @@ ASKS = frozenset(
         "empty-slice",
         "flat-scan",
         "geometry",
+        "log-cut-off",
         "log-not-found",
         "moved-too-far",
         "no-active-calibration",

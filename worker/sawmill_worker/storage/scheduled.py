@@ -3,7 +3,7 @@
 from datetime import datetime
 from typing import NamedTuple
 
-from sqlalchemy import exists, func, select
+from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts import calibrations, drifts
@@ -18,7 +18,7 @@ from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
-from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG
+from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 
 # A drift check whose job ended so has not looked at its scan.
 _UNSEEN = (JobState.FAILED, JobState.CANCELLED)
@@ -63,8 +63,8 @@ def _recalibrate(session: Session, files: FileStore, places: Places, row: Schedu
 def _check_drift(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
     """On the newest log scan that is fit for it, of those after the last one that any drift check has looked at.
 
-    Fit for it: all round in steps that its rays can be paired in. What else a scan may lack, the check finds, and the
-    next one passes that scan over.
+    Fit for it: of as many views as can be compared. What else a scan may lack, the check finds, and the next one passes
+    that scan over.
     """
     if active_calibration_id(session, row.scanner_id) is None:
         return Outcome("no-active-calibration")
@@ -79,13 +79,10 @@ def _check_drift(session: Session, files: FileStore, places: Places, row: Schedu
     )
     if (last := session.scalar(looked_at)) is not None:
         logs = logs.where(ScanRow.created_at > last)
-    first_deg, last_deg = (ScanRow.reading["angular_range_deg"][place].as_float() for place in (0, 1))
-    range_deg = func.abs(last_deg - first_deg)
-    steps = ScanRow.reading["shape"]["views"].as_integer() - 1
     newest = session.scalar(
         logs.where(ScanRow.state == ScanState.READY)
         .where(~exists().where(DriftRow.scan_id == ScanRow.id))
-        .where(range_deg >= 360.0 - WIDEST_MEASURED_STEP_DEG, range_deg <= steps * WIDEST_MEASURED_STEP_DEG)
+        .where(ScanRow.reading["shape"]["views"].as_integer() >= FEWEST_PAIRED_VIEWS)
         .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
         .limit(1)
     )

@@ -158,14 +158,15 @@ def conjugate_fit(
         tau,
         sdd,
         best.covariance + undetected_covariance(best, start.source_distance_mm),
-        best.free == WITHOUT_DISTANCE,
-        fit.rotation,
-        fit.ratio,
-        best.rays.relative_residual,
-        best.distance_sensitivity,
-        movement,
-        (*used.done, remark) if disagreeing else used.done,
-        harmonics.amplitudes(start.source_distance_mm),
+        distance_held=best.free == WITHOUT_DISTANCE,
+        rotation=fit.rotation,
+        rotation_ratio=fit.ratio,
+        rotation_decided=fit.ratio > DECISIVE_RATIO,
+        relative_residual=best.rays.relative_residual,
+        distance_sensitivity=best.distance_sensitivity,
+        movement=movement,
+        adjustments=(*used.done, remark) if disagreeing else used.done,
+        disturbances=harmonics.amplitudes(start.source_distance_mm),
     )
 
 
@@ -312,9 +313,19 @@ def _check_found(scanner: Scanner, solution: Solution, start: SourceFrame) -> No
         )
 
 
-def _check(sinogram: FloatArray, angles_rad: FloatArray) -> None:
+def opposite_rays_pair(angles_rad: FloatArray) -> bool:
+    """Whether views stand all round in steps so small that every ray has its opposite."""
+    return float(_gaps_deg(angles_rad).max()) <= WIDEST_MEASURED_STEP_DEG
+
+
+def _gaps_deg(angles_rad: FloatArray) -> FloatArray:
     wrapped = np.sort(np.mod(angles_rad, TAU))
-    gaps = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
+    gaps: FloatArray = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
+    return gaps
+
+
+def _check(sinogram: FloatArray, angles_rad: FloatArray) -> None:
+    gaps = _gaps_deg(angles_rad)
     widest, usual = float(gaps.max()), float(np.median(gaps))
     if widest > WIDEST_MEASURED_STEP_DEG >= usual:
         raise DriftError(

@@ -1,6 +1,7 @@
-"""What moved since a calibration, how surely, and what that looks like: from pairs of opposite rays, without a phantom.
+"""What moved since a calibration, how surely, and what that looks like: from a scan of any log, without a phantom.
 
-The fit itself stands in `conjugate_rays`. R and psi cannot be seen (docs/geometry.md#drift).
+The fits themselves stand in `conjugate_rays` (dense scans) and `view_pairs` (any). R and psi cannot be seen
+(docs/geometry.md#drift).
 """
 
 import math
@@ -15,7 +16,7 @@ from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanne
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error, scale_deviation
 from sawmill_worker.vocabulary import Rotation
 
-# What conjugate rays see of the geometry, in the order of their vectors.
+# What a log's rays see of the geometry, in the order of their vectors.
 SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
 # From this ratio to the better residual on, the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1
@@ -32,6 +33,10 @@ UNEXPLAINED = 11.83
 DISTANCE_NOT_SEEN = (
     "the distance from source to detector: this log does not show it, so it is held at the calibrated one"
 )
+FLAT_FIELD_NOT_SEEN = (
+    "an error of the flat field behind the log that the air beside it does not show: with so few views it looks like a "
+    "centre of rotation that moved"
+)
 NOT_SEEN = (
     "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
     "the first angle psi, so neither the encoder's zero nor which way is up",
@@ -46,7 +51,7 @@ class DriftError(ValueError):
     Attributes
     ----------
     code : str
-        Stable, for programs: sparse-views, partial-turn, outside-detector, nothing-seen, moved-too-far.
+        Stable, for programs: sparse-views, partial-turn, log-cut-off, outside-detector, nothing-seen, moved-too-far.
     """
 
     def __init__(self, code: str, message: str) -> None:
@@ -85,8 +90,8 @@ class Disturbance:
 
 
 @dataclass(frozen=True, eq=False)
-class ConjugateFit:
-    """What pairs of opposite rays say of the detector.
+class DetectorFit:
+    """What a log's rays say of the detector: opposite rays of a dense scan, or pairs of views of any.
 
     Attributes
     ----------
@@ -95,16 +100,16 @@ class ConjugateFit:
     distance_held : bool
         The scan does not show SDD, which stayed at the calibrated one; its row of the covariance is zero.
     rotation : Rotation
-        The sense of rotation in which the pairs agree better.
+        The sense of rotation in which they agree better.
     rotation_ratio : float
         Residual of the other sense against this one's.
+    rotation_decided : bool
+        Whether the scan tells which way it turned; a round, centred log does not.
     relative_residual : float
-        RMS of the pairs' differences against the RMS of what they differ in: the part of the rays that changes with
-        the view, after the blur.
+        RMS of the differences against the RMS of what they differ in: of opposite rays the part that changes with the
+        view, after the blur; of pairs of views their sums.
     distance_sensitivity : (2,) float64
         Change of (u_c, tau) per mm of the SDD at which they were fitted; zeros where it was fitted too.
-    movement : LogMovement
-        The jump of the log that explains most of what is left, beyond chance or not.
     adjustments : tuple of str
         What was done to the scan before it was used.
     disturbances : mapping of Disturbance to float
@@ -118,9 +123,9 @@ class ConjugateFit:
     distance_held: bool
     rotation: Rotation
     rotation_ratio: float
+    rotation_decided: bool
     relative_residual: float
     distance_sensitivity: FloatArray
-    movement: LogMovement
     adjustments: tuple[str, ...]
     disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
 
@@ -130,10 +135,18 @@ class ConjugateFit:
         spread: FloatArray = np.sqrt(np.diag(self.covariance))
         return spread
 
-    @property
-    def rotation_decided(self) -> bool:
-        """Whether the scan tells which way it turned; a round, centred log does not."""
-        return self.rotation_ratio > DECISIVE_RATIO
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ConjugateFit(DetectorFit):
+    """The same from opposite rays, and whether the log moved.
+
+    Attributes
+    ----------
+    movement : LogMovement
+        The jump of the log that explains most of what is left, beyond chance or not.
+    """
+
+    movement: LogMovement
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,8 +194,8 @@ class DriftChange:
         return bool(np.any(np.abs(self.significance) > SIGNIFICANT))
 
 
-def seen_vector(value: "SourceFrame | ConjugateFit") -> FloatArray:
-    """What conjugate rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
+def seen_vector(value: "SourceFrame | DetectorFit") -> FloatArray:
+    """What a log's rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
     return np.array([value.cor_column_mm, value.tilt_rad, value.source_to_detector_mm])
 
 
@@ -190,11 +203,11 @@ def drift_change(
     scanner: Scanner,
     calibrated: SourceFrame,
     calibrated_covariance: FloatArray | None,
-    fit: ConjugateFit,
+    fit: DetectorFit,
     *,
     radius_mm: float = 150.0,
 ) -> DriftChange:
-    """Compare a scan's conjugate rays with a calibration.
+    """Compare what a scan of a log says with a calibration.
 
     Parameters
     ----------
@@ -236,7 +249,7 @@ def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, Fl
     return change - distance_sensitivity * change[2], covariance - np.outer(distance_sensitivity, covariance[2])
 
 
-def disturbed_turn(fit: ConjugateFit) -> str | None:
+def disturbed_turn(fit: DetectorFit) -> str | None:
     """What disturbs the turn itself and where to look, in one sentence; None where nothing does beyond chance."""
     if not fit.disturbances:
         return None

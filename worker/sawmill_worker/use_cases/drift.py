@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult, TurnDisturbance
 from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
+from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
+    FLAT_FIELD_NOT_SEEN,
     NOT_SEEN,
     ConjugateFit,
+    DetectorFit,
     Disturbance,
     DriftChange,
     disturbed_turn,
@@ -60,7 +62,7 @@ class CommonMean(NamedTuple):
 
 
 def mean_of_common_rows(stack: NDArray[np.float32], first_row: int, row_step: int = 1) -> CommonMean:
-    """Of a stack (views, rows, detector): opposite rays compare only where they cross the same part of the log.
+    """Of a stack (views, rows, detector): views compare only where they cross the same part of the log.
 
     Refused where no row is in every view.
     """
@@ -75,13 +77,13 @@ def mean_of_common_rows(stack: NDArray[np.float32], first_row: int, row_step: in
 
 
 def run_drift(given: DriftInput) -> DriftResult:
-    """Pair opposite rays and compare; errors of `sawmill_worker.tomography` pass through."""
+    """Pair opposite rays or views and compare; errors of `sawmill_worker.tomography` pass through."""
     started = time.perf_counter()
     known = given.calibration
     scanner, calibrated = known.scanner, known.source_frame
     refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
-    fit = conjugate_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
+    fit = detector_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     turned_over = fit.rotation is not known.rotation
@@ -103,7 +105,8 @@ def run_drift(given: DriftInput) -> DriftResult:
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
         reason=_reason(given, fit, changed, within=within, turned_over=turned_over),
-        not_seen=[*NOT_SEEN, *([DISTANCE_NOT_SEEN] if fit.distance_held else [])],
+        method="opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs",
+        not_seen=_not_seen(fit),
         rotation=fit.rotation,
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
@@ -130,7 +133,7 @@ def _within(changed: DriftChange, given: DriftInput, *, turned_over: bool) -> bo
 
 
 def _reason(
-    given: DriftInput, fit: ConjugateFit, changed: DriftChange, *, within: bool | None, turned_over: bool
+    given: DriftInput, fit: DetectorFit, changed: DriftChange, *, within: bool | None, turned_over: bool
 ) -> str:
     of_the_turn = disturbed_turn(fit)
     of_the_detector = _of_the_detector(given, changed, within=within, turned_over=turned_over)
@@ -148,6 +151,11 @@ def _of_the_detector(given: DriftInput, changed: DriftChange, *, within: bool | 
     return likely_cause(given.calibration.source_frame, changed)
 
 
+def _not_seen(fit: DetectorFit) -> list[str]:
+    also = ((fit.distance_held, DISTANCE_NOT_SEEN), (not isinstance(fit, ConjugateFit), FLAT_FIELD_NOT_SEEN))
+    return [*NOT_SEEN, *(sentence for holds, sentence in also if holds)]
+
+
 def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:
     if each.part == "encoder":
         return TurnDisturbance(part=each.part, times_a_turn=each.order, amplitude_deg=amplitude)
@@ -159,7 +167,7 @@ def _detector(values: FloatArray) -> DetectorGeometry:
     return DetectorGeometry(cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=distance)
 
 
-def _deviation(fit: ConjugateFit, values: FloatArray) -> DetectorDeviation:
+def _deviation(fit: DetectorFit, values: FloatArray) -> DetectorDeviation:
     column, tilt, distance = (float(value) for value in values)
     return DetectorDeviation(
         cor_column_mm=column, tilt_rad=tilt, source_to_detector_mm=None if fit.distance_held else distance

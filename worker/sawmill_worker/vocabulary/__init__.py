@@ -31,6 +31,7 @@ from sawmill_worker.vocabulary.choices import (
 )
 from sawmill_worker.vocabulary.exact import Exact, exactly, rewritten
 from sawmill_worker.vocabulary.geometry import (
+    FEWEST_PAIRED_VIEWS,
     LARGEST_MM,
     TAU,
     WIDEST_MEASURED_STEP_DEG,
@@ -59,6 +60,7 @@ from sawmill_worker.vocabulary.progress import Progress, ProgressCallback
 
 __all__ = [
     "BUILT_IN_OUTLINES",
+    "FEWEST_PAIRED_VIEWS",
     "LARGEST_ASSUMED_LOG_RADIUS_MM",
     "LARGEST_MM",
     "STANDARD_SIZE_TOLERANCE",

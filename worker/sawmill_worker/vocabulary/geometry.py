@@ -21,6 +21,8 @@ LARGEST_MM = 1e5
 # encoder may scatter a step by 2 %.
 WIDEST_STEP_DEG = 3.0
 WIDEST_MEASURED_STEP_DEG = 1.02 * WIDEST_STEP_DEG
+# Views of which any two are compared, however far apart, for drift.
+FEWEST_PAIRED_VIEWS = 8
 
 
 class GeometryError(ValueError):

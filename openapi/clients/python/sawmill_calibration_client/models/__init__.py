@@ -39,6 +39,7 @@ from .disturbed_part import DisturbedPart
 from .drift import Drift
 from .drift_ask import DriftAsk
 from .drift_links import DriftLinks
+from .drift_method import DriftMethod
 from .drift_options import DriftOptions
 from .drift_page import DriftPage
 from .drift_result import DriftResult
@@ -208,6 +209,7 @@ __all__ = (
     "Drift",
     "DriftAsk",
     "DriftLinks",
+    "DriftMethod",
     "DriftOptions",
     "DriftPage",
     "DriftResult",

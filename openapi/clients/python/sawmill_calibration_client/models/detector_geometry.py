@@ -10,7 +10,7 @@ T = TypeVar("T", bound="DetectorGeometry")
 
 @_attrs_define
 class DetectorGeometry:
-    """The part of the geometry that pairs of opposite rays show."""
+    """The part of the geometry that a log shows."""
 
     cor_column_mm: float
     """ u_c, where the centre of rotation falls on the detector. In mm. """

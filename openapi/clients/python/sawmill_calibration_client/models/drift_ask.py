@@ -12,7 +12,7 @@ T = TypeVar("T", bound="DriftAsk")
 
 @_attrs_define
 class DriftAsk:
-    """Ask whether a scanner has moved since a calibration. The scan must go all round in steps of 3 degrees or less."""
+    """Ask whether a scanner has moved since a calibration. The scan needs 8 views or more, of any log."""
 
     scan_id: str
     """ Id of the scan to look at. """

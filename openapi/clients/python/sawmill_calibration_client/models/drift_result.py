@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from attrs import define as _attrs_define
 
+from ..models.drift_method import DriftMethod
 from ..models.rotation import Rotation
 from ..types import UNSET, Unset
 
@@ -23,9 +24,9 @@ class DriftResult:
     """The answer: what moved, how surely, and what cannot be seen."""
 
     calibrated: DetectorGeometry
-    """ The part of the geometry that pairs of opposite rays show. """
+    """ The part of the geometry that a log shows. """
     change: DetectorGeometry
-    """ The part of the geometry that pairs of opposite rays show. """
+    """ The part of the geometry that a log shows. """
     change_standard_deviation: DetectorDeviation
     """ A standard deviation of each, or how many of them; null for the distance where the scan does not show it.
     """
@@ -35,7 +36,7 @@ class DriftResult:
     input_sha256: str
     """ SHA-256 of the scan's file, in hexadecimal digits. """
     measured: DetectorGeometry
-    """ The part of the geometry that pairs of opposite rays show. """
+    """ The part of the geometry that a log shows. """
     moved: bool
     """ Whether any change is beyond three standard deviations. """
     not_seen: list[str]
@@ -50,7 +51,8 @@ class DriftResult:
     reason: str
     """ A likely cause and what to do, in one sentence. """
     relative_residual: float
-    """ What opposite rays differ by, against what changes with the view, no unit. """
+    """ What opposite rays differ by, against what changes with the view; or what sums of pairs of views differ by,
+    against the sums. No unit. """
     rotation: Rotation
     """ Which way the view angles count: as the scan gives them, or the other way (phi becomes -phi). """
     rotation_decided: bool
@@ -81,6 +83,8 @@ class DriftResult:
     """ What was done to the scan before it was used, a sentence each. """
     disturbances: list[TurnDisturbance] | Unset = UNSET
     """ What disturbs the turn beyond chance. What is not found widens the standard deviations. """
+    method: DriftMethod | None | Unset = UNSET
+    """ How the views were compared. Null: from an earlier version. """
     scale_change_percent: float | None | Unset = UNSET
     """ Change of the image's size, which the ray change leaves out. Null: from an earlier version. In per cent. """
     scale_change_uncertainty_percent: float | None | Unset = UNSET
@@ -157,6 +161,14 @@ class DriftResult:
                 disturbances_item = disturbances_item_data.to_dict()
                 disturbances.append(disturbances_item)
 
+        method: None | str | Unset
+        if isinstance(self.method, Unset):
+            method = UNSET
+        elif isinstance(self.method, DriftMethod):
+            method = self.method.value
+        else:
+            method = self.method
+
         scale_change_percent: float | None | Unset
         if isinstance(self.scale_change_percent, Unset):
             scale_change_percent = UNSET
@@ -204,6 +216,8 @@ class DriftResult:
             field_dict["adjustments"] = adjustments
         if disturbances is not UNSET:
             field_dict["disturbances"] = disturbances
+        if method is not UNSET:
+            field_dict["method"] = method
         if scale_change_percent is not UNSET:
             field_dict["scale_change_percent"] = scale_change_percent
         if scale_change_uncertainty_percent is not UNSET:
@@ -299,6 +313,23 @@ class DriftResult:
 
                 disturbances.append(disturbances_item)
 
+        def _parse_method(data: object) -> DriftMethod | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                method_type_0 = DriftMethod(data)
+
+                return method_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(DriftMethod | None | Unset, data)
+
+        method = _parse_method(d.pop("method", UNSET))
+
         def _parse_scale_change_percent(data: object) -> float | None | Unset:
             if data is None:
                 return data
@@ -347,6 +378,7 @@ class DriftResult:
             within_tolerance=within_tolerance,
             adjustments=adjustments,
             disturbances=disturbances,
+            method=method,
             scale_change_percent=scale_change_percent,
             scale_change_uncertainty_percent=scale_change_uncertainty_percent,
         )

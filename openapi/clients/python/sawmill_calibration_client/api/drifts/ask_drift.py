@@ -146,11 +146,15 @@ def sync_detailed(
 ) -> Response[Drift | Problem]:
     """Look for drift without a phantom
 
-     What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+     What moved since a calibration, from any scan of a log with 8 views or more.
 
-    Every ray is measured twice, from either side; where the two agree shows where the centre of
-    rotation falls on the
-    detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+    In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either
+    side. In any other
+    one the views are compared two by two: weighted sums of their rays must be the same. Where they
+    agree shows where the
+    centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
+    first angle cannot be
+    seen.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -159,8 +163,8 @@ def sync_detailed(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan must go all
-            round in steps of 3 degrees or less.
+        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan needs 8
+            views or more, of any log.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -192,11 +196,15 @@ def sync(
 ) -> Drift | Problem | None:
     """Look for drift without a phantom
 
-     What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+     What moved since a calibration, from any scan of a log with 8 views or more.
 
-    Every ray is measured twice, from either side; where the two agree shows where the centre of
-    rotation falls on the
-    detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+    In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either
+    side. In any other
+    one the views are compared two by two: weighted sums of their rays must be the same. Where they
+    agree shows where the
+    centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
+    first angle cannot be
+    seen.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -205,8 +213,8 @@ def sync(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan must go all
-            round in steps of 3 degrees or less.
+        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan needs 8
+            views or more, of any log.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -233,11 +241,15 @@ async def asyncio_detailed(
 ) -> Response[Drift | Problem]:
     """Look for drift without a phantom
 
-     What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+     What moved since a calibration, from any scan of a log with 8 views or more.
 
-    Every ray is measured twice, from either side; where the two agree shows where the centre of
-    rotation falls on the
-    detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+    In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either
+    side. In any other
+    one the views are compared two by two: weighted sums of their rays must be the same. Where they
+    agree shows where the
+    centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
+    first angle cannot be
+    seen.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -246,8 +258,8 @@ async def asyncio_detailed(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan must go all
-            round in steps of 3 degrees or less.
+        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan needs 8
+            views or more, of any log.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
@@ -277,11 +289,15 @@ async def asyncio(
 ) -> Drift | Problem | None:
     """Look for drift without a phantom
 
-     What moved since a calibration, from any scan that goes all round in steps of 3 degrees or less.
+     What moved since a calibration, from any scan of a log with 8 views or more.
 
-    Every ray is measured twice, from either side; where the two agree shows where the centre of
-    rotation falls on the
-    detector, and the detector's tilt. The source's distance and the first angle cannot be seen.
+    In a scan that goes all round in steps of 3 degrees or less every ray is measured twice, from either
+    side. In any other
+    one the views are compared two by two: weighted sums of their rays must be the same. Where they
+    agree shows where the
+    centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
+    first angle cannot be
+    seen.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -290,8 +306,8 @@ async def asyncio(
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
             quotes or without: the same request with the same name makes nothing again within 48
             hours, and gets the first one's answer, with `Idempotency-Replayed: true`.
-        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan must go all
-            round in steps of 3 degrees or less.
+        body (DriftAsk): Ask whether a scanner has moved since a calibration. The scan needs 8
+            views or more, of any log.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.

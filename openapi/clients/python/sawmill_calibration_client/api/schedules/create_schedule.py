@@ -130,9 +130,7 @@ def sync_detailed(
      At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
     drift.
 
-    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
-    steps of
-    3 degrees or less.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
@@ -171,9 +169,7 @@ def sync(
      At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
     drift.
 
-    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
-    steps of
-    3 degrees or less.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
@@ -207,9 +203,7 @@ async def asyncio_detailed(
      At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
     drift.
 
-    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
-    steps of
-    3 degrees or less.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
@@ -246,9 +240,7 @@ async def asyncio(
      At each due time it calibrates the newest phantom scan that no schedule has used, or looks for
     drift.
 
-    A drift check takes the newest log scan that no drift check has looked at and that goes all round in
-    steps of
-    3 degrees or less.
+    A drift check takes the newest log scan of 8 views or more that no drift check has looked at.
 
     Args:
         idempotency_key (str | Unset): The client's own name for this request, as a UUID, in
