@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -148,6 +148,10 @@ bench-choosing: install-dev
 # No job is lost: kills, stops, outages, wrong clocks. Ten minutes. OPTIONS: --long (an hour), --only, --engine, --seed.
 faults: install-dev
 	@$(BIN)/python benchmarks/inject_faults.py $(OPTIONS)
+
+# A watched folder: 300 files, the watcher and the service are killed. OPTIONS: --files N, --seed N, --longest SECONDS.
+faults-folder: install-dev
+	@$(BIN)/python benchmarks/watched_folder.py $(OPTIONS)
 
 # The pictures in docs/pictures, by Debian's chromium; some minutes. OPTIONS: --data FOLDER, --only NAME.
 screenshots: install-dev

@@ -31,6 +31,7 @@ from sawmill_worker.contracts.plans import PlanOptions
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionOptions
 from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
 from sawmill_worker.contracts.simulating import SimulationOptions
+from sawmill_worker.execution.importing import importing
 from sawmill_worker.readers.angles import AngleSteps
 from sawmill_worker.vocabulary import CalibrationMethod, DataKind, Handedness, ReconstructionMethod, Rotation, Theta
 from sawmill_worker.vocabulary.version import VERSION
@@ -461,6 +462,45 @@ def worker(
             main([])
     except WrongVariableError as error:
         raise typer.BadParameter(str(error)) from error
+
+
+@app.command(cls=Command)
+def watch(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE.yaml", help="Which folders, and where the service is (docs/watched-folder.md)."),
+    ],
+    once: Annotated[
+        bool, typer.Option("--once", help="End when all that is whole has been read; exit code 1 if anything is left.")
+    ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="Say what would be done, and do nothing; exit code 1 if it would fail.")
+    ] = False,
+) -> None:
+    """Watch folders for scanners that can only write files, and bring each scan to the service once."""
+    with importing():
+        from sawmill_worker.execution.logs import configure_logs
+        from sawmill_worker.execution.settings import ExecutionSettings
+        from sawmill_worker.execution.variables import WrongVariableError, variables_checked
+        from sawmill_worker.watching import command
+        from sawmill_worker.watching.strict_yaml import WrongYaml
+
+    try:
+        with variables_checked():
+            configure_logs(ExecutionSettings().log_format)
+        if check:
+            found = command.check(file)
+            for is_well, sentence in found:
+                say(sentence, trouble=None if is_well else "wrong")
+            raise typer.Exit(0 if all(is_well for is_well, _ in found) else 1)
+        is_well = command.watch(file, showing_progress, once=once)
+    except (WrongVariableError, WrongYaml) as error:
+        raise typer.BadParameter(str(error)) from error
+    except command.CannotWatch as error:
+        say(str(error), trouble="cannot watch")
+        raise typer.Exit(1) from error
+    if once and not is_well:
+        raise typer.Exit(1)
 
 
 @app.command(name="compile", cls=Command)

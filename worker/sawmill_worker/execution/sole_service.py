@@ -1,19 +1,13 @@
-"""One service on a data folder whose database is a file: a lock that the kernel frees however its holder ends."""
+"""One service on a data folder whose database is a file."""
 
-import fcntl
-import os
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TextIO
 
+from sawmill_worker.execution.kernel_lock import HeldByAnother, holder_of, kernel_lock
 from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 
 LOCK = "serve.lock"
-# `struct flock` of fcntl(2) on 64-bit systems: type, whence, start, length, process.
-_FLOCK = "hhqqi4x"
-_WHOLE_FILE = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
 
 
 @contextmanager
@@ -31,16 +25,11 @@ def sole_service(settings: StorageSettings) -> Iterator[None]:
         yield
         return
     settings.data_folder.mkdir(parents=True, exist_ok=True)
-    # Not emptied before it is held: it has the holder's id.
-    with (settings.data_folder / LOCK).open("a+") as lock:
-        try:
-            fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _WHOLE_FILE)
-        except BlockingIOError as error:
-            raise _served(settings, _holder(lock)) from error
-        lock.truncate(0)
-        lock.write(f"{os.getpid()}\n")
-        lock.flush()
-        yield
+    try:
+        with kernel_lock(settings.data_folder / LOCK):
+            yield
+    except HeldByAnother as other:
+        raise _served(settings, str(other)) from other
 
 
 def refuse_second(settings: StorageSettings) -> None:
@@ -66,20 +55,7 @@ def serving_process(settings: StorageSettings) -> str | None:
     OSError
         The lock cannot be read.
     """
-    if not settings.is_one_file:
-        return None
-    try:
-        with (settings.data_folder / LOCK).open() as lock:
-            kind, *_ = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _WHOLE_FILE))
-            return None if kind == fcntl.F_UNLCK else _holder(lock)
-    except FileNotFoundError:
-        return None
-
-
-def _holder(lock: TextIO) -> str:
-    lock.seek(0)
-    # Empty for a moment, between the lock and the writing.
-    return lock.read().strip() or "unknown"
+    return holder_of(settings.data_folder / LOCK) if settings.is_one_file else None
 
 
 def _served(settings: StorageSettings, process: str) -> StorageMisconfigured:

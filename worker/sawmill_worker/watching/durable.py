@@ -1,0 +1,141 @@
+"""Files that are whole after a power cut, and moves that lose nothing."""
+
+import errno
+import hashlib
+import os
+import shutil
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from sawmill_worker.watching.stopping import Stop
+
+_CHUNK_BYTES = 2**20
+
+Signature = tuple[int, int]
+
+
+class FileChanged(Exception):  # noqa: N818 - its writer's doing
+    """Somebody wrote to a file that was whole; the message says when."""
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read, and nothing else: no link is followed and no pipe waited for.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is no file.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "is no ordinary file", str(path))
+    return os.fdopen(descriptor, "rb")
+
+
+def signature(path: Path) -> Signature:
+    """Size in bytes and time of the last change in ns, of the file as it is: opening it asks a network share anew."""
+    with open_regular(path) as file:
+        return signature_of(file)
+
+
+def signature_of(file: BinaryIO) -> Signature:
+    """The same of an open file."""
+    status = os.fstat(file.fileno())
+    return status.st_size, status.st_mtime_ns
+
+
+def sha256_of(path: Path, stop: Stop) -> str:
+    """Of a file's bytes, in hexadecimal digits.
+
+    Raises
+    ------
+    Stopped
+        Meanwhile.
+    """
+    digest = hashlib.sha256()
+    with open_regular(path) as file:
+        while chunk := file.read(_CHUNK_BYTES):
+            stop.check()
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder where there is none.
+
+    Raises
+    ------
+    NotADirectoryError
+        A link or something else stands there: whoever can write there must not lead the files elsewhere.
+    """
+    try:
+        path.mkdir()
+    except FileExistsError:
+        if not stat.S_ISDIR(path.lstat().st_mode):
+            raise NotADirectoryError(errno.ENOTDIR, "must be a folder and no link", str(path)) from None
+    else:
+        sync_folder(path.parent)
+
+
+def write_durably(path: Path, text: str) -> None:
+    """Write a file that is there whole, or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        with part.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def move(source: Path, target: Path) -> None:
+    """Give a file another name, on another file system by a copy; a move that broke off is made again.
+
+    Raises
+    ------
+    OSError
+        The file is where it was.
+    """
+    try:
+        source.rename(target)
+    except OSError as error:
+        if error.errno != errno.EXDEV:
+            raise
+        _copy(source, target)
+        source.unlink()
+    sync_folder(target.parent)
+    sync_folder(source.parent)
+
+
+def _copy(source: Path, target: Path) -> None:
+    part = target.with_name(f".{target.name}.part"[:255])
+    try:
+        with open_regular(source) as original, part.open("wb") as copy:
+            shutil.copyfileobj(original, copy, _CHUNK_BYTES)
+            copy.flush()
+            os.fsync(copy.fileno())
+        shutil.copystat(source, part)
+        part.rename(target)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+
+
+def sync_folder(path: Path) -> None:
+    """Have the names in a folder survive a power cut."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # Some network shares have no such thing for folders: their server writes names as it sees fit.
+        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
+            raise
+    finally:
+        os.close(descriptor)

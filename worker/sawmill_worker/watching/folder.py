@@ -1,0 +1,235 @@
+"""One watched folder: takes what is whole, and brings each taken file to its end."""
+
+import errno
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TextIO
+
+from sawmill_worker.execution.kernel_lock import HeldByAnother, kernel_lock
+from sawmill_worker.watching.durable import FileChanged, make_folder, signature
+from sawmill_worker.watching.fates import Fates
+from sawmill_worker.watching.looks import Looks
+from sawmill_worker.watching.news import News
+from sawmill_worker.watching.sending import Sending, ShowProgress
+from sawmill_worker.watching.service import Json, Refusal, Service
+from sawmill_worker.watching.settings import WatchedFolder
+from sawmill_worker.watching.stopping import Stop
+from sawmill_worker.watching.takings import Taking, Takings
+
+LOCK = "watch.lock"
+# Taken at a time: the others stay where everybody sees them, and the service's queue stays short.
+MOST_TAKEN = 8
+# What came is not the file, or the service has lost it: it is sent again.
+_ANOTHER_UPLOAD = frozenset({"digest-mismatch", "upload-lost"})
+
+
+class FolderWaits(Exception):  # noqa: N818 - it passes, once somebody has looked
+    """The folder cannot be watched now, or the service refuses what the YAML says of it."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
+class _FileRefused(Exception):  # noqa: N818 - what becomes of a file
+    """Nothing can be made of a file: somebody must look at it."""
+
+    def __init__(self, code: str, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+class _FileWaits(Exception):  # noqa: N818 - it passes
+    """A file cannot go on now; others can."""
+
+    def __init__(self, code: str, reason: str) -> None:
+        super().__init__(reason)
+        self.code = code
+
+
+class Folder:
+    """A folder that this process alone takes from, while `locked`."""
+
+    def __init__(
+        self, settings: WatchedFolder, service: Service, news: News, stop: Stop, show_progress: ShowProgress
+    ) -> None:
+        self.settings = settings
+        self.counts: Counter[str] = Counter()
+        self.looks = Looks(settings, news)
+        self._service = service
+        self._news = news
+        self._stop = stop
+        self._takings = Takings(settings.path, settings.taken_folder)
+        self._sending = Sending(settings, self._takings, service, stop, show_progress)
+        self._fates = Fates(settings, self._takings)
+        self._looking = False
+        self._on_way: list[Taking] = []
+
+    @property
+    def name(self) -> str:
+        """As the log calls it."""
+        return self.settings.folder
+
+    @contextmanager
+    def locked(self) -> Iterator[TextIO]:
+        """Make what it needs, and be the only one for the block.
+
+        Raises
+        ------
+        FolderWaits
+            Another process watches it; the sentence has its id.
+        OSError
+            It is not there, or cannot be written.
+        """
+        if not self.settings.path.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, "is not there, or no folder", self.name)
+        for path in (self.settings.taken_folder, self.settings.done_folder, self.settings.refused_folder):
+            make_folder(path)
+        try:
+            with kernel_lock(self.settings.taken_folder / LOCK) as lock:
+                self._takings.tidy()
+                yield lock
+        except HeldByAnother as other:
+            sentence = f"the folder {self.name!r} is watched by process {other} already: stop that one"
+            raise FolderWaits("watched-already", sentence) from other
+
+    def number_refused(self) -> int:
+        """How many files wait in `refused/` for somebody."""
+        return self._fates.number_refused()
+
+    @property
+    def left(self) -> int:
+        """How many files were on their way, whole or not yet whole, when it was looked at last."""
+        return len(self._on_way) + len(self.looks.whole) + len(self.looks.growing)
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether files go on that nothing holds up."""
+        taken = {self._takings.path(taking) for taking in self._on_way}
+        whole = {self.settings.path / name for name in self.looks.whole}
+        return bool({str(path) for path in taken | whole} - self._news.troubles.keys())
+
+    def go_on(self, *, look: bool) -> list[Taking]:
+        """Bring what was taken further, and take more; what is on its way then.
+
+        Parameters
+        ----------
+        look
+            Whether to look at the folder's files too.
+
+        Raises
+        ------
+        ServiceWaits, FolderWaits, OSError, Stopped
+            Nothing is lost: what was taken goes on in the next round.
+        """
+        self._looking = look
+        self._on_way = on_way = [taking for taking in self._takings.all() if not self._bring_on(taking)]
+        if look:
+            self.looks.look()
+        for name, seen in sorted(self.looks.whole.items(), key=lambda item: (item[1][1], item[0])):
+            self._stop.check()
+            if len(on_way) >= MOST_TAKEN:
+                break
+            taking = self._take(name, seen)
+            if taking is not None and not self._bring_on(taking):
+                on_way.append(taking)
+        return on_way
+
+    def _take(self, name: str, seen: tuple[int, int]) -> Taking | None:
+        path = self.settings.path / name
+        del self.looks.whole[name]
+        try:
+            taking = self._takings.take(name, seen)
+        except (FileChanged, FileNotFoundError):
+            return None  # the next look sees what it is now
+        except OSError as error:
+            if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EROFS}:
+                raise
+            # On a share of Windows its writer still has it open.
+            self._news.trouble(str(path), "not-movable", f"it cannot be taken: {error.strerror}")
+            return None
+        marker = self.looks.marker(name)
+        if marker is not None:
+            marker.unlink(missing_ok=True)
+        self._news.event("taken", file=str(path), size_bytes=seen[0], taking=taking.id)
+        return taking
+
+    def _bring_on(self, taking: Taking) -> bool:
+        """Whether nothing is left to do about it."""
+        if not self._takings.is_there(taking):
+            self._takings.forget(taking)
+            return True
+        try:
+            return self._advance(taking)
+        except _FileRefused as refused:
+            self._refuse(taking, refused.code, str(refused))
+            return True
+        except _FileWaits as waits:
+            code, reason = waits.code, str(waits)
+        except FileChanged as change:
+            code, reason = "file-changed", f"{change}: it is sent once it stands still"
+        except OSError as error:
+            if str(error.filename) != str(self._takings.path(taking)):
+                raise
+            code, reason = "unreadable", f"it cannot be read: {error.strerror}"
+        self._news.trouble(str(self._takings.path(taking)), code, reason)
+        return False
+
+    def _advance(self, taking: Taking) -> bool:
+        if taking.scan_id is None:
+            taking = self._sent(taking)
+            self._news.over(str(self._takings.path(taking)))
+        scan = self._service.found(f"/v1/scans/{taking.scan_id}", "scan-not-found")
+        if scan is None:
+            raise _FileRefused("scan-not-found", f"scan {taking.scan_id} was deleted before it was read")
+        if scan["state"] == "ingesting":
+            return False
+        if scan["state"] == "refused":
+            raise _FileRefused(self._code_of(scan), scan["reason"])
+        if not self._sending.is_unchanged(taking):
+            reason = f"the file was written to after it was taken; scan {taking.scan_id} has what it was then"
+            raise _FileRefused("file-changed", reason)
+        known = {"job_id": scan["job_id"], "scanner_id": scan["scanner_id"], "phantom_id": scan["phantom_id"]}
+        place = self._fates.done(taking, **known)
+        self.counts["done"] += 1
+        self._news.event("done", file=str(place), scan_id=taking.scan_id)
+        return True
+
+    def _sent(self, taking: Taking) -> Taking:
+        if not taking.signature[0]:
+            raise _FileRefused("empty-file", "the file is empty, though it is marked as whole")
+        rule = self.settings.files_named(taking.name)
+        if rule is None:
+            raise _FileWaits("no-pattern", "it was taken, and no pattern of the YAML matches its name any more")
+        if taking.sha256 is None and taking.tries:
+            self._check_still(taking)
+        try:
+            return self._sending.send(taking, rule.query(self.settings.scanner_id, taking.name))
+        except Refusal as refusal:
+            if refusal.is_of_file:
+                raise _FileRefused(refusal.code, str(refusal)) from refusal
+            if refusal.code in _ANOTHER_UPLOAD:
+                self._service.delete_upload(str(self._takings.read_again(taking).upload_id))
+            if refusal.code in {*_ANOTHER_UPLOAD, "upload-not-found", "upload-used"}:
+                # The next round finds out what the service has now.
+                raise _FileWaits(refusal.code, str(refusal)) from refusal
+            raise FolderWaits(refusal.code, str(refusal)) from refusal
+
+    def _check_still(self, taking: Taking) -> None:
+        """Of a file that was written to after it was taken: two looks must see the same."""
+        now = signature(self._takings.path(taking))
+        if now != taking.signature:
+            self._takings.save(taking.anew(now))
+        if now != taking.signature or not self._looking:
+            raise FileChanged("it was written to after it was taken")
+
+    def _refuse(self, taking: Taking, code: str, reason: str) -> None:
+        place = self._fates.refused(taking, code, reason)
+        self._news.forget(str(self._takings.path(taking)))
+        self.counts["refused"] += 1
+        self._news.warn("refused", file=str(place), code=code, reason=reason, to_look_at=self.number_refused())
+
+    def _code_of(self, scan: Json) -> str:
+        job = self._service.get(f"/v1/jobs/{scan['job_id']}")
+        return str(job["failure"]["code"]) if job["failure"] else str(job["state"])

@@ -1,0 +1,129 @@
+"""Sends a taken file, and makes one scan of it, however often this process is killed meanwhile.
+
+The record of a taking has each name that the service gave before it is used. Of one upload the service makes one scan,
+in one transaction, and says for a day which one (`used_by`). Where a process comes back after the upload's row is
+gone, the scan is looked for among those that were made since.
+"""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+from sawmill_worker.vocabulary import ProgressCallback
+from sawmill_worker.watching.durable import FileChanged, open_regular, sha256_of, signature
+from sawmill_worker.watching.service import Json, Service
+from sawmill_worker.watching.settings import WatchedFolder, scan_name
+from sawmill_worker.watching.stopping import Stop
+from sawmill_worker.watching.takings import Taking, Takings
+
+ShowProgress = Callable[[str], AbstractContextManager[ProgressCallback]]
+
+_SCANS = "/v1/scans/"
+
+
+class Sending:
+    """For one folder.
+
+    Parameters
+    ----------
+    settings
+        Of the folder.
+    takings
+        Where records are kept.
+    service
+        Where to.
+    stop
+        Ends it between two pieces of a file.
+    show_progress
+        Shows a person how far a file is.
+    """
+
+    def __init__(
+        self, settings: WatchedFolder, takings: Takings, service: Service, stop: Stop, show_progress: ShowProgress
+    ) -> None:
+        self._settings = settings
+        self._takings = takings
+        self._service = service
+        self._stop = stop
+        self._show_progress = show_progress
+
+    def send(self, taking: Taking, query: dict[str, str]) -> Taking:
+        """With its scan.
+
+        Parameters
+        ----------
+        query
+            Of `POST /v1/scans`.
+
+        Raises
+        ------
+        FileChanged
+            Somebody writes to it; nothing was made of it.
+        ServiceWaits, Refusal
+            The service's answer.
+        Stopped, OSError
+            Meanwhile.
+        """
+        upload = None
+        while upload is None:
+            taking = self._summed(taking)
+            if taking.upload_id is None:
+                taking, upload = self._begun(taking)
+            else:
+                upload = self._service.found(f"/v1/uploads/{taking.upload_id}", "upload-not-found")
+            if upload is None:
+                taking = self._after_expiry(taking)
+                if taking.scan_id is not None:
+                    return taking
+        if upload["state"] == "receiving":
+            upload = self._sent(taking, upload)
+        if upload["state"] == "used":
+            scan_id = upload["used_by"].removeprefix(_SCANS)
+        else:
+            self._check_unchanged(taking)
+            scan_id = self._service.make_scan(upload["id"], query)["id"]
+        return self._takings.save(replace(taking, scan_id=scan_id))
+
+    def is_unchanged(self, taking: Taking) -> bool:
+        """Whether the file is what was sent; only a file with another time or size is read again."""
+        path = self._takings.path(taking)
+        return signature(path) == taking.signature or sha256_of(path, self._stop) == taking.sha256
+
+    def _summed(self, taking: Taking) -> Taking:
+        if taking.sha256 is not None:
+            return taking
+        path = self._takings.path(taking)
+        digest, now = sha256_of(path, self._stop), signature(path)
+        if now != taking.signature:
+            self._takings.save(taking.anew(now))
+            raise FileChanged("it was written to after it was taken")
+        return self._takings.save(replace(taking, sha256=digest))
+
+    def _begun(self, taking: Taking) -> tuple[Taking, Json]:
+        asked = {"size_bytes": taking.signature[0], "name": scan_name(taking.name), "sha256": taking.sha256}
+        upload = self._service.begin_upload(asked, once=taking.upload_name)
+        began = replace(taking, upload_id=upload["id"], upload_began=upload["created_at"])
+        return self._takings.save(began), upload
+
+    def _after_expiry(self, taking: Taking) -> Taking:
+        """With the scan that was made of an upload whose row is gone, or as if nothing had been sent."""
+        scan = self._service.find_scan(
+            scanner_id=self._settings.scanner_id,
+            name=scan_name(taking.name),
+            sha256=str(taking.sha256),
+            since=str(taking.upload_began),
+        )
+        known = taking.anew(taking.signature) if scan is None else replace(taking, scan_id=scan["id"])
+        return self._takings.save(known)
+
+    def _sent(self, taking: Taking, upload: Json) -> Json:
+        path = self._takings.path(taking)
+        with open_regular(path) as file, self._show_progress(taking.name) as on_progress:
+            return self._service.send_rest(upload, file, on_progress)
+
+    def _check_unchanged(self, taking: Taking) -> None:
+        if self.is_unchanged(taking):
+            return
+        self._service.delete_upload(str(taking.upload_id))
+        self._takings.save(taking.anew(signature(self._takings.path(taking))))
+        raise FileChanged("it was written to while it was sent")

@@ -1,0 +1,210 @@
+"""The service as a watcher sees it: over HTTP, with a key of scope `submit`."""
+
+import ssl
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, Self
+from urllib.parse import urlsplit
+
+import httpx
+
+from sawmill_worker.vocabulary import Progress, ProgressCallback
+from sawmill_worker.watching.durable import FileChanged
+from sawmill_worker.watching.settings import Watching
+from sawmill_worker.watching.stopping import Stop
+
+CHUNK_BYTES = 2**20
+CONNECT_S, ANSWER_S = 10.0, 60.0
+# Whoever asks for more than that is asked again: a watcher that sleeps for a day looks dead.
+LONGEST_RETRY_S = 3600.0
+
+Json = dict[str, Any]
+
+
+class ServiceWaits(Exception):  # noqa: N818 - it passes
+    """The service cannot be used now, by anybody or with this key: everything stays as it is and is tried again."""
+
+    def __init__(self, sentence: str, *, code: str, retry_after_s: float | None = None) -> None:
+        super().__init__(sentence)
+        self.code = code
+        self.retry_after_s = retry_after_s
+
+
+class Refusal(Exception):  # noqa: N818 - the service's answer
+    """The service refuses a request."""
+
+    def __init__(self, status: int, code: str, detail: str) -> None:
+        super().__init__(detail)
+        self.status = status
+        self.code = code
+
+    @property
+    def is_of_file(self) -> bool:
+        """Whether the file is why: too large, or by its first bytes no file of measurements."""
+        return self.status in {413, 415}
+
+
+class Service:
+    """Sends requests, one at a time.
+
+    Parameters
+    ----------
+    watching
+        Where the service is, and the files of the key and of certificates.
+    stop
+        Ends what is being sent.
+
+    Raises
+    ------
+    OSError
+        The certificates cannot be read.
+    """
+
+    def __init__(self, watching: Watching, stop: Stop) -> None:
+        self._key_file = None if watching.key_file is None else Path(watching.key_file)
+        self._stop = stop
+        self._client = httpx.Client(
+            base_url=watching.service,
+            timeout=httpx.Timeout(ANSWER_S, connect=CONNECT_S),
+            verify=watching.service.startswith("https:") and ssl.create_default_context(cafile=watching.ca_file),
+            # No proxy and no netrc of the environment: nothing but what the file says.
+            trust_env=False,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.close()
+
+    def get(self, path: str, **query: str) -> Json:
+        """JSON at a path.
+
+        Raises
+        ------
+        ServiceWaits, Refusal
+            As for every request.
+        """
+        return self._ask("GET", path, params=query)
+
+    def found(self, path: str, code: str) -> Json | None:
+        """JSON at a path; None where the service answers with this code."""
+        try:
+            return self.get(path)
+        except Refusal as refusal:
+            if refusal.code == code:
+                return None
+            raise
+
+    def begin_upload(self, file: Json, *, once: str) -> Json:
+        """Declare a file; sent again under the same name, `once`, it declares no second one."""
+        return self._ask("POST", "/v1/uploads", json=file, headers={"Idempotency-Key": f'"{once}"'})
+
+    def send_rest(self, upload: Json, file: BinaryIO, on_progress: ProgressCallback) -> Json:
+        """Send what is missing of an upload.
+
+        Raises
+        ------
+        Stopped, FileChanged
+            Meanwhile; what came is kept.
+        """
+        offset = upload["offset_bytes"]
+        file.seek(offset)
+        headers = {
+            "Upload-Offset": str(offset),
+            "Content-Length": str(upload["size_bytes"] - offset),
+            "Content-Type": "application/octet-stream",
+        }
+        body = self._chunks(file, offset, upload["size_bytes"], on_progress)
+        return self._ask("PATCH", f"/v1/uploads/{upload['id']}", content=body, headers=headers)
+
+    def _chunks(self, file: BinaryIO, sent: int, size: int, on_progress: ProgressCallback) -> Iterator[bytes]:
+        while sent < size:
+            self._stop.check()
+            chunk = file.read(min(CHUNK_BYTES, size - sent))
+            if not chunk:
+                raise FileChanged("it became shorter while it was sent")
+            sent += len(chunk)
+            yield chunk
+            on_progress(Progress(sent / size, f"{sent / 2**20:.0f} of {size / 2**20:.0f} MiB"))
+
+    def delete_upload(self, upload_id: str) -> None:
+        """Give its room back."""
+        try:
+            self._ask("DELETE", f"/v1/uploads/{upload_id}")
+        except Refusal as refusal:
+            if refusal.code != "upload-not-found":
+                raise
+
+    def make_scan(self, upload_id: str, query: dict[str, str]) -> Json:
+        """Make a scan of an upload, which is used up by that: of one upload there is one scan."""
+        return self._ask("POST", "/v1/scans", params={**query, "upload_id": upload_id})
+
+    def find_scan(self, *, scanner_id: str, name: str, sha256: str, since: str) -> Json | None:
+        """The newest scan of a scanner with this name and these bytes, made since a time of the service's clock."""
+        query = {"scanner_id": scanner_id, "created_from": since}
+        while True:
+            page = self.get("/v1/scans", **query)
+            for scan in page["items"]:
+                if (scan["sha256"], scan["name"]) == (sha256, name):
+                    found: Json = scan
+                    return found
+            if page["next"] is None:
+                return None
+            query["after"] = page["next"]
+
+    def _ask(self, method: str, path: str, **options: Any) -> Json:  # noqa: ANN401 - httpx's own
+        headers = {**self._authorization(), **options.pop("headers", {})}
+        try:
+            answer = self._client.request(method, path, headers=headers, **options)
+        except httpx.TransportError as error:
+            sentence = f"no answer from {self._client.base_url}: {str(error) or type(error).__name__}"
+            raise ServiceWaits(sentence, code="no-answer") from error
+        return self._read(answer)
+
+    def _authorization(self) -> dict[str, str]:
+        """Read each time: whoever replaces the key replaces the file."""
+        if self._key_file is None:
+            return {}
+        try:
+            key = self._key_file.read_text(encoding="ascii").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            raise ServiceWaits(f"the key in {self._key_file} cannot be read: {error}", code="key-file") from error
+        if not key or not key.isprintable() or " " in key:
+            sentence = f"{self._key_file} must hold a key and nothing else, as sawmill key create prints it"
+            raise ServiceWaits(sentence, code="key-file")
+        return {"Authorization": f"Bearer {key}"}
+
+    def _read(self, answer: httpx.Response) -> Json:
+        if answer.status_code == httpx.codes.NO_CONTENT:
+            return {}
+        try:
+            document = answer.json()
+        except ValueError:  # of JSON and of its encoding
+            document = None
+        if answer.is_success and isinstance(document, dict):
+            return document
+        if not isinstance(document, dict) or "code" not in document:
+            sentence = f"{answer.request.url} is answered with {answer.status_code}, and not by the service"
+            raise ServiceWaits(sentence, code="no-service", retry_after_s=_retry_after_s(answer))
+        code, detail = str(document["code"]), str(document.get("detail", ""))
+        if answer.status_code in _WAITING or answer.status_code >= httpx.codes.INTERNAL_SERVER_ERROR or code in _PASSES:
+            raise ServiceWaits(detail, code=code, retry_after_s=_retry_after_s(answer))
+        raise Refusal(answer.status_code, code, detail)
+
+
+# No key, too small a scope, another host name, too slow, too many.
+_WAITING = frozenset({401, 403, 408, 421, 429})
+# What else is answered differently later.
+_PASSES = frozenset({"upload-busy", "upload-quota", "wrong-offset"})
+
+
+def _retry_after_s(answer: httpx.Response) -> float | None:
+    text = answer.headers.get("Retry-After", "")
+    return min(float(text), LONGEST_RETRY_S) if text.isascii() and text.isdigit() else None
+
+
+def speaks_openly(url: str) -> bool:
+    """Whether a key would go over a network as everybody can read it."""
+    parts = urlsplit(url)
+    return parts.scheme == "http" and parts.hostname not in {"localhost", "127.0.0.1", "::1"}

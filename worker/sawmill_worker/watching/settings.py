@@ -1,0 +1,199 @@
+"""What the YAML of a watched folder says: where the service is, which folders there are, and what is in them."""
+
+import re
+from difflib import get_close_matches
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Self
+from urllib.parse import urlsplit
+
+from pydantic import AfterValidator, Field, StringConstraints, ValidationError, field_validator, model_validator
+
+from sawmill_worker.contracts.base import Identifier, Rows
+from sawmill_worker.contracts.given import Given, shown
+from sawmill_worker.contracts.jobs import Priority
+from sawmill_worker.contracts.scans import ScanFileOptions
+from sawmill_worker.watching.strict_yaml import Place, WrongYaml, read_yaml
+
+TAKEN = "taken"
+# What pydantic begins its sentences with.
+_ORDINARY = re.compile(r"value error, |input (?=should )", re.IGNORECASE)
+
+
+def _absolute(text: str) -> str:
+    if not text.startswith("/"):
+        msg = f"must be an absolute path, as in /srv/scanner-2, not {text!r}"
+        raise ValueError(msg)
+    return text
+
+
+def _url(text: str) -> str:
+    parts = urlsplit(text)
+    if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment or parts.username:
+        msg = f"must be the service's address, as in https://sawmill.example or http://127.0.0.1:8000, not {text!r}"
+        raise ValueError(msg)
+    return text.rstrip("/")
+
+
+Text = Annotated[str, StringConstraints(min_length=1, max_length=4096)]
+AbsolutePath = Annotated[Text, AfterValidator(_absolute)]
+Seconds = Annotated[float, Field(gt=0, le=86_400)]
+
+
+class Files(ScanFileOptions, Given):
+    """Files of one kind, and what `POST /v1/scans` is given with each."""
+
+    match: Annotated[str, StringConstraints(min_length=1, max_length=200)] = Field(
+        description="Names, with * for any letters, ? for one and [...] for one of several.", examples=["phantom-*.h5"]
+    )
+    phantom_id: Identifier | None = Field(None, description="The phantom in each; null for logs.")
+    phantom_rows: Rows | None = Field(None, description="The rows that show the phantom; null: they are found.")
+    priority: Priority = Field(Priority.WAITED_FOR, description="How urgent their reading is.")
+
+    @field_validator("match")
+    @classmethod
+    def _is_of_names(cls, pattern: str) -> str:
+        if "/" in pattern:
+            msg = f"must match names in the folder itself, so without /, not {pattern!r}"
+            raise ValueError(msg)
+        return pattern
+
+    def query(self, scanner_id: str, name: str) -> dict[str, str]:
+        """What stands in the query of `POST /v1/scans` for a file of this name."""
+        given = self.model_dump(mode="json", exclude={"match"}, exclude_none=True, exclude_unset=True)
+        return {**given, "scanner_id": scanner_id, "name": scan_name(name)}
+
+
+class WatchedFolder(Given):
+    """A folder into which one scanner writes."""
+
+    folder: AbsolutePath = Field(description="Absolute path.", examples=["/srv/scanner-2"])
+    scanner_id: Identifier = Field(description="Whose scans they are.", examples=["line-2"])
+    files: list[Files] = Field(min_length=1, description="The first that matches a name counts.")
+    done_suffix: Annotated[str, StringConstraints(pattern=r"^[.\w-]{1,40}$")] | None = Field(
+        ".done", description="A file NAME.done beside NAME says that it is whole; null: there are none."
+    )
+    still_for_s: Seconds | None = Field(
+        10.0, description="A file whose size and time stand still for so long is whole; null: only with NAME.done."
+    )
+    done: Text = Field("done", description="Where files go that the service has read; absolute, or in the folder.")
+    refused: Text = Field("refused", description="Where the others go, with the reason.")
+
+    @model_validator(mode="after")
+    def _can_be_whole(self) -> Self:
+        if self.done_suffix is None and self.still_for_s is None:
+            msg = "give done_suffix or still_for_s: without either no file is ever known to be whole"
+            raise ValueError(msg)
+        return self
+
+    @model_validator(mode="after")
+    def _has_places(self) -> Self:
+        places = [self.done_folder, self.refused_folder, self.taken_folder]
+        if len({str(place.resolve()) for place in (*places, self.path)}) <= len(places):
+            msg = f"done, refused and {TAKEN}/ must be three folders, and none the watched one: not {places}"
+            raise ValueError(msg)
+        return self
+
+    @property
+    def path(self) -> Path:
+        """The folder."""
+        return Path(self.folder)
+
+    @property
+    def taken_folder(self) -> Path:
+        """Where a file is from the moment when it is taken until its fate is known."""
+        return self.path / TAKEN
+
+    @property
+    def done_folder(self) -> Path:
+        """Where files go that the service has read."""
+        return self.path / self.done
+
+    @property
+    def refused_folder(self) -> Path:
+        """Where the others go."""
+        return self.path / self.refused
+
+    def files_named(self, name: str) -> Files | None:
+        """The first rule that matches a name; None: no rule does."""
+        return next((rule for rule in self.files if fnmatchcase(name, rule.match)), None)
+
+
+class Watching(Given):
+    """The whole file."""
+
+    service: Annotated[Text, AfterValidator(_url)] = Field(
+        description="Where the service answers.", examples=["https://sawmill.example"]
+    )
+    key_file: AbsolutePath | None = Field(
+        None, description="A file with a key of scope submit; null: the service asks for none on this machine."
+    )
+    ca_file: AbsolutePath | None = Field(
+        None, description="Certificates (PEM) that vouch for the service; null: those that this machine trusts."
+    )
+    poll_s: Seconds = Field(5.0, description="How often folders are looked at.")
+    folders: list[WatchedFolder] = Field(min_length=1, description="One each scanner, or more.")
+
+    @model_validator(mode="after")
+    def _watches_each_once(self) -> Self:
+        seen: set[Path] = set()
+        for each in self.folders:
+            path = each.path.resolve()
+            if path in seen:
+                msg = f"{each.folder!r} stands here twice: give one folder all its files"
+                raise ValueError(msg)
+            seen.add(path)
+        return self
+
+
+def scan_name(name: str) -> str:
+    """What a scan is called after its file: one line of at most 200 characters."""
+    return shown(name)[:200].strip() or "scan"
+
+
+def read_settings(path: Path) -> Watching:
+    """The settings in a file.
+
+    Raises
+    ------
+    WrongYaml
+        A sentence a line: the line's number, the place, what is there and what would be right.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise WrongYaml(f"{path} cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise WrongYaml(f"{path} is no text in UTF-8: byte {error.start}") from error
+    try:
+        document = read_yaml(text)
+    except WrongYaml as error:
+        raise WrongYaml(f"{path}: {error}") from error
+    try:
+        return Watching.model_validate(document.value)
+    except ValidationError as error:
+        faults = sorted((document.line_of(fault["loc"]), _sentence(fault)) for fault in error.errors())
+        raise WrongYaml("\n".join(f"{path}, line {line}: {sentence}" for line, sentence in faults)) from error
+
+
+def _sentence(fault: Any) -> str:  # noqa: ANN401 - pydantic's own type of a fault
+    place: Place = fault["loc"]
+    name = ".".join(str(part) for part in place)
+    if fault["type"] == "extra_forbidden":
+        known = _KNOWN.get(len(place), ())
+        near = get_close_matches(str(place[-1]), known, n=1)
+        return f"{name} is not a known field" + (f": {near[0]!r} is" if near else f"; known are {', '.join(known)}")
+    if fault["type"] == "missing":
+        return f"{name} is missing"
+    sentence = _ORDINARY.sub("", fault["msg"])
+    if "not " in sentence:
+        return f"{name}: {sentence}" if name else sentence
+    return f"{name}: {sentence[:1].lower()}{sentence[1:]}, not {fault['input']!r:.100}"
+
+
+# By how deep they stand.
+_KNOWN = {
+    1: tuple(Watching.model_fields),
+    3: tuple(WatchedFolder.model_fields),
+    5: tuple(Files.model_fields),
+}

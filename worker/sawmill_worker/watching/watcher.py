@@ -1,0 +1,196 @@
+"""Watches folders until it is stopped, or until nothing is left to do."""
+
+import os
+import time
+from contextlib import ExitStack, closing, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TextIO
+
+from sawmill_worker.watching.folder import Folder, FolderWaits
+from sawmill_worker.watching.news import News
+from sawmill_worker.watching.sending import ShowProgress
+from sawmill_worker.watching.service import Refusal, Service, ServiceWaits
+from sawmill_worker.watching.settings import Watching
+from sawmill_worker.watching.stopping import Stop, Stopped
+
+FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
+# A request that waits for the service holds up an end in order for that long.
+READ_WAIT_S = 2.0
+SERVICE = "service"
+
+
+@dataclass
+class Backoff:
+    """Waits longer after each failure."""
+
+    until_s: float = 0.0
+    wait_s: float = FIRST_WAIT_S
+
+    def put_off(self, retry_after_s: float | None = None) -> None:
+        """After a failure: at least for as long as was asked for."""
+        self.until_s = time.monotonic() + max(self.wait_s, retry_after_s or 0.0)
+        self.wait_s = min(2.0 * self.wait_s, LONGEST_WAIT_S)
+
+    def over(self) -> None:
+        """After a success."""
+        self.wait_s = FIRST_WAIT_S
+
+    @property
+    def is_due(self) -> bool:
+        """Whether it may be tried again."""
+        return time.monotonic() >= self.until_s
+
+
+@dataclass
+class _Held:
+    """A folder, the lock on it while there is one, and when it is tried next."""
+
+    folder: Folder
+    stack: ExitStack = field(default_factory=ExitStack)
+    lock: TextIO | None = None
+    backoff: Backoff = field(default_factory=Backoff)
+
+    def hold(self) -> None:
+        """Take the lock, again where the share was away meanwhile: then the file of that name is another one."""
+        if self.lock is not None and _is_at(self.lock):
+            return
+        self.release()
+        self.lock = self.stack.enter_context(self.folder.locked())
+
+    def release(self) -> None:
+        self.stack.close()
+        self.lock = None
+
+
+def _is_at(lock: TextIO) -> bool:
+    try:
+        return os.path.samestat(Path(lock.name).stat(), os.fstat(lock.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+class Watcher:
+    """All folders of one YAML.
+
+    Parameters
+    ----------
+    watching
+        What it says.
+    service, stop, show_progress
+        As for `Folder`.
+    """
+
+    def __init__(self, watching: Watching, service: Service, stop: Stop, show_progress: ShowProgress) -> None:
+        self._poll_s = watching.poll_s
+        self._service = service
+        self._stop = stop
+        self._news = News()
+        self._folders = [
+            _Held(Folder(settings, service, self._news, stop, show_progress)) for settings in watching.folders
+        ]
+        self._backoff = Backoff()
+        self._settles_s = max(settings.still_for_s or 0.0 for settings in watching.folders) + 2.0 * watching.poll_s
+
+    def run(self, *, once: bool) -> bool:
+        """Watch; whether nothing waits for somebody at the end.
+
+        Parameters
+        ----------
+        once
+            End when all files that are whole, or become so by standing still, have been brought to their end, or
+            when something has to be waited for.
+
+        Raises
+        ------
+        FolderWaits
+            At the start: another process watches a folder.
+        OSError
+            At the start: a folder cannot be used.
+        """
+        with closing(self):
+            for held in self._folders:
+                held.hold()
+                self._news.event("watching", folder=held.folder.name, refused=held.folder.number_refused())
+            with suppress(Stopped):
+                self._run(once=once)
+            return self._summed_up()
+
+    def close(self) -> None:
+        """Let others watch."""
+        for held in self._folders:
+            held.release()
+
+    def _run(self, *, once: bool) -> None:
+        moved_s, ended, looks_s = time.monotonic(), 0, 0.0
+        while True:
+            self._stop.check()
+            look = time.monotonic() >= looks_s
+            if look:
+                looks_s = time.monotonic() + self._poll_s
+            reading = self._round(look=look)
+            now_ended = sum(held.folder.counts.total() for held in self._folders)
+            if now_ended != ended:
+                moved_s, ended = time.monotonic(), now_ended
+            if once and self._is_over(moved_s):
+                return
+            self._wait(reading)
+
+    def _round(self, *, look: bool) -> list[str]:
+        """Go on in each folder; the scans that the service reads now."""
+        reading: list[str] = []
+        if not self._backoff.is_due:
+            return reading
+        for held in self._folders:
+            if not held.backoff.is_due:
+                continue
+            folder = held.folder
+            try:
+                held.hold()
+                reading += [str(taking.scan_id) for taking in folder.go_on(look=look) if taking.scan_id]
+            except ServiceWaits as waits:
+                self._backoff.put_off(waits.retry_after_s)
+                self._news.trouble(SERVICE, waits.code, str(waits))
+                return []
+            except (FolderWaits, Refusal) as waits:  # refused is also what only another service would
+                held.backoff.put_off()
+                self._news.trouble(folder.name, waits.code, str(waits))
+            except OSError as error:
+                held.backoff.put_off()
+                self._news.trouble(folder.name, f"errno-{error.errno}", str(error))
+            else:
+                held.backoff.over()
+                self._news.over(folder.name)
+        self._backoff.over()
+        self._news.over(SERVICE)
+        return reading
+
+    def _wait(self, reading: list[str]) -> None:
+        """Until the first scan has been read, or for a look's time."""
+        if not reading:
+            self._stop.sleep(min(self._poll_s, LONGEST_WAIT_S))
+            return
+        try:
+            self._service.found(f"/v1/scans/{reading[0]}?wait={min(self._poll_s, READ_WAIT_S):g}", "scan-not-found")
+        except ServiceWaits as waits:
+            self._backoff.put_off(waits.retry_after_s)
+            self._news.trouble(SERVICE, waits.code, str(waits))
+        except Refusal:  # the next round meets it too, and says so
+            self._stop.sleep(self._poll_s)
+
+    def _is_over(self, moved_s: float) -> bool:
+        troubles = self._news.troubles
+        if SERVICE in troubles:
+            return True
+        folders = [held.folder for held in self._folders if held.folder.name not in troubles]
+        if any(folder.is_busy for folder in folders):
+            return False
+        return not any(folder.looks.growing for folder in folders) or time.monotonic() - moved_s > self._settles_s
+
+    def _summed_up(self) -> bool:
+        folders = [held.folder for held in self._folders]
+        left = sum(folder.left for folder in folders)
+        done, refused = (sum(folder.counts[fate] for folder in folders) for fate in ("done", "refused"))
+        to_look_at = {folder.name: number for folder in folders if (number := folder.number_refused())}
+        self._news.event("ended", done=done, refused=refused, left=left, to_look_at=to_look_at)
+        return not (left or refused or self._news.troubles)
