@@ -84,7 +84,7 @@ mkdir -p "$place/share/sawmill"
 for name in README.md CHANGELOG.md LICENSE PACKAGES.txt docker-compose.yml docs examples openapi; do
   cp -R -- "$here/$name" "$place/share/sawmill/"
 done
-printf 'Compiling the kernels (about a minute) ...\n'
+printf 'Compiling the kernels (some minutes) ...\n'
 env -u NUMBA_CACHE_DIR "$place/bin/sawmill" compile
 rm -- "$place/unfinished"
 trap - EXIT
@@ -93,7 +93,7 @@ printf 'Version %s is installed; its documents are in %s/share/sawmill.\n' "$ver
 if [ -e "$folder/current" ] || [ -L "$folder/current" ]; then
   cat << END
 $folder/current leads to $(readlink -- "$folder/current") still. Take a backup, then change over:
-  ln -sfn $version $folder/current
+  ln -sfn $version "$folder/current"
   systemctl restart sawmill.service
 The earlier version stays where it is.
 END
@@ -101,8 +101,8 @@ else
   ln -s -- "$version" "$folder/current"
   cat << END
 Next, as root, a service of systemd's (docs/install.md):
-  $folder/current/bin/sawmill install-service --to /etc/systemd/system
+  "$folder/current/bin/sawmill" install-service --to /etc/systemd/system
 or try it at once, at http://127.0.0.1:8000:
-  $folder/current/bin/sawmill serve
+  "$folder/current/bin/sawmill" serve
 END
 fi

@@ -195,6 +195,50 @@ def test_an_installation_that_fails_leaves_nothing_of_itself(unpacked, tmp_path)
     assert (done.returncode, list((tmp_path / "target").iterdir())) == (7, []), done.stderr
 
 
+# A Python of which only the checks are real: what it makes is there at once and does nothing.
+STAND_IN = """\
+#!/bin/sh
+if [ "$2 $3" != "-m venv" ]; then exec {python} "$@"; fi
+mkdir "$4/bin"
+printf '#!/bin/sh\\necho "$0" "$@" >> {log}\\n' > "$4/bin/python"
+cp "$4/bin/python" "$4/bin/sawmill"
+chmod 755 "$4/bin/python" "$4/bin/sawmill"
+"""
+
+
+def test_versions_lie_beside_each_other_and_a_link_leads_to_the_one_in_use(unpacked, tmp_path):
+    target, log, stand_in = tmp_path / "in use", tmp_path / "log", tmp_path / "python"
+    stand_in.write_text(STAND_IN.format(python=sys.executable, log=log))
+    stand_in.chmod(0o755)
+    for name in ("README.md", "CHANGELOG.md", "LICENSE", "PACKAGES.txt", "docker-compose.yml"):
+        (unpacked / name).touch()
+    for name in ("docs", "examples", "openapi"):
+        (unpacked / name).mkdir()
+
+    def install() -> str:
+        command = ["sh", str(unpacked / "install.sh"), "--python", str(stand_in), str(target)]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout
+
+    describe(unpacked)
+    assert f'"{target}/current/bin/sawmill" install-service --to /etc/systemd/system' in install()
+    given = log.read_text().splitlines()
+    assert "install --quiet --no-index --no-deps --no-cache-dir wheels/a-1.0-py3-none-any.whl" in given[0]
+    assert given[1:] == [
+        f"{target}/1.2.3/bin/python -I -m pip --isolated --disable-pip-version-check check",
+        f"{target}/1.2.3/bin/sawmill compile",
+    ]
+    describe(unpacked, version="1.3.0")
+    shown = install()
+    assert (target / "current").readlink() == Path("1.2.3")
+    (change,) = re.findall(r"^  (ln .*)$", shown, re.MULTILINE)
+    for version_in_use in ("1.3.0", "1.2.3"):
+        subprocess.run(["sh", "-c", change.replace("1.3.0", version_in_use)], check=True)
+        assert (target / "current").readlink() == Path(version_in_use)
+    assert sorted(path.name for path in (target / "1.3.0/share/sawmill").iterdir())[:2] == ["CHANGELOG.md", "LICENSE"]
+
+
 @pytest.mark.parametrize("arguments", [(), ("--fast", "/opt"), ("/opt", "/srv"), ("--python",)])
 def test_wrong_use_is_answered_with_the_usage(refused, arguments):
     assert "usage: sh install.sh [--python PROGRAM] FOLDER" in refused(*arguments, code=2)
