@@ -1,4 +1,4 @@
-"""The `sawmill` entry: serve, migrate, demo, key, audit, openapi, and the commands that need no server.
+"""The `sawmill` entry: serve, migrate, doctor, backup, restore, demo, key, audit, openapi, and what needs no server.
 
 The one file of service/ that may reach the science. Each command imports what it needs, so that none waits for
 another's libraries.
@@ -12,7 +12,8 @@ from typing import Annotated
 
 import typer
 
-from sawmill_service import key_commands
+from sawmill_service import backup_commands, key_commands
+from sawmill_service.data_option import Data
 from sawmill_worker.cli import app as main
 from sawmill_worker.commands.command_line import Command, OneOf
 from sawmill_worker.commands.terminal import say
@@ -22,6 +23,8 @@ __all__ = ["main"]
 
 main.add_typer(key_commands.app, name="key", help="Who may do what: make, list, rotate and revoke keys.")
 main.command(cls=Command)(key_commands.audit)
+main.command(cls=Command)(backup_commands.backup)
+main.command(cls=Command)(backup_commands.restore)
 
 
 @main.command(cls=Command)
@@ -66,7 +69,7 @@ def serve(
 
 
 @main.command(cls=Command)
-def migrate(data: key_commands.Data = None) -> None:
+def migrate(data: Data = None) -> None:
     """Make the database's tables, or bring them up to date, and end: what every start of the service does first."""
     with key_commands.opened(data) as store:
         report = store.database_report()

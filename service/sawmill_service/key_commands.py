@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sawmill_service.data_option import Data, storage_settings
 from sawmill_worker.commands.command_line import Command
 from sawmill_worker.commands.terminal import print_json, say
 from sawmill_worker.contracts.keys import Key, KeyAsk, NewKey, Scope
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 
-Data = Annotated[Path | None, typer.Option(help="Data folder; SAWMILL_DATA_FOLDER or the default otherwise.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON object.")]
 KeyId = Annotated[str, typer.Argument(help="The key's id, as listed.", metavar="KEY_ID")]
 
@@ -116,17 +116,11 @@ def audit(
 @contextmanager
 def opened(data: Path | None) -> Iterator["Store"]:
     """The store of a data folder, worked on in the name of whoever calls the command."""
-    from sawmill_worker.execution.variables import WrongVariableError, variables_checked
     from sawmill_worker.storage.acting import Actor, acting_as
     from sawmill_worker.storage.errors import StorageError
-    from sawmill_worker.storage.settings import StorageSettings
     from sawmill_worker.storage.store import Store
 
-    try:
-        with variables_checked():
-            settings = StorageSettings() if data is None else StorageSettings(data_folder=data)
-    except WrongVariableError as error:
-        raise typer.BadParameter(str(error)) from error
+    settings = storage_settings(data)
     try:
         with closing(Store.open(settings)) as store, acting_as(Actor(f"{getpass.getuser()} on the command line")):
             yield store

@@ -59,7 +59,8 @@ def test_an_installation_in_order_has_nothing_bad(run, data):
     findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
     subjects = {finding["subject"] for finding in findings}
     expected = {"settings", "versions", "kernels", "memory", "open files", "confinement", "data folder", "disk"}
-    assert subjects == expected | {"address", "database", "tables", "workers", "clock", "Redis", "webhooks"}
+    expected |= {"address", "database", "tables", "workers", "clock", "Redis", "webhooks", "backup"}
+    assert subjects == expected
     assert [each for each in findings if each["state"] == "bad"] == []
     printed = run("doctor", "--data", data).stdout
     assert "SQLite" in printed
@@ -97,7 +98,7 @@ def test_a_database_of_a_later_version(found, data):
     connection.close()
     finding = found("database")
     assert "tables of a later version (9999" in finding["sentence"]
-    assert finding["cure"] == "install that version, or restore a backup of before"
+    assert finding["cure"] == "install that version, or restore a backup of before: sawmill restore BACKUP"
 
 
 def test_a_database_of_an_earlier_version_is_not_touched(found, data):

@@ -1,5 +1,6 @@
 """One embedded service with its examples, driven as the console, a careless client and the mill's clock drive it."""
 
+import hashlib
 import io
 import json
 import subprocess
@@ -16,6 +17,9 @@ import scipy.io
 import tifffile
 
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage.backups.checking import check_backup
+from sawmill_worker.storage.backups.restoring import restore
+from sawmill_worker.storage.backups.taking import take_backup
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.tomography.geometry import Theta
@@ -256,6 +260,64 @@ def test_scheduled_recalibrations_tell_what_moved(live, mill, tmp_path, write_ph
     assert live.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"] == first["id"]
     outcomes = [run["outcome"] for run in live.get(f"/v1/schedules/{schedule.id}/runs").json()]
     assert outcomes == ["queued", "no-new-phantom-scan", "queued"]
+
+
+def ask_for_work(live, scanner_id: str, content: bytes) -> list[dict]:
+    """Two scans, each read anew, and a calibration that is computed anew."""
+    scans = [live.upload(content, scanner_id=scanner_id, data="counts", phantom_id="l-shape") for _ in range(2)]
+    return [*scans, live.post("/v1/calibrations", json={"scan_id": scans[0]["id"], "fresh": True})]
+
+
+def sum_of_arrays(path: Path) -> str:
+    """Of all numbers in an HDF5 file, which also holds the time at which it was written."""
+    computed = hashlib.sha256()
+
+    def add(name: str, found: h5py.Dataset | h5py.Group) -> None:
+        if isinstance(found, h5py.Dataset) and found.dtype.kind in "fiu":
+            computed.update(name.encode() + np.ascontiguousarray(found[()]).tobytes())
+
+    with h5py.File(path) as file:
+        file.visititems(add)
+    return computed.hexdigest()
+
+
+def results_of(service, asked: list[dict]) -> dict[str, object]:
+    """Once all is done: the sum of line integrals and angles, and what calibrations answer but how long they took."""
+    results: dict[str, object] = {}
+    for each in asked:
+        job = service.wait(each["job_id"])
+        assert job["state"] == "succeeded", job
+        if job["kind"] == "ingest":
+            results[each["id"]] = sum_of_arrays(service.data / "scans" / each["id"] / "scan.h5")
+        else:
+            result = service.get(f"/v1/calibrations/{each['id']}").json()
+            results[each["id"]] = {name: value for name, value in result.items() if name not in {"timing_s", "job"}}
+    return results
+
+
+def test_a_backup_taken_while_jobs_run_does_the_rest_elsewhere(seeded, serve, offline, tmp_path, write_phantom_scan):
+    live = seeded  # with its examples: they are computed
+    scanner_id = live.create_scanner(name="backed up")
+    write_phantom_scan(tmp_path / "scan.h5", Theta(0.7, 728.0, -254.0, -37.0, -0.21))
+    (tmp_path / "disk").mkdir()
+    settings = StorageSettings(data_folder=live.data)
+    states: list[str] = []
+    while "running" not in states or "queued" not in states:
+        asked = ask_for_work(live, scanner_id, (tmp_path / "scan.h5").read_bytes())
+        taken = take_backup(settings, tmp_path / "disk", lambda _: None)
+        rows = map(json.loads, (taken.path / "rows" / "jobs.jsonl").read_text().splitlines())
+        states = [row["state"] for row in rows]
+    results = results_of(live, asked)
+    assert check_backup(taken.path, lambda _: None) == (taken.manifest, [])
+    restore(taken.path, StorageSettings(data_folder=tmp_path / "data"), lambda _: None)
+    with serve(tmp_path, offline.variables) as restored:
+        assert results_of(restored, asked) == results
+        jobs = restored.get("/v1/jobs", params={"limit": 200}).json()["items"]
+        assert {job["losses"] for job in jobs} == {0}
+    unchanged = list((live.data / "calibrations" / "example").iterdir())
+    assert unchanged
+    for file in unchanged:
+        assert (tmp_path / "data" / file.relative_to(live.data)).read_bytes() == file.read_bytes()
 
 
 @pytest.mark.usefixtures("seeded")

@@ -7,6 +7,7 @@ from pathlib import Path
 import structlog
 
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.storage.files import EXAMPLES
 from sawmill_worker.storage.store import Store
 
 COMMAND = (sys.executable, "-m", "sawmill_worker.examples")
@@ -14,7 +15,7 @@ COMMAND = (sys.executable, "-m", "sawmill_worker.examples")
 
 def examples_made(store: Store) -> Path:
     """The file that says that a data folder has its examples."""
-    return store.files.folder / "examples" / "complete"
+    return store.files.folder / EXAMPLES / "complete"
 
 
 def seed_apart(store: Store) -> None:

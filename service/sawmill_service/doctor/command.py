@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from sawmill_service.data_option import settings_of
 from sawmill_service.doctor import machine, store
 from sawmill_service.doctor.findings import Finding, State
 from sawmill_service.doctor.science import science
@@ -30,7 +31,7 @@ def examine(data: Path | None) -> list[Finding]:
     try:
         with variables_checked():
             settings, execution = ServiceSettings(), ExecutionSettings()
-            storage = StorageSettings() if data is None else StorageSettings(data_folder=data)
+            storage = settings_of(data)
     except WrongVariableError as error:
         return [Finding("settings", State.BAD, str(error), "then ask the doctor again")]
     return list(_examine(settings, storage, execution))
@@ -47,6 +48,7 @@ def _examine(settings: ServiceSettings, storage: StorageSettings, execution: Exe
         return
     yield from _service(settings, storage)
     if storage.is_made:
+        yield store.backup(storage.data_folder)
         yield from store.database(storage, settings)
 
 

@@ -18,6 +18,8 @@ from sawmill_service.pages.system_parts import Disk
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution import landlock
 from sawmill_worker.execution.settings import ExecutionSettings
+from sawmill_worker.storage.errors import StorageMisconfigured
+from sawmill_worker.storage.files import refuse_half_restored
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.vocabulary.version import VERSION
 
@@ -102,6 +104,8 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
         yield Finding("data folder", State.WATCH, f"{folder} is not there", "the first start of sawmill serve makes it")
         return
     yield _writable(folder)
+    if not is_closed(folder):
+        yield from _half_restored(folder)
     if storage.is_one_file and (kind := file_system(folder)) in _OF_NETWORKS:
         yield Finding(
             "data folder",
@@ -110,6 +114,14 @@ def data_folder(storage: StorageSettings) -> Iterator[Finding]:
             "move it to a local disk, or give SAWMILL_DATABASE_URL=postgresql://...",
         )
     yield from _room(folder, storage.disk_reserve_bytes)
+
+
+def _half_restored(folder: Path) -> Iterator[Finding]:
+    try:
+        refuse_half_restored(folder)
+    except StorageMisconfigured as error:
+        cure = "wait for its end, or give sawmill restore BACKUP once more"
+        yield Finding("data folder", State.BAD, str(error), cure)
 
 
 def is_closed(folder: Path) -> bool:

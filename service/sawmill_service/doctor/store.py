@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator
 from contextlib import closing
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 from sawmill_service.doctor.findings import Finding, State
 from sawmill_service.doctor.webhooks import webhooks
@@ -11,13 +12,17 @@ from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.broker_report import report_of
 from sawmill_worker.execution.housekeeping import TOLERABLE_S
+from sawmill_worker.storage.backups.newest import newest_backup
 from sawmill_worker.storage.database_report import DatabaseReport
 from sawmill_worker.storage.errors import StorageError, StorageMisconfigured
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 
 _SLOW_S = 0.5
-_RESTORE = "stop the service, keep a copy, and restore the last backup"
+_RESTORE = "stop the service, move the data folder away, and restore the last backup: sawmill restore BACKUP"
+# A day more than a week, for one that is taken each week.
+_OLD = timedelta(days=8)
+_TAKE = "take one to another disk, each night: sawmill backup FOLDER"
 _NO_KEY = "the service can be reached from other machines by its settings, and there is no key: it would not start"
 _MAKE_A_KEY = "make one with sawmill key create --name NAME --scope admin, or set SAWMILL_TOKEN"
 
@@ -45,6 +50,19 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
         yield Finding("database", State.BAD, str(error), "start its server, or end the process that holds it")
 
 
+def backup(folder: Path) -> Finding:
+    """How old the newest backup is; whether it is still where it was written is not looked at: its disk may be away."""
+    newest = newest_backup(folder)
+    if newest is None:
+        return Finding("backup", State.WATCH, "none was taken of this data folder", _TAKE)
+    age = datetime.now(UTC) - newest.taken_at
+    sentence = f"the newest is {age / timedelta(days=1):.1f} days old: {newest.path}"
+    if newest.lacking:
+        sentence += f", and lacks {newest.lacking} files that rows name"
+        return Finding("backup", State.BAD, sentence, "take one by hand, which names them: sawmill backup FOLDER")
+    return Finding("backup", State.WATCH, sentence, _TAKE) if age > _OLD else Finding("backup", State.GOOD, sentence)
+
+
 def broker(url: str | None) -> Finding:
     """Redis, where it is used."""
     if url is None:
@@ -60,10 +78,15 @@ def _migration(report: DatabaseReport) -> Finding:
     has, needs = report.migration, report.newest_migration
     if has is not None and has > needs:
         sentence = f"{report.system} has tables of a later version ({has}; this one knows {needs})"
-        return Finding("database", State.BAD, sentence, "install that version, or restore a backup of before")
+        return Finding(
+            "database",
+            State.BAD,
+            sentence,
+            "install that version, or restore a backup of before: sawmill restore BACKUP",
+        )
     if has != needs:
         sentence = f"{report.system} has tables of version {has or 'none'}, and this version needs {needs}"
-        cure = "take a backup: the next start of sawmill serve brings them up to date"
+        cure = "take a backup (sawmill backup FOLDER): the next start of sawmill serve brings them up to date"
         return Finding("database", State.WATCH, sentence, cure)
     sentence = f"{report.system} answers in {1000 * report.answered_s:.1f} ms, {report.size_bytes / 1e6:.1f} MB"
     if report.answered_s > _SLOW_S:

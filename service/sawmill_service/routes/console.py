@@ -14,6 +14,7 @@ from sawmill_service.forms import TheForm
 from sawmill_service.pages.addresses import local_path
 from sawmill_service.pages.frame import ThePage
 from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.storage.files import EXAMPLES
 
 STATIC = Path(__file__).parent.parent / "static"
 
@@ -62,7 +63,7 @@ def openapi(request: Request) -> Response:
 @router.get("/examples/phantom-scan.npz")
 def example_scan(request: Request, store: TheStore) -> Response:
     """A small scan to upload."""
-    path = store.files.folder / "examples" / "phantom-scan.npz"
+    path = store.files.folder / EXAMPLES / "phantom-scan.npz"
     return file(request, path, "application/octet-stream", save_as=path.name)
 
 

@@ -38,7 +38,7 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
     files taken away, with exit code 143.
     """
     try:
-        with _ending_when_terminated(), input_errors_translated():
+        with ending_when_terminated(), input_errors_translated():
             yield
     except JobFailure as failure:
         _report_failure(Failure(kind=failure.kind, code=failure.code, detail=failure.detail), as_json=as_json)
@@ -57,7 +57,9 @@ def answering(*, as_json: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def _ending_when_terminated() -> Iterator[None]:
+def ending_when_terminated() -> Iterator[None]:
+    """End at SIGTERM as at Ctrl-C, half-written files taken away, with exit code 143."""
+
     def end(number: int, _frame: FrameType | None) -> None:
         _ended_by.append(number)
         _end_if_asked()

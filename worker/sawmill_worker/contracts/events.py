@@ -54,6 +54,7 @@ class EventKind(StrEnum):
     ALARM_CLOSED = "alarm-closed"
     CLOCK_STEPPED = "clock-stepped"
     CLOCK_OFF = "clock-off"
+    RESTORED = "restored"
 
 
 JOB_ENDS = frozenset({EventKind.SUCCEEDED, EventKind.FAILED, EventKind.CANCELLED})
@@ -74,7 +75,8 @@ class Event(Contract):
         "`schedule-missed`: a due time passed and nothing was queued; `alarm-opened`, `alarm-closed`: "
         "of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: nothing is sent to it any more, for "
         "`reason`; `clock-off`: the worker's clock differs from the "
-        "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock.",
+        "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock; "
+        "`restored`: what is stored is of a backup, and what happened since then is not in it.",
         examples=["succeeded"],
     )
     scanner_id: Identifier | None = Field(
@@ -103,7 +105,8 @@ class Event(Contract):
         description="As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; "
         "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal, "
         "a paused webhook or a missed due time, which is `due_at`; `used_by`, the address of what was made of an "
-        "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; or seconds of the clock.",
+        "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; the name of a backup and when it was "
+        "taken; or seconds of the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

@@ -13,7 +13,9 @@ from sqlalchemy import Connection, Engine, inspect, text
 from sqlalchemy.orm import Session
 
 from sawmill_worker.storage.clock import Clock, SharedClock, set_if_new
+from sawmill_worker.storage.errors import StorageMisconfigured
 from sawmill_worker.storage.outages import Door, trouble_translated
+from sawmill_worker.storage.tables import Base
 
 _MIGRATION_LOCK = 0x5A3111  # any number that only this product takes
 _FILES_LOCK = 0x5A3112
@@ -148,6 +150,47 @@ class Database:
             if revision != "head" or revision_of(connection) != newest_revision():
                 _migrate(connection, revision)
 
+    @contextmanager
+    def snapshot(self) -> Iterator[Connection]:
+        """A transaction in which all rows are as they were at one instant, however long they are read.
+
+        Raises
+        ------
+        StorageUnavailable
+            The database does not answer.
+        """
+        # On SQLite every transaction is one.
+        isolated = {} if self.engine.dialect.name == "sqlite" else {"isolation_level": "REPEATABLE READ"}
+        engine = self.engine.execution_options(**isolated)
+        with trouble_translated(), engine.connect() as connection, _any_time(connection):
+            yield connection
+
+    @contextmanager
+    def filled(self, revision: str, fill: Callable[[Connection], None]) -> Iterator[Session]:
+        """A transaction that fills a database without tables and brings it up to date; the block ends it.
+
+        Parameters
+        ----------
+        revision
+            Of the tables that `fill` writes rows into.
+
+        Raises
+        ------
+        StorageFull, StorageUnavailable
+            The database cannot write, or has tables.
+        """
+        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+            lock_for_setup(connection)
+            if has_tables(connection):
+                raise StorageMisconfigured("the database has tables already: give an empty one")
+            with _any_time(connection):
+                _migrate(connection, revision)
+                fill(connection)
+                _migrate(connection, "head")
+                with Session(connection) as session:
+                    yield session
+                    session.flush()
+
     def start_clock(self) -> None:
         """Write the machine's time where this is the first process since its start; the tables must be up to date.
 
@@ -162,10 +205,21 @@ class Database:
 
 def newest_revision() -> str:
     """The number of the migration after which none comes: they form a chain, whose order is not that of the numbers."""
-    texts = [path.read_text() for path in (_MIGRATIONS / "versions").glob("*.py")]
-    numbers, before = (set[str](re.findall(pattern, "".join(texts), re.MULTILINE)) for pattern in _CHAIN)
+    numbers, before = _chain()
     [newest] = numbers - before
     return newest
+
+
+def is_known(revision: str) -> bool:
+    """Whether there is a migration of this number: those of a later version are not known."""
+    return revision in _chain()[0]
+
+
+def _chain() -> tuple[set[str], set[str]]:
+    """The numbers of all migrations, and of those that another one follows."""
+    texts = "".join(path.read_text() for path in (_MIGRATIONS / "versions").glob("*.py"))
+    numbers, before = (set[str](re.findall(pattern, texts, re.MULTILINE)) for pattern in _CHAIN)
+    return numbers, before
 
 
 def revision_of(connection: Connection) -> str | None:
@@ -174,6 +228,11 @@ def revision_of(connection: Connection) -> str | None:
         return None
     found: str | None = connection.scalar(text("SELECT version_num FROM alembic_version"))
     return found
+
+
+def has_tables(connection: Connection) -> bool:
+    """Whether any table of ours is there."""
+    return not {"alembic_version", *Base.metadata.tables}.isdisjoint(inspect(connection).get_table_names())
 
 
 def _migrate(connection: Connection, revision: str) -> None:

@@ -21,6 +21,8 @@ from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
 PEAK_MEMORY = "peak_memory_bytes"
 # Among which a worker's last is looked for: a busy machine writes about as many in ten minutes.
 _NEWEST = 2000
+# By a restore. A mill with 2 000 logs a day writes some 30 000 events a day, and a backup is younger than a month.
+NUMBERS_SKIPPED = 1_000_000
 _OF_NO_ATTEMPT = (EventKind.QUEUED, EventKind.CANCEL_REQUESTED)
 
 
@@ -39,6 +41,13 @@ def record_cancel_requested(session: Session, now: datetime, job: JobRow) -> Non
     scanner_id = scanner_of(session, job.kind, job.subject_id)
     noun = declaration_of(job.kind).noun
     announce(session, now, EventKind.CANCEL_REQUESTED, noun, job.subject_id, scanner_id=scanner_id, job_id=job.id)
+
+
+def record_restored(session: Session, now: datetime, detail: dict[str, Any]) -> None:
+    """Add that a backup was restored, under a number that no event had that was written after the backup."""
+    newest = session.scalar(select(func.max(EventRow.number))) or 0
+    session.add(EventRow(number=newest + NUMBERS_SKIPPED, at=now, what=EventKind.RESTORED, detail=detail))
+    session.flush()
 
 
 def announce(

@@ -15,7 +15,10 @@ attempts/<…>/kept/              checkpoints that its supervisor has not yet ta
 attempts/<…>/work/              where its process works: what libraries write beside results; never published
 kept/<job>/                     checkpoints, for the job's next attempt; until the job ends
 removed/                        what is being deleted
+examples/                       what the examples were made of, so that they are made once in a folder's life
 serve.lock                      of the process that serves the folder (`execution/sole_service.py`); SQLite alone
+last-backup.json                when and where the last one was taken (`backups/newest.py`)
+restoring/                      what a restore has not put into its place: no store opens (`backups/restoring.py`)
 
 What is in none of the rows goes with time (`leftovers`).
 """
@@ -41,6 +44,7 @@ from sawmill_worker.storage.arriving import Arriving, AsSent, Content, Received,
 from sawmill_worker.storage.errors import (
     NotFound,
     StorageFull,
+    StorageMisconfigured,
     StorageUnavailable,
     disk_full_reported,
     means_disk_full,
@@ -50,6 +54,9 @@ SCAN_FILE = "scan.h5"
 _TEMPORARY = ("incoming", "removed")
 _KEPT = "kept"
 UNFINISHED = "unfinished"
+EXAMPLES = "examples"
+LAST_BACKUP = "last-backup.json"
+RESTORING = "restoring"
 _TRIAL_BYTES = 4096
 _SAFE_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 
@@ -358,6 +365,19 @@ class FileStore:
     def _arriving(self, max_bytes: int, reserve_bytes: int = 0) -> Arriving:
         path = self.folder / "incoming" / uuid4().hex
         return Arriving(path, max_bytes=max_bytes, reserve_bytes=reserve_bytes)
+
+
+def refuse_half_restored(folder: Path) -> None:
+    """Refuse a data folder that a restore was putting together when it was ended.
+
+    Raises
+    ------
+    StorageMisconfigured
+        It is one.
+    """
+    if (folder / RESTORING).exists():
+        msg = f"a restore into {str(folder)!r} goes on, or was ended before its end: wait for it, or give it once more"
+        raise StorageMisconfigured(msg)
 
 
 def checkpoints_of(output: Path) -> Path:

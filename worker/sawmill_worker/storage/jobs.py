@@ -366,7 +366,7 @@ class Jobs:
                 self._cancel(session, row)
             else:
                 record(session, self._database.now(), EventKind.GIVEN_BACK, row)
-                _requeue(row)
+                requeue(row)
             return row.state
 
     def pulses(self) -> Sequence[Pulse]:
@@ -539,14 +539,15 @@ def _measured(peak_memory_bytes: int | None) -> Json | None:
     return None if peak_memory_bytes is None else {PEAK_MEMORY: peak_memory_bytes}
 
 
-def _requeue(row: JobRow) -> None:
+def requeue(row: JobRow) -> None:
+    """Put a job back into its place in the queue."""
     row.state = JobState.QUEUED
     row.worker = row.started_at = row.progress = None
 
 
 def _wait(row: JobRow, now: datetime, failure: Json, first_wait_s: float, time: int) -> None:
     """Put a job back into the queue until its wait is over: the first one, the second one, and so on."""
-    _requeue(row)
+    requeue(row)
     wait_s = min(first_wait_s * 2.0 ** min(time - 1, 30), LONGEST_WAIT_S)
     row.not_before_s = now.timestamp() + wait_s * random.uniform(1.0 - _JITTER, 1.0 + _JITTER)  # noqa: S311
     row.waiting_for = failure

@@ -15,25 +15,21 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from sqlalchemy import or_, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts.inspections import FILE_KEPT
 from sawmill_worker.contracts.jobs import JobKind, JobState
-from sawmill_worker.contracts.phantoms import PhantomState
-from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.contracts.uploads import UploadState
+from sawmill_worker.storage import named_by_rows
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.files import UNFINISHED, FileStore
-from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow, UploadRow, table_of
+from sawmill_worker.storage.named_by_rows import Ids
+from sawmill_worker.storage.tables import JobRow
 
 NAMES_A_ROUND = 500
 _TEMPORARY_NAME = re.compile(r"[0-9a-f]{32}")
 _SUBJECT_NAME = re.compile(r"[a-z0-9][a-z0-9-]{0,63}")
 # Of a job and a number; those of the first versions had no third part.
 _ATTEMPT_NAME = re.compile(r"([a-z0-9][a-z0-9-]*?)-(\d+)(?:-[0-9a-f]{32})?")
-
-_UNFINISHED = [state for state in JobState if not state.ended]
 
 Known = Callable[[Session, Sequence[str]], set[str]]
 
@@ -161,22 +157,34 @@ def _noted(errors: list[OSError]) -> Iterator[None]:
 
 def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
     uploaded: dict[JobKind, Known] = {
-        JobKind.INGEST: partial(_owned, ScanRow),
-        JobKind.TRACE_PHANTOM: partial(_owned, PhantomRow),
-        JobKind.INSPECT: partial(_inspected, now),
+        JobKind.INGEST: _among(named_by_rows.scans),
+        JobKind.TRACE_PHANTOM: _among(named_by_rows.phantoms),
+        JobKind.INSPECT: _among(lambda: named_by_rows.inspected(now())),
     }
     return [
         *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
-        _Place(folder / "kept", _SUBJECT_NAME, _unfinished_jobs),
-        _Place(folder / UNFINISHED, _SUBJECT_NAME, _unused_uploads),
+        _Place(folder / "kept", _SUBJECT_NAME, _among(named_by_rows.unfinished_jobs)),
+        _Place(folder / UNFINISHED, _SUBJECT_NAME, _among(named_by_rows.unused_uploads)),
         *(_Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, known) for kind, known in uploaded.items()),
-        *(_Place(folder / kind.plural, _SUBJECT_NAME, partial(_succeeded, kind)) for kind in JobKind),
+        *(
+            _Place(folder / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.succeeded, kind)))
+            for kind in JobKind
+        ),
     ]
 
 
 def _nothing(_session: Session, _names: Sequence[str]) -> set[str]:
     return set()
+
+
+def _among(ids: Callable[[], Ids]) -> Known:
+    def known(session: Session, names: Sequence[str]) -> set[str]:
+        statement = ids()
+        (identifier,) = statement.selected_columns
+        return set(session.scalars(statement.where(identifier.in_(names))))
+
+    return known
 
 
 def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
@@ -187,38 +195,6 @@ def _running_attempts(session: Session, names: Sequence[str]) -> set[str]:
     )
     attempts = {(job_id, str(attempt)) for job_id, attempt in running}
     return {name for name, part in parts.items() if part in attempts}
-
-
-def _unfinished_jobs(session: Session, names: Sequence[str]) -> set[str]:
-    return set(session.scalars(select(JobRow.id).where(JobRow.id.in_(names), JobRow.state.in_(_UNFINISHED))))
-
-
-def _unused_uploads(session: Session, names: Sequence[str]) -> set[str]:
-    unused = UploadRow.state != UploadState.USED
-    return set(session.scalars(select(UploadRow.id).where(UploadRow.id.in_(names), unused)))
-
-
-def _owned(row: type[ScanRow] | type[PhantomRow], session: Session, names: Sequence[str]) -> set[str]:
-    return set(session.scalars(select(row.id).where(row.id.in_(names))))
-
-
-def _inspected(now: Callable[[], datetime], session: Session, names: Sequence[str]) -> set[str]:
-    """Inspections whose file is kept still: for its time, or until it has been inspected."""
-    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
-    inspected = select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == JobKind.INSPECT, AskedRow.id.in_(names))
-    return set(session.scalars(inspected.where(kept)))
-
-
-def _succeeded(kind: JobKind, session: Session, names: Sequence[str]) -> set[str]:
-    if kind is JobKind.INGEST:
-        known = select(ScanRow.id).where(ScanRow.id.in_(names), ScanRow.state == ScanState.READY)
-    elif kind is JobKind.TRACE_PHANTOM:
-        known = select(PhantomRow.id).where(PhantomRow.id.in_(names), PhantomRow.state == PhantomState.READY)
-    else:
-        table = table_of(kind)
-        known = select(table.id).join(JobRow, table.job_id == JobRow.id).where(table.id.in_(names))
-        known = known.where(JobRow.kind == kind, JobRow.state == JobState.SUCCEEDED)
-    return set(session.scalars(known))
 
 
 def _look_of(path: Path) -> object:

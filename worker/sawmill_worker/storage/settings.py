@@ -56,4 +56,9 @@ class StorageSettings(BaseSettings):
         """Whether there is something to look into, which a first start makes; a server is taken to have it."""
         if not self.data_folder.is_dir():
             return False
-        return not self.is_one_file or Path(self.url.partition("///")[2].partition("?")[0]).is_file()
+        return self.database_file is None or self.database_file.is_file()
+
+    @property
+    def database_file(self) -> Path | None:
+        """SQLite's file; None: the database is a server."""
+        return Path(self.url.partition("///")[2].partition("?")[0]) if self.is_one_file else None

@@ -19,7 +19,7 @@ from sawmill_worker.storage.database_report import DatabaseReport, damage_of, re
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
-from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.files import FileStore, refuse_half_restored
 from sawmill_worker.storage.inspections import Inspections
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
@@ -61,6 +61,7 @@ class Store:
     """
 
     def __init__(self, settings: StorageSettings, *, clock: Clock | None = None) -> None:
+        refuse_half_restored(settings.data_folder)
         self.settings = settings
         self.files = FileStore(settings.data_folder)
         self._database = Database(make_engine(settings.url, settings.database_password_file), clock)

@@ -23,6 +23,7 @@ class EventKind(StrEnum):
     PHANTOM_REFUSED = "phantom-refused"
     PUT_OFF = "put-off"
     QUEUED = "queued"
+    RESTORED = "restored"
     SCANNER_CHANGED = "scanner-changed"
     SCANNER_CREATED = "scanner-created"
     SCANNER_DELETED = "scanner-deleted"

@@ -1,0 +1,90 @@
+"""`sawmill backup` and `sawmill restore` as a person gives them, and what the doctor says of backups."""
+
+import json
+import shutil
+from contextlib import closing
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.execution.sole_service import sole_service
+from sawmill_worker.storage.backups.newest import Newest
+from sawmill_worker.storage.files import LAST_BACKUP, RESTORING
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+
+
+@pytest.fixture
+def data(empty_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("SAWMILL_PORT", "0")
+    (tmp_path / "disk").mkdir()
+    data = Path(shutil.copytree(empty_data, tmp_path / "data"))
+    with closing(Store(StorageSettings(data_folder=data))) as store:
+        store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+    return data
+
+
+def test_from_the_first_backup_to_the_restored_service(run, data, tmp_path):
+    made = [run("backup", tmp_path / "disk", "--data", data) for _ in range(2)]
+    first, second = (Path(each.stdout.strip()) for each in made)
+    assert "with 7 rows and 0 files" in made[0].stderr or "rows and 0 files" in made[0].stderr
+    last = run("backup", tmp_path / "disk", "--keep", 2, "--data", data)
+    assert f"{first} was removed." in last.stderr.replace("\n", "")
+    backup = Path(last.stdout.strip())
+    assert sorted(path for path in (tmp_path / "disk").iterdir() if path.is_dir()) == [second, backup]
+    assert "is whole." in run("restore", backup, "--check").stderr
+    new = tmp_path / "new"
+    assert "the service may start" in run("restore", backup, "--data", new).stderr
+    assert "line 2" in run("key", "list", "--data", new).stdout
+
+
+def test_a_damaged_backup_is_named_and_not_restored(run, data, tmp_path):
+    (data / "examples").mkdir()
+    (data / "examples" / "complete").write_text("made")
+    backup = Path(run("backup", tmp_path / "disk", "--data", data).stdout.strip())
+    (backup / "data/examples/complete").write_text("fake")
+    said = run("restore", backup, "--check", code=1).stderr
+    assert "data/examples/complete is damaged: its SHA-256 is" in said
+    assert "The backup is damaged: 1 in all." in said
+    said = run("restore", backup, "--data", tmp_path / "new", code=1).stderr
+    assert said.startswith("Nothing was restored: data/examples/complete is damaged")
+    assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["serve.lock"]
+
+
+def test_a_folder_that_is_served_is_refused_with_who_serves_it(run, data, tmp_path):
+    backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
+    with sole_service(StorageSettings(data_folder=data)):
+        assert "is served by process" in run("restore", backup, "--data", data, code=1).stderr
+        run("backup", tmp_path / "disk", "--data", data)
+
+
+def test_a_backup_into_nowhere_is_one_sentence(run, data, tmp_path, wrong_use):
+    said = run("backup", tmp_path / "none", "--data", data, code=1).stderr
+    assert said.startswith("There is no backup: there is no folder")
+    assert "Missing argument 'FOLDER'" in wrong_use("backup")
+
+
+def test_the_doctor_tells_how_old_the_newest_backup_is(run, data, tmp_path):
+    def found(code: int = 0) -> dict[str, str]:
+        findings = json.loads(run("doctor", "--data", data, "--json", code=code).stdout)["findings"]
+        return next(each for each in findings if each["subject"] == "backup")
+
+    assert found()["state"] == "watch"
+    assert "sawmill backup FOLDER" in found()["cure"]
+    backup = run("backup", tmp_path / "disk", "--data", data).stdout.strip()
+    assert (found()["state"], found()["sentence"]) == ("good", f"the newest is 0.0 days old: {backup}")
+    taken_at = datetime.now(UTC) - timedelta(days=9)
+    for lacking, state, code in ((0, "watch", 0), (2, "bad", 1)):
+        (data / LAST_BACKUP).write_text(Newest(path=backup, taken_at=taken_at, lacking=lacking).model_dump_json())
+        assert found(code)["state"] == state
+        assert "9.0 days old" in found(code)["sentence"]
+
+
+def test_the_doctor_knows_a_restore_that_was_killed(run, tmp_path):
+    (tmp_path / "data" / RESTORING).mkdir(parents=True)
+    findings = json.loads(run("doctor", "--data", tmp_path / "data", "--json", code=1).stdout)["findings"]
+    (one,) = [each for each in findings if each["state"] == "bad"]
+    assert "was ended before its end" in one["sentence"]
+    assert "sawmill restore BACKUP" in one["cure"]

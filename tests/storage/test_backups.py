@@ -1,0 +1,498 @@
+"""A backup that is taken while everything goes on, and what comes of it elsewhere, on each database and across."""
+
+import hashlib
+import json
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from databases import sqlite_alone
+from results import CONSTANTS, RESULTS
+from sqlalchemy import JSON, Boolean, Date, Float, Integer, String, text
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.contracts.uploads import UploadAsk
+from sawmill_worker.storage.arriving import AsSent
+from sawmill_worker.storage.backups import restoring, taking
+from sawmill_worker.storage.backups.checking import check_backup
+from sawmill_worker.storage.backups.errors import Refused
+from sawmill_worker.storage.backups.folders import backups_in, remove_older
+from sawmill_worker.storage.backups.laying import Laying
+from sawmill_worker.storage.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
+from sawmill_worker.storage.backups.newest import newest_backup
+from sawmill_worker.storage.backups.restoring import check_empty, restore
+from sawmill_worker.storage.backups.rows import LEFT_OUT
+from sawmill_worker.storage.backups.taking import take_backup
+from sawmill_worker.storage.database import Database, newest_revision
+from sawmill_worker.storage.engines import make_engine
+from sawmill_worker.storage.errors import Damaged, StorageFull, StorageMisconfigured
+from sawmill_worker.storage.events import NUMBERS_SKIPPED
+from sawmill_worker.storage.files import RESTORING
+from sawmill_worker.storage.keys import hash_of
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import Base, Ranked, UtcDateTime
+from sawmill_worker.storage.uploads import UploadQuota
+from sawmill_worker.vocabulary import DataKind
+
+pytestmark = pytest.mark.slow
+
+Call = Callable[[], object]
+
+
+def silent(_progress: object) -> None:
+    """Nobody looks at the progress."""
+
+
+@pytest.fixture
+def into(tmp_path: Path) -> Path:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    return folder
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> StorageSettings:
+    """An empty service on SQLite."""
+    return StorageSettings(data_folder=tmp_path / "elsewhere", database_url=None)
+
+
+@pytest.fixture
+def target(request: pytest.FixtureRequest, elsewhere: StorageSettings) -> StorageSettings:
+    """An empty service on each database; on the other one than a test's own, if it has one."""
+    own = request.node.callspec.params.get("database_url")
+    if getattr(request, "param", "postgresql" if own == "sqlite" else "sqlite") == "sqlite":
+        return elsewhere
+    return elsewhere.model_copy(update={"database_url": request.getfixturevalue("postgres_url")})
+
+
+to_each = pytest.mark.parametrize("target", ["sqlite", "postgresql"], indirect=True)
+
+
+@pytest.fixture
+def work(store: Store, upload: Callable[..., Any], finish: Callable[..., Any]) -> Callable[..., str]:
+    """Upload a scan and read it as a worker would: its id."""
+
+    def do() -> str:
+        scan = upload(store)
+        finish(store)
+        return scan.id
+
+    return do
+
+
+def rows_of(settings: StorageSettings) -> dict[str, list[Any]]:
+    database = Database(make_engine(settings.url))
+    with closing(SimpleNamespace(close=database.engine.dispose)), database.read() as session:
+        return {
+            name: [dict(row) for row in session.execute(table.select().order_by(*table.primary_key)).mappings()]
+            for name, table in Base.metadata.tables.items()
+        }
+
+
+def files_of(settings: StorageSettings) -> dict[str, tuple[int, str]]:
+    """What results and uploads are, with their times."""
+    return {
+        path.relative_to(settings.data_folder).as_posix(): (
+            path.stat().st_mtime_ns,
+            hashlib.sha256(path.read_bytes()).hexdigest(),
+        )
+        for name in ("uploads", "scans", "calibrations", "unfinished", "examples")
+        for path in (settings.data_folder / name).rglob("*")
+        if path.is_file()
+    }
+
+
+def test_what_is_restored_elsewhere_is_all_there_and_goes_on(
+    store, settings, upload, finish, ready_scan, scanner, into, target
+):
+    now = store.now()
+    running = upload(store)
+    claim = store.jobs.claim("a worker that is not there")
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id))
+    waiting = upload(store)
+    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.SUBMIT))
+    session = store.sessions.open(hash_of(key.secret), lasting=False)
+    schedule = store.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="* * * * *"))
+    with store._database.write() as changing:
+        changing.execute(text("UPDATE schedules SET next_due_at = :at"), {"at": f"{now - timedelta(days=3):%F %T}"})
+    half = store.uploads.create(UploadAsk(size_bytes=10), UploadQuota(3, 25, 40))
+    part = store.uploads.begin_part(half.id, 0)
+    part.take(AsSent(), b"0123", commits=True)
+    part.finish(AsSent())
+    part._write(b"45")  # on its way, and not counted
+    (store.files.folder / "examples").mkdir()
+    (store.files.folder / "examples" / "complete").touch()
+
+    taken = take_backup(settings, into, silent)
+    part.close()
+    assert check_backup(taken.path, silent) == (taken.manifest, [])
+    assert restore(taken.path, target, silent) == taken.manifest
+
+    before, after = rows_of(settings), rows_of(target)
+    for name in before.keys() - LEFT_OUT - {"jobs", "events"}:
+        assert after[name] == before[name], name
+    assert after["sessions"] == []
+    numbers = [event["number"] for event in before["events"]]
+    assert after["events"][: len(numbers)] == before["events"]
+    mark, given_back = after["events"][len(numbers) :]
+    assert (mark["what"], mark["number"]) == (EventKind.RESTORED, numbers[-1] + NUMBERS_SKIPPED)
+    assert (given_back["what"], given_back["job_id"]) == (EventKind.GIVEN_BACK, running.job_id)
+    theirs, ours = files_of(target), files_of(settings)
+    ours.pop(f"unfinished/{half.id}")
+    assert theirs.pop(f"unfinished/{half.id}")[1] == hashlib.sha256(b"0123").hexdigest()
+    assert theirs == ours
+
+    with closing(Store.open(target)) as restored:
+        assert restored.keys.good(hash_of(key.secret)) is not None
+        assert restored.sessions.find(session) is None
+        assert len(restored.schedules.run_due()) == 1
+        assert restored.schedules.get(schedule.id).last_run is not None
+        assert restored.uploads.begin_part(half.id, 4).upload.offset_bytes == 4
+        again = restored.jobs.get(running.job_id)
+        assert (again.state, again.losses, again.attempt, again.worker) == (JobState.QUEUED, 0, claim.attempt, None)
+        subjects = [finish(restored).job.subject_id for _ in range(3)]
+        assert subjects[:3] == [running.id, calibration.id, waiting.id]
+        assert restored.scans.get(running.id).state == "ready"
+        newer = restored.events.following(given_back["number"])
+        assert newer[0].number == given_back["number"] + 1
+
+
+def test_every_column_has_a_form_in_a_backup():
+    known = (String, Integer, Float, Boolean, Date, JSON, UtcDateTime, Ranked)
+    columns = [column for table in Base.metadata.tables.values() for column in table.columns]
+    assert [str(column) for column in columns if not isinstance(column.type, known)] == []
+
+
+@sqlite_alone
+def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
+    first_scan = work()
+    twin = store.files.results(JobKind.INGEST, first_scan) / "twin"
+    twin.hardlink_to(twin.with_name("result"))
+    first = take_backup(settings, into, silent)
+    second_scan = work()
+    second = take_backup(settings, into, silent)
+    assert first.copied_bytes == sum(entry.size_bytes for entry in read_entries(first.path)) - twin.stat().st_size
+    new = {entry.path: entry.size_bytes for entry in read_entries(second.path) if second_scan in entry.path}
+    assert len(new) == 2
+    assert second.copied_bytes == sum(new.values())
+    old = [entry.path for entry in read_entries(first.path)]
+    both = [(taken.path / "data" / path).stat().st_ino for path in old for taken in (first, second)]
+    assert len(set(both)) == 2, "an upload and a result, whatever their names"
+    assert newest_backup(settings.data_folder).path == str(second.path)
+
+    assert remove_older(into, 1) == [first.path]
+    assert backups_in(into) == [second.path]
+    assert check_backup(second.path, silent)[1] == []
+
+
+def test_what_is_deleted_meanwhile_is_in_neither_rows_nor_files(store, settings, work, into):
+    scans = sorted(work() for _ in range(3))
+    steps = []
+
+    def on_progress(_progress):
+        steps.append(1)
+        if len(steps) == 1:
+            store.scans.delete(scans[2])
+            steps.append(work())
+
+    taken = take_backup(settings, into, on_progress)
+    rows = (taken.path / "rows/scans.jsonl").read_text()
+    assert [scan in rows for scan in scans] == [True, True, False]
+    assert check_backup(taken.path, silent) == (taken.manifest, [])
+    assert taken.manifest.lacking == []
+    assert {entry.path.split("/")[1] for entry in read_entries(taken.path) if entry.path.startswith("scans/")} == {
+        *scans[:2],
+        steps[1],
+    }
+
+
+@sqlite_alone
+def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
+    store, settings, work, into, elsewhere, monkeypatch
+):
+    monkeypatch.setattr(taking, "_PAUSE_S", 0.0)
+    lost, kept = work(), work()
+    shutil.rmtree(store.files.results(JobKind.INGEST, lost))
+    taken = take_backup(settings, into, silent)
+    assert taken.manifest.lacking == [f"scans/{lost}"]
+    assert newest_backup(settings.data_folder).lacking == 1
+    restore(taken.path, elsewhere, silent)
+    assert (elsewhere.data_folder / "scans" / kept / "result").is_file()
+
+
+@pytest.fixture(scope="module")
+def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Path:
+    """Of a service on SQLite with two scans, and the service's own folder beside it."""
+    folder = tmp_path_factory.mktemp("one")
+    settings = StorageSettings(data_folder=folder / "data", database_url=None)
+    shutil.copytree(empty_data, settings.data_folder)
+    with closing(Store(settings)) as store:
+        scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS)))
+        for _ in range(2):
+            spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+            store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10))
+            claim = store.jobs.claim("test")
+            output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+            (output / "scan.h5").write_text("line integrals")
+            store.jobs.succeed(claim, RESULTS[JobKind.INGEST](), output)
+    (folder / "disk").mkdir()
+    return take_backup(settings, folder / "disk", silent).path
+
+
+@pytest.fixture
+def backup(one_backup: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(one_backup, tmp_path / one_backup.name))
+
+
+def some_file(backup: Path) -> Path:
+    return next(path for path in sorted((backup / "data").rglob("*")) if path.is_file())
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+
+
+def replaced_by_link(path: Path) -> None:
+    path.rename(path.with_name("aside"))
+    path.symlink_to(path.with_name("aside"))
+
+
+def replaced_by_pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        (flip, "is damaged: its SHA-256 is"),
+        (Path.unlink, "is missing"),
+        (lambda path: path.write_bytes(path.read_bytes() + b"x"), "bytes, and the manifest has"),
+        (replaced_by_link, "is no file, but a link or a device"),
+        (replaced_by_pipe, "is no file, but a link or a device"),
+    ],
+    ids=["flipped", "missing", "longer", "link", "pipe"],
+)
+def test_damage_is_found_and_named_and_never_restored(backup, elsewhere, damage, words):
+    path = some_file(backup)
+    damage(path)
+    (sentence, *_) = check_backup(backup, silent)[1]
+    assert sentence.startswith(f"{path.relative_to(backup)} ") or "aside" in sentence
+    assert any(words in each for each in check_backup(backup, silent)[1])
+    with pytest.raises(Damaged):
+        restore(backup, elsewhere, silent)
+    assert list(elsewhere.data_folder.rglob("*")) == []
+
+
+@pytest.mark.parametrize("name", [MANIFEST, MANIFEST_SUM, FILES, "rows/jobs.jsonl"])
+def test_a_flipped_bit_in_what_tells_of_the_files_is_found_too(backup, name):
+    flip(backup / name)
+    with pytest.raises(Damaged, match=f"{name}"):
+        check_backup(backup, silent)
+
+
+def test_a_file_too_many_is_named(backup):
+    (backup / "data" / "scans" / "more").write_text("")
+    assert check_backup(backup, silent)[1] == ["data/scans/more is not in the manifest"]
+
+
+def sign(backup: Path, change: Callable[[dict[str, Any]], None] = lambda _: None) -> None:
+    """Make sums right again, as somebody can who made the backup himself."""
+    manifest = json.loads((backup / MANIFEST).read_text())
+    for part in (manifest["files"], *manifest["tables"].values()):
+        name = next((f"rows/{name}.jsonl" for name, table in manifest["tables"].items() if table is part), FILES)
+        content = (backup / name).read_bytes()
+        part["sha256"], part["size_bytes"] = hashlib.sha256(content).hexdigest(), len(content)
+    change(manifest)
+    (backup / MANIFEST).write_text(json.dumps(manifest))
+    (backup / MANIFEST_SUM).write_text(hashlib.sha256((backup / MANIFEST).read_bytes()).hexdigest())
+
+
+def test_a_table_that_leaves_the_backup_is_refused(backup, elsewhere):
+    sign(backup, lambda manifest: manifest["tables"].update({"../../evil": manifest["tables"]["jobs"]}))
+    with pytest.raises(Damaged, match=r"manifest.json is none of a backup: .*tables"):
+        restore(backup, elsewhere, silent)
+
+
+@pytest.mark.parametrize(
+    "path", ["../evil", "/etc/evil", "scans/../../evil", "scans", "scans//evil", "sawmill.db", "scans/a\0b", 7]
+)
+def test_a_path_that_leaves_the_data_folder_is_refused(backup, elsewhere, path):
+    line = json.dumps({"path": path, "size_bytes": 0, "mtime_ns": 0, "sha256": hashlib.sha256(b"").hexdigest()})
+    (backup / FILES).write_text(f"{line}\n")
+    sign(backup)
+    with pytest.raises(Damaged, match=r"line 1 of files.jsonl names no file of a data folder"):
+        restore(backup, elsewhere, silent)
+    assert not elsewhere.data_folder.exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda _: '{"id": "x"}\n', "its columns are not those of the table"),
+        (lambda _: "[1]\n", "line 1 of rows/scanners.jsonl is no row"),
+        (lambda rows: rows.replace("+00:00", "never"), "line 1 of rows/scanners.jsonl is no row"),
+    ],
+    ids=["columns", "list", "time"],
+)
+def test_rows_that_are_none_are_refused_and_nothing_stays(backup, elsewhere, change, words):
+    rows = backup / "rows" / "scanners.jsonl"
+    rows.write_text(change(rows.read_text()))
+    sign(backup)
+    with pytest.raises(Damaged, match=words):
+        restore(backup, elsewhere, silent)
+    assert list(elsewhere.data_folder.iterdir()) == []
+
+
+@to_each
+def test_rows_that_the_database_refuses_leave_nothing(backup, target):
+    rows = backup / "rows" / "scanners.jsonl"
+    rows.write_text(rows.read_text() * 2)
+    sign(backup)
+    with pytest.raises(Damaged, match=r"the database refuses a row of rows/scanners.jsonl: .*(UNIQUE|unique)"):
+        restore(backup, target, silent)
+    check_empty(target)
+
+
+def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
+    sign(backup, lambda manifest: manifest.update(revision="9999", version="7.0.0"))
+    with pytest.raises(Refused, match=f"version 7.0.0 .* 9999, and this version knows {newest_revision()}: install"):
+        restore(backup, elsewhere, silent)
+    sign(backup, lambda manifest: manifest.update(format=2))
+    with pytest.raises(Damaged, match="has the format 2, and this version of the software reads 1 alone"):
+        read_manifest(backup)
+
+
+def test_a_backup_of_an_earlier_version_is_brought_up_to_date(empty_url, into, elsewhere, tmp_path):
+    database = Database(make_engine(empty_url))
+    database.upgrade("0004")
+    with database.write() as session:
+        session.execute(
+            text(
+                "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested)"
+                " VALUES ('old', '2026-03-02 05:00:00', 'ingest', 'running', 'old', 2, false)"
+            )
+        )
+    database.engine.dispose()
+    (tmp_path / "old").mkdir()
+    taken = take_backup(StorageSettings(data_folder=tmp_path / "old", database_url=empty_url), into, silent)
+    assert taken.manifest.revision == "0004"
+    restore(taken.path, elsewhere, silent)
+    with closing(Store.open(elsewhere)) as restored:
+        claim = restored.jobs.claim("test")
+    assert (claim.job_id, claim.attempt, claim.job.losses) == ("old", 3, 0)
+    assert claim.job.created_at == datetime(2026, 3, 2, 5, tzinfo=UTC)
+
+
+def test_what_must_not_be_done_is_refused_in_a_sentence(store, settings, upload, backup, into, elsewhere, monkeypatch):
+    with pytest.raises(Refused, match="lies in the data folder"):
+        take_backup(settings, settings.data_folder / "scans", silent)
+    with pytest.raises(Refused, match=r"there is no folder .*: make it once"):
+        take_backup(settings, into / "none", silent)
+    with pytest.raises(Refused, match="there is no service's data in"):
+        take_backup(elsewhere, into, silent)
+    with pytest.raises(Refused, match=r"is not empty .*: a backup is restored into an empty folder alone"):
+        restore(backup, settings, silent)
+    with pytest.raises(Damaged, match=r"is no backup of this product: it has no manifest.json"):
+        restore(into, elsewhere, silent)
+    if settings.database_url is not None:
+        with pytest.raises(Refused, match="the database of SAWMILL_DATABASE_URL is not empty"):
+            restore(backup, elsewhere.model_copy(update={"database_url": settings.database_url}), silent)
+    free = SimpleNamespace(free=3)
+    monkeypatch.setattr("sawmill_worker.storage.backups.copying.shutil.disk_usage", lambda _: free)
+    with pytest.raises(StorageFull, match=r"needs 0.00 GB, and 0.00 GB are free for it where"):
+        restore(backup, elsewhere, silent)
+    assert list(elsewhere.data_folder.iterdir()) == []
+    upload(store)
+    with pytest.raises(StorageFull, match="the backup needs"):
+        take_backup(settings, into, silent)
+    assert backups_in(into) == []
+    assert [path.name for path in into.iterdir()] == [".sawmill-backups.lock"]
+
+
+def killed(call: Call) -> bool:
+    """Do it in a fork, which may kill itself; whether it has."""
+    child = os.fork()
+    if child == 0:
+        try:
+            call()
+        finally:
+            os._exit(0)
+    _, status = os.waitpid(child, 0)
+    assert os.WIFSIGNALED(status) or os.WEXITSTATUS(status) == 0
+    return os.WIFSIGNALED(status)
+
+
+@contextmanager
+def dying(monkeypatch: pytest.MonkeyPatch, where: object, name: str, turn: int = 1) -> Iterator[None]:
+    """The process dies as it calls this for that time; turn 0: as the first call has returned."""
+    turns, do = [0], getattr(where, name)
+
+    def die(*arguments: Any, **options: Any) -> Any:
+        turns[0] += 1
+        if turns[0] == turn:
+            os.kill(os.getpid(), signal.SIGKILL)
+        answer = do(*arguments, **options)
+        if turn == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return answer
+
+    with monkeypatch.context() as patched:
+        patched.setattr(where, name, die)
+        yield
+
+
+@sqlite_alone
+def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into, monkeypatch):
+    work()
+    for where, name, turn in (
+        (taking, "write_rows", 1),
+        (Laying, "_lay", 2),
+        (os, "fsync", 4),
+        (taking, "write_manifest", 0),
+    ):
+        with dying(monkeypatch, where, name, turn):
+            assert killed(lambda: take_backup(settings, into, silent)), name
+        assert backups_in(into) == []
+        assert list(into.glob(".*.partial")) != []
+    with dying(monkeypatch, taking, "note_newest"):
+        assert killed(lambda: take_backup(settings, into, silent))
+    (whole,) = backups_in(into)
+    assert check_backup(whole, silent)[1] == []
+    take_backup(settings, into, silent)
+    assert list(into.glob(".*.partial")) == []
+
+
+@to_each
+def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target, monkeypatch):
+    source = StorageSettings(data_folder=one_backup.parents[1] / "data", database_url=None)
+    ends = [("_copy", 2), ("flush", 2)]
+    ends += [("read_rows", 1), ("_put_in_place", 1)] if target.database_url is None else []
+    for name, turn in (*ends, ("_restore", 0)):
+        with dying(monkeypatch, restoring, name, turn):
+            assert killed(lambda: restore(one_backup, target, silent)), name
+        assert (target.data_folder / RESTORING).is_dir()
+        with pytest.raises(StorageMisconfigured, match="was ended before its end: wait for it, or give it once more"):
+            Store.open(target)
+    assert restore(one_backup, target, silent) is None, "what was killed last had only its mark left to take away"
+    assert files_of(target) == files_of(source)
+    assert not (target.data_folder / RESTORING).exists()
+    assert rows_of(target)["scans"] == rows_of(source)["scans"]
+    Store.open(target).close()

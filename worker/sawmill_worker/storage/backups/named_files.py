@@ -1,0 +1,117 @@
+"""The files that rows name, as they lie in the data folder."""
+
+import os
+from collections.abc import Collection, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from sqlalchemy import Connection, Select, Table
+
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.kinds import AskedKind, declaration_of
+from sawmill_worker.storage import named_by_rows
+from sawmill_worker.storage.files import EXAMPLES, UNFINISHED
+from sawmill_worker.storage.tables import UploadRow
+
+
+class Named(NamedTuple):
+    """What rows name.
+
+    Attributes
+    ----------
+    path : str
+        A file or a folder, in the data folder.
+    needed : bool
+        Whether it must be there; otherwise it may be.
+    most_bytes : int or None
+        What rows know of the file; None: all that it has.
+    """
+
+    path: str
+    needed: bool
+    most_bytes: int | None = None
+
+
+class Found(NamedTuple):
+    """A file in the data folder, or an empty folder: without a status."""
+
+    path: str
+    status: os.stat_result | None
+    most_bytes: int | None = None
+
+    @property
+    def size_bytes(self) -> int:
+        """What a backup has of it."""
+        size_bytes = 0 if self.status is None else self.status.st_size
+        return size_bytes if self.most_bytes is None else min(size_bytes, self.most_bytes)
+
+    @property
+    def inode(self) -> tuple[int, int] | None:
+        """What it shares with its other names; None: it has none."""
+        if self.status is None or self.status.st_nlink == 1:
+            return None
+        return self.status.st_dev, self.status.st_ino
+
+
+def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
+    """What the rows of a transaction name, in the order of the paths.
+
+    Parameters
+    ----------
+    tables
+        Those that there are: a database may be older than this software.
+    """
+    uploaded = {
+        JobKind.INGEST: (named_by_rows.scans(), True),
+        JobKind.TRACE_PHANTOM: (named_by_rows.phantoms(), False),
+        JobKind.INSPECT: (named_by_rows.inspected(datetime.now(UTC)), False),
+    }
+    folders = {f"uploads/{kind.plural}": asked for kind, asked in uploaded.items()}
+    folders |= {kind.plural: (named_by_rows.succeeded(kind), _leaves_files(kind)) for kind in JobKind}
+    named = [Named(EXAMPLES, needed=False)]
+    for folder, (ids, needed) in folders.items():
+        if _is_there(ids, tables):
+            named += [Named(f"{folder}/{name}", needed) for name in connection.scalars(ids)]
+    unused = named_by_rows.unused_uploads()
+    if _is_there(unused, tables):
+        rows = connection.execute(unused.add_columns(UploadRow.offset_bytes))
+        named += [Named(f"{UNFINISHED}/{name}", size > 0, size) for name, size in rows]
+    return sorted(named)
+
+
+def look_for(folder: Path, named: list[Named]) -> tuple[list[Found], list[str]]:
+    """Files that are named and there, and paths of those that should be and are not."""
+    found, lacking = list[Found](), list[str]()
+    for one in named:
+        path = folder / one.path
+        try:
+            if path.is_dir():
+                found += list(_below(folder, path))
+            elif path.is_file():
+                found.append(Found(one.path, path.stat(), one.most_bytes))
+            elif one.needed:
+                lacking.append(one.path)
+        except FileNotFoundError:  # it is being removed: the next look will tell whether rows still name it
+            lacking.append(one.path)
+    return found, lacking
+
+
+def _leaves_files(kind: JobKind) -> bool:
+    declared = declaration_of(kind)
+    return kind is JobKind.INGEST or (isinstance(declared, AskedKind) and bool(declared.leaves))
+
+
+def _is_there(ids: Select[str], tables: Collection[str]) -> bool:
+    return all(isinstance(source, Table) and source.name in tables for source in ids.columns_clause_froms)
+
+
+def _below(folder: Path, path: Path) -> Iterator[Found]:
+    below = sorted(path.iterdir())
+    if not below:
+        yield Found(path.relative_to(folder).as_posix(), None)
+    for found in below:
+        if found.is_dir():
+            yield from _below(folder, found)
+        else:
+            yield Found(found.relative_to(folder).as_posix(), found.stat())

@@ -1,0 +1,43 @@
+"""Which backup was the last one: a note in the data folder, for whoever looks after the service."""
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from sawmill_worker.contracts.base import Contract, Time
+from sawmill_worker.storage.backups.manifest import Manifest
+from sawmill_worker.storage.files import LAST_BACKUP
+
+
+class Newest(Contract):
+    """The last backup of a data folder.
+
+    Attributes
+    ----------
+    path
+        Where it was written; it may have been taken away since.
+    taken_at
+        The instant of its rows.
+    lacking
+        The number of files that it lacks.
+    """
+
+    path: str
+    taken_at: Time
+    lacking: int
+
+
+def note_newest(folder: Path, path: Path, manifest: Manifest) -> None:
+    """Note a backup that is whole."""
+    note = Newest(path=str(path), taken_at=manifest.taken_at, lacking=len(manifest.lacking))
+    new = folder / f"{LAST_BACKUP}.new"
+    new.write_text(note.model_dump_json())
+    new.replace(folder / LAST_BACKUP)
+
+
+def newest_backup(folder: Path) -> Newest | None:
+    """The last backup that was taken of a data folder; None: there is no note that can be read."""
+    try:
+        return Newest.model_validate_json((folder / LAST_BACKUP).read_text())
+    except (FileNotFoundError, ValidationError):
+        return None

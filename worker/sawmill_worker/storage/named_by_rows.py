@@ -1,0 +1,53 @@
+"""Which names in the data folder rows know: statements that give ids, of all or of some by a further condition."""
+
+from datetime import datetime
+
+from sqlalchemy import Select, or_, select
+
+from sawmill_worker.contracts.inspections import FILE_KEPT
+from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.phantoms import PhantomState
+from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.contracts.uploads import UploadState
+from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow, UploadRow, table_of
+
+Ids = Select[str]
+
+_UNFINISHED = [state for state in JobState if not state.ended]
+
+
+def unfinished_jobs() -> Ids:
+    """Jobs that may have checkpoints in `kept`."""
+    return select(JobRow.id).where(JobRow.state.in_(_UNFINISHED))
+
+
+def unused_uploads() -> Ids:
+    """Uploads that may have a file in `unfinished`."""
+    return select(UploadRow.id).where(UploadRow.state != UploadState.USED)
+
+
+def scans() -> Ids:
+    """Scans, each with what was uploaded."""
+    return select(ScanRow.id)
+
+
+def phantoms() -> Ids:
+    """Phantoms, which may have an uploaded picture."""
+    return select(PhantomRow.id)
+
+
+def inspected(now: datetime) -> Ids:
+    """Inspections whose file is kept still: for its time, or until it has been inspected."""
+    kept = or_(AskedRow.created_at > now - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
+    return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == JobKind.INSPECT, kept)
+
+
+def succeeded(kind: JobKind) -> Ids:
+    """What jobs of a kind have left results of."""
+    if kind is JobKind.INGEST:
+        return select(ScanRow.id).where(ScanRow.state == ScanState.READY)
+    if kind is JobKind.TRACE_PHANTOM:
+        return select(PhantomRow.id).where(PhantomRow.state == PhantomState.READY)
+    table = table_of(kind)
+    ended = select(table.id).join(JobRow, table.job_id == JobRow.id)
+    return ended.where(JobRow.kind == kind, JobRow.state == JobState.SUCCEEDED)
