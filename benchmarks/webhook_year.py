@@ -1,6 +1,6 @@
 """A year of events sent to two webhooks: one for everything, whose receiver is away for a week, and one for alarms.
 
-Run: python benchmarks/webhook_year.py [--events 200000]. On SQLite, in a temporary folder, with a clock that is given;
+Run: python benchmarks/webhook_year.py [--events 20000]. On SQLite, in a temporary folder, with a clock that is given;
 the messages are sent to a receiver on loopback. Exit code 1 unless each arrived once and in order.
 """
 
@@ -93,7 +93,7 @@ def listening(receiver: Receiver) -> Iterator[int]:
 def main() -> None:
     """Let a year pass and print what it took."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--events", type=int, default=200_000, help="in the year")
+    parser.add_argument("--events", type=int, default=20_000, help="in the year")
     options = parser.parse_args()
     receiver = Receiver()
     with tempfile.TemporaryDirectory() as folder, listening(receiver) as port:

@@ -136,6 +136,10 @@ def test_events_are_sent_again_or_passed_over_when_somebody_says_so(store, outbo
     assert (again.message_id, again.attempts) == (sent, 2)
     store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=second))
     assert waiting(outbox, webhook) == [third]
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=2**31 - 1))
+    assert waiting(outbox, webhook) == []
+    later = happen(store, EventKind.ALARM_OPENED)
+    assert waiting(outbox, webhook) == later
 
 
 def test_a_change_counts_from_the_next_event_on(store, outbox):

@@ -74,8 +74,8 @@ class WebhookStore:
             row = WebhookRow(id=webhook_id or new_id(), created_at=now, secret=_new_secret())
             announce(session, now, EventKind.WEBHOOK_CREATED, "webhook", row.id)
             session.flush()
-            row.after = session.scalar(select(func.max(EventRow.number))) or 0
-            _describe(row, ask)
+            row.after = _newest(session)
+            _describe(session, row, ask)
             session.add(row)
             write_audit(session, now, AuditAction.WEBHOOK_CREATED, row.id, _audited(row))
             session.flush()
@@ -103,7 +103,7 @@ class WebhookStore:
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
             before, now = _audited(row) | {"after": row.after}, self._database.now()
-            _describe(row, ask)
+            _describe(session, row, ask)
             row.paused, row.failures, row.next_attempt_at = False, 0, None
             after = _audited(row) | {"after": row.after}
             write_audit(session, now, AuditAction.WEBHOOK_CHANGED, webhook_id, changed(before, after))
@@ -161,9 +161,14 @@ class WebhookStore:
         return Page[Delivery](items=[_read_delivery(row) for row in shown], next=following)
 
 
-def _describe(row: WebhookRow, ask: WebhookAsk) -> None:
+def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
     row.url, row.description, row.events, row.enabled = ask.url, ask.description, ask.events, ask.enabled
-    row.after = row.after if ask.after is None else ask.after
+    if ask.after is not None:
+        row.after = min(ask.after, _newest(session))  # what has not happened yet is not passed over
+
+
+def _newest(session: Session) -> int:
+    return session.scalar(select(func.max(EventRow.number))) or 0
 
 
 def _audited(row: WebhookRow) -> dict[str, object]:
