@@ -59,7 +59,8 @@ def test_what_an_earlier_request_bound_is_not_said_of_the_next(client):
 def test_each_request_is_one_line(seeded, log_lines):
     asked = seeded.post("/v1/calibrations", json={"scan_id": "example"}, headers={"X-Request-Id": "mine"})
     seeded.request("BREW", "/nowhere")
-    line, other = log_lines()
+    happened, line, other = log_lines()
+    assert (happened["event"], happened["what"], happened["request_id"]) == ("event", "queued", "mine")
     assert {**line, "seconds": 0, "timestamp": ""} == {
         "event": "request",
         "level": "info",
