@@ -145,17 +145,19 @@ def test_a_phantom_whose_measurement_expired_is_named_until_another_one_is_scann
 
 
 def test_several_schedulers_open_and_close_each_alarm_once_over_a_year(store, scanner, limited, log, clock):
-    """A log every Monday, silence from Tuesday on; the service is started anew each week."""
+    """A log every Monday, silence from Tuesday on; two services are started anew each quarter."""
     limited(quiet_after_hours=24, phantom_scan_every_days=30)
     with ThreadPoolExecutor(3) as pool:
-        for _ in range(52):
-            log()
-            for days in (0, 2, 5):
-                clock.advance(days=days)
-                others = [Store(store.settings, clock=clock) for _ in range(2)]
-                list(pool.map(lambda each: each.alarms.check(), (store, *others)))
-                for other in others:
-                    other.close()
+        for _ in range(4):
+            others = [Store(store.settings, clock=clock) for _ in range(2)]
+            for _ in range(13):
+                log()
+                for days in (0, 2):
+                    clock.advance(days=days)
+                    list(pool.map(lambda each: each.alarms.check(), (store, *others)))
+                clock.advance(days=5)
+            for other in others:
+                other.close()
     quiet = [what for what, of in events_of(store) if of == "scanner-quiet"]
     assert quiet == ["opened", "closed"] * 51 + ["opened"]
     assert [what for what, of in events_of(store) if of == "no-phantom-scan"] == ["opened"]
