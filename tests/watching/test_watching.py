@@ -321,6 +321,29 @@ def test_a_link_in_place_of_a_folder_is_refused(watched, tmp_path):
         watched.once()
 
 
+@pytest.mark.parametrize("forged", ["name", "id", "link"])
+def test_a_forged_record_leads_nowhere(watched, tmp_path, log, forged):
+    (tmp_path / "secret.npy").write_bytes(b"secret")
+    taken = watched.folder / "taken"
+    taken.mkdir()
+    record = {"id": "0" * 32, "name": "secret.npy", "signature": [6, 0], "taken_at": "2026-11-23T00:00:00+00:00"}
+    path = taken / f"{record['id']}.json"
+    if forged == "link":
+        path.with_suffix("").symlink_to(tmp_path)
+    elsewhere = {"name": {"name": f"../../{tmp_path}/secret.npy"}, "id": {"id": str(tmp_path)}, "link": {}}
+    path.write_text(json.dumps(record | elsewhere[forged]))
+    assert not watched.once()
+    assert "is no record of a file that was taken" in log("waits")[0]["reason"]
+    assert watched.scans() == []
+
+
+def test_certificates_that_cannot_be_read_are_named(watched):
+    watched.document |= {"service": "https://127.0.0.1:9", "ca_file": "/nowhere/ca.pem"}
+    watched.describe()
+    with pytest.raises(CannotWatch, match=r"no certificates \(PEM\) can be read: No such file.*'/nowhere/ca.pem'"):
+        watched.once()
+
+
 def test_a_second_watcher_is_refused_with_the_first_one_s_process(watched):
     with stepping(watched), pytest.raises(CannotWatch, match=f"is watched by process {os.getpid()} already"):
         watched.once()

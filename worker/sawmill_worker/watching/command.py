@@ -30,7 +30,7 @@ def check(file: Path) -> list[Finding]:
         with Service(watching, Stop()) as service:
             return list(findings(watching, service))
     except OSError as error:
-        raise CannotWatch(f"{watching.ca_file}: {error}") from error
+        raise CannotWatch(str(error)) from error
 
 
 def watch(file: Path, show_progress: ShowProgress, *, once: bool) -> bool:

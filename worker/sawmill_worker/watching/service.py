@@ -66,7 +66,7 @@ class Service:
         self._client = httpx.Client(
             base_url=watching.service,
             timeout=httpx.Timeout(ANSWER_S, connect=CONNECT_S),
-            verify=watching.service.startswith("https:") and ssl.create_default_context(cafile=watching.ca_file),
+            verify=watching.service.startswith("https:") and _trusted(watching.ca_file),
             # No proxy and no netrc of the environment: nothing but what the file says.
             trust_env=False,
         )
@@ -197,6 +197,13 @@ class Service:
 _WAITING = frozenset({401, 403, 408, 421, 429})
 # What else is answered differently later.
 _PASSES = frozenset({"upload-busy", "upload-quota", "wrong-offset"})
+
+
+def _trusted(ca_file: str | None) -> ssl.SSLContext:
+    try:
+        return ssl.create_default_context(cafile=ca_file)
+    except OSError as error:  # which does not name the file
+        raise OSError(error.errno, f"no certificates (PEM) can be read: {error.strerror or error}", ca_file) from error
 
 
 def _retry_after_s(answer: httpx.Response) -> float | None:

@@ -173,6 +173,15 @@ class Takings:
     def _read(self) -> Iterator[Taking]:
         for path in self._taken.glob(f"*{_RECORD}"):
             try:
-                yield Taking.read(path.read_text(encoding="utf-8"))
+                with open_regular(path) as file:
+                    taking = Taking.read(file.read().decode())
             except (ValueError, TypeError, KeyError) as error:
-                raise OSError(errno.EINVAL, "is no record of a file that was taken", str(path)) from error
+                raise _no_record(path) from error
+            # Whoever writes into the folder could write one that leads elsewhere.
+            if taking.id != path.stem or "/" in taking.name or self.path(taking).parent.is_symlink():
+                raise _no_record(path)
+            yield taking
+
+
+def _no_record(path: Path) -> OSError:
+    return OSError(errno.EINVAL, "is no record of a file that was taken", str(path))
