@@ -25,7 +25,7 @@ from sawmill_worker.watching.settings import read_settings
 from sawmill_worker.watching.stopping import Stop
 
 BAD = b"no scan"
-FILES = 15
+FILES = 12
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def test_files_under_kills_are_each_taken_once(watched, tmp_path):
         while len(watched.ended("done")) < FILES or watched.records():
             process_id = start()
             # Longer and longer, so that a busy machine gets somewhere too.
-            time.sleep(random.uniform(0.03, 0.3) * 1.03**kills)
+            time.sleep(random.uniform(0.03, 0.25) * 1.03**kills)
             kill(process_id)
             kills += 1
     assert kills >= 3
