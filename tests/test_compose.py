@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 import typer
+import yaml
 from compose_file import (
     COMPOSE,
     OF_IMAGE,
@@ -35,6 +36,7 @@ pytestmark = pytest.mark.slow
 
 PAGE, OPERATIONS = ROOT / "docs/compose.md", ROOT / "docs/operations.md"
 SETTINGS: tuple[type[BaseSettings], ...] = (StorageSettings, ServiceSettings, ExecutionSettings)
+KNOWN = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
 BIN = Path(sys.executable).parent
 # What the images of others bring along; everything else must come from our own installation.
 PROGRAMS = {
@@ -185,10 +187,9 @@ def test_no_volume_of_the_file_before_is_taken_over(document):
 
 
 def test_every_variable_is_a_setting(services):
-    known = {f"SAWMILL_{name.upper()}" for settings in SETTINGS for name in settings.model_fields}
     given = {name for service in ours(services).values() for name in service["environment"]}
     image = re.findall(r"\b(SAWMILL_\w+)=", (ROOT / "Dockerfile").read_text())
-    assert given | set(image) <= known
+    assert given | set(image) <= KNOWN
 
 
 def test_every_program_is_installed(services):
@@ -206,31 +207,45 @@ def test_the_servers_are_those_that_tests_run_with(services):
     assert all(re.search(r":\d+\.\d+", service["image"]) for service in services.values())
 
 
+def blocks(page: Path, language: str) -> list[str]:
+    """Fenced blocks, lines that go on joined."""
+    found = re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL)
+    return [block.replace("\\\n", "") for block in found]
+
+
 def documented_commands() -> list[list[str]]:
     """What docs/operations.md says of one machine and of a cluster."""
-    blocks = re.findall(r"^```sh\n(.*?)^```$", OPERATIONS.read_text(), re.MULTILINE | re.DOTALL)
-    lines = [line for block in blocks for line in block.splitlines()]
+    lines = [line for block in blocks(OPERATIONS, "sh") for line in block.splitlines()]
     return [line.split() for line in lines if not line.startswith("export ")]
 
 
 def test_every_sawmill_command_and_option_exists(services):
     application = typer.main.get_command(main)
-    executed = re.findall(r"^docker compose exec \w+ (sawmill .*)$", PAGE.read_text(), re.MULTILINE)
+    page = re.findall(r"\bsawmill [a-z].*", "\n".join(blocks(PAGE, "text")))
     commands = [command for service in services.values() for command in words(service)]
-    named = [*commands, *documented_commands(), *(line.replace('"', "").split() for line in executed)]
-    called = [command for command in named if command[0] == "sawmill"]
-    assert executed
-    for _, *arguments in called:
-        group = application
-        while arguments and arguments[0] in getattr(group, "commands", {}):
-            group = group.commands[arguments.pop(0)]
-        # Parses, without running it; an unknown option or a bad value raises.
-        group.make_context(group.name, arguments).close()
+    named = [command for command in [*commands, *documented_commands()] if command[0] == "sawmill"]
+    assert page
+    for _, *arguments in [*named, *(line.split() for line in page)]:
+        command = application
+        while arguments and arguments[0] in getattr(command, "commands", {}):
+            command = command.commands[arguments.pop(0)]
+        assert not hasattr(command, "commands"), f"there is no command sawmill {' '.join(arguments)}"
+        flags = {flag for parameter in command.params for flag in parameter.opts}
+        assert {word for word in arguments if word.startswith("--")} <= flags, arguments
+
+
+def test_what_the_page_adds_fits(document, services):
+    [added] = [yaml.safe_load(block) for block in blocks(PAGE, "yaml")]
+    for name, service in added["services"].items():
+        assert set(service) <= {"environment", "networks"}
+        assert set(service["networks"]) <= set(document["networks"]) - set(services[name]["networks"])
+        assert set(service["environment"]) <= KNOWN - set(services[name]["environment"])
 
 
 def test_services_that_the_page_names_are_there(services):
-    lines = re.findall(r"docker compose (?:exec(?: -T)?|restart|logs) (.*?)(?:`|$)", PAGE.read_text(), re.MULTILINE)
-    named = [re.split(r" (?:sawmill|psql|pg_\w+|tar) ", line)[0] for line in lines]
+    page = PAGE.read_text().replace("\\\n ", "")
+    lines = re.findall(r"docker compose (?:exec(?: -T)?|restart|logs) (.*?)(?:`|$)", page, re.MULTILINE)
+    named = [re.split(r" +(?:sawmill|pg_dump|sh) ", line)[0] for line in lines]
     assert len(named) > 5
     assert {name for names in named for name in names.split()} <= set(services)
 
