@@ -43,6 +43,8 @@ _UNCHANGED = "You hold these bytes already, as `If-None-Match` says."
 
 LOCATED: Responses = {201: {"headers": {"Location": {}}}}
 """Of what is made at once: `Location` leads to it."""
+NAMED: Responses = {200: {"headers": {"Content-Disposition": {}}}}
+"""Of what is written out while it is sent, to be saved as a file."""
 SAVED: Responses = {200: {"headers": {"Content-Disposition": {}, "ETag": {}}}, 304: {"description": _UNCHANGED}}
 """Of what is written out for the request, to be saved as a file."""
 

@@ -7,7 +7,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from sqlalchemy import insert
 
-from sawmill_service.pages.drift_chart import MOST_MARKS, drift_chart, span_of, thinned
+from sawmill_service.pages.charts import MOST_MARKS, span_of, thinned
+from sawmill_service.pages.drift_chart import DRIFT, drift_chart
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.keys import KeyAsk, Scope
@@ -50,7 +51,7 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
     two_years[300] = two_years[300]._replace(ray_change_mm=3.0, within_tolerance=False)
     two_years[400] = two_years[400]._replace(cor_column_mm=-140.0)
     two_years[500] = two_years[500]._replace(tilt_deg=-5.0)
-    shown = thinned(two_years, span_of(730, NOW))
+    shown = thinned(two_years, span_of(730, NOW), DRIFT.values())
     assert len(shown) <= MOST_MARKS
     assert [one.at for one in shown] == sorted(one.at for one in shown)
     for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):

@@ -36,16 +36,6 @@ def test_a_used_scanner_cannot_be_deleted(seeded):
     assert (answer.status_code, answer.json()["code"]) == (409, "scanner-in-use")
 
 
-def test_history_names_the_active_calibration(seeded):
-    seeded.post("/v1/calibrations/example/activate", json={"reason": "checked"})
-    history = seeded.get("/v1/scanners/example/history").json()
-    assert [(entry["calibration_id"], entry["activated_by"]) for entry in history] == [
-        ("example", "somebody at this machine"),
-        ("example", "the service"),
-    ]
-    assert seeded.get("/v1/scanners/example").json()["active_calibration_id"] == "example"
-
-
 @pytest.mark.parametrize(
     "bounds",
     [

@@ -13,6 +13,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.handed_over import HandedOver
+from sawmill_worker.contracts.history import HistoryKind
 from sawmill_worker.contracts.inspections import InspectionOptions
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_of
@@ -227,7 +228,8 @@ def test_an_answered_calibration_is_activated_on_pass_as_a_computed_one(store, s
     second = calibrate(scan_id, activate=True)
     assert states(second) == [("succeeded", first.id)]
     assert store.scanners.get(scanner.id).active_calibration_id == second.id
-    assert [each.calibration_id for each in store.scanners.history(scanner.id)] == [second.id]
+    activations = store.history.page(scanner.id, kind=HistoryKind.ACTIVATION).items
+    assert [each.subject_id for each in activations] == [second.id]
     assert len(store.measurements.page(scanner.id).items) == 2
     third = calibrate(scan_id, activate=True)
     assert states(third) == [("queued", None)], "it is compared with the one that is active by now"

@@ -16,6 +16,7 @@ from sawmill_worker.storage.errors import Invalid, NotFound
 from sawmill_worker.storage.store import Store
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
+FAILURE = '{"kind": "input", "code": "phantom-not-found", "detail": "no phantom"}'
 COMPARISON = {
     "calibration_id": "first",
     "ray_change_mm": 0.75,
@@ -58,6 +59,8 @@ def test_each_that_succeeds_leaves_a_row_with_what_it_measured(store, scanner):
     assert check.tilt_deg == pytest.approx(math.degrees(-0.083))
     assert check.tilt_change_deg == pytest.approx(math.degrees(0.1))
     assert (check.source_distance_mm, check.gain, check.verdict) == (None, None, None)
+    assert (second.cor_column_standard_deviation_mm, second.source_to_detector_standard_deviation_mm) == (0.1, 0.1)
+    assert second.tilt_standard_deviation_deg == pytest.approx(math.degrees(0.1))
     changes = (first.ray_change_mm, first.within_tolerance, first.cor_column_change_mm, first.tilt_change_deg)
     assert changes == (None, None, None, None)
 
@@ -106,6 +109,7 @@ def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
     database.engine.dispose()
     store = Store.open(settings.model_copy(update={"database_url": empty_url}))
     check, calibration = store.measurements.page("old").items
+    history = store.history.page("old").items
     store.close()
     assert (calibration.kind, calibration.subject_id, calibration.at) == ("calibration", "old-0", BEFORE)
     assert (calibration.against_id, calibration.ray_change_mm, calibration.within_tolerance) == ("first", 0.75, False)
@@ -114,6 +118,18 @@ def test_an_upgrade_fills_in_what_stored_answers_hold(settings, empty_url):
     assert (calibration.tilt_deg, calibration.ray_error_rms_mm) == (pytest.approx(math.degrees(-0.083)), 0.02)
     assert (check.kind, check.against_id, check.ray_change_tolerance_mm, check.verdict) == ("drift", "old-0", 0.5, None)
     assert check.at == BEFORE + timedelta(hours=1)
+    deviations = (calibration.cor_column_standard_deviation_mm, calibration.tilt_standard_deviation_deg)
+    assert deviations == (0.1, pytest.approx(math.degrees(0.1)))
+    assert [(entry.what.value, entry.subject_id, entry.at) for entry in history] == [
+        ("failed", "old-2", BEFORE + timedelta(hours=2)),
+        ("succeeded", "old-1", BEFORE + timedelta(hours=1)),
+        ("calibration-activated", "old-0", BEFORE + timedelta(minutes=1)),
+        ("succeeded", "old-0", BEFORE),
+    ]
+    failed, checked, activated, made = history
+    assert (failed.why, failed.who, checked.measured, made.measured) == ("no phantom", None, check, calibration)
+    assert (activated.who, activated.why) == (None, "by hand")
+    assert "the rays moved" in made.why
 
 
 def _insert_old(session, number, state):
@@ -131,10 +147,11 @@ def _insert_old(session, number, state):
     kind, plural = ("drift", "drifts") if number == 1 else ("calibrate", "calibrations")
     session.execute(
         text(
-            "INSERT INTO jobs (id, created_at, kind, state, subject_id, attempt, cancel_requested, finished_at)"
-            " VALUES (:id, :at, :kind, :state, :id, 1, false, :at)"
+            "INSERT INTO jobs"
+            " (id, created_at, kind, state, subject_id, attempt, cancel_requested, finished_at, failure)"
+            " VALUES (:id, :at, :kind, :state, :id, 1, false, :at, :failure)"
         ),
-        {"id": f"old-{number}", "at": at, "kind": kind, "state": state},
+        {"id": f"old-{number}", "at": at, "kind": kind, "state": state, "failure": FAILURE if number == 2 else None},
     )
     own = {"calibration_id": "old-0"} if number == 1 else {"phantom_id": "old", "activate": False}
     result = {0: OLD, 1: drift_result(), 2: None}[number]
@@ -144,3 +161,7 @@ def _insert_old(session, number, state):
         column(name, JSON(none_as_null=True)) if name in {"options", "result"} else column(name) for name in values
     ]
     session.execute(table(plural, *columns).insert().values(values))
+    if number == 0:
+        activated = "INSERT INTO activations (scanner_id, calibration_id, activated_at, reason)"
+        at_once = {"at": at + timedelta(minutes=1)}
+        session.execute(text(f"{activated} VALUES ('old', 'old-0', :at, 'by hand')"), at_once)

@@ -2,6 +2,7 @@ import pytest
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.history import HistoryKind
 from sawmill_worker.contracts.jobs import Failure, FailureKind, JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomDrawing, PhantomPicture, PhantomState
 from sawmill_worker.contracts.reconstructions import ReconstructionAsk
@@ -165,8 +166,8 @@ def test_a_technician_may_go_back_to_an_older_calibration(store, scanner, ready_
         finish(store)
         store.calibrations.activate(calibrations[-1], "accepted")
     assert store.calibrations.activate(calibrations[0], "rolled back").active_calibration_id == calibrations[0]
-    history = store.scanners.history(scanner.id)
-    assert [(entry.calibration_id, entry.reason) for entry in history] == [
+    history = store.history.page(scanner.id, kind=HistoryKind.ACTIVATION).items
+    assert [(entry.subject_id, entry.why) for entry in history] == [
         (calibrations[0], "rolled back"),
         (calibrations[1], "accepted"),
         (calibrations[0], "accepted"),

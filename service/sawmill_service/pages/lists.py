@@ -42,7 +42,8 @@ class ListFilter:
         """As the store's pages take them."""
         known: dict[str, Any] = {"scanner_id": self.scanner_id or None, "after": self.after, "limit": PER_PAGE}
         if self.day is not None:
-            known |= {"created_from": self._midnight(self.day), "created_before": self._midnight(self.day + _ONE_DAY)}
+            start, end = day_of(self.day, self.zone)
+            known |= {"created_from": start, "created_before": end}
         return known
 
     def address(self, after: str | None = None) -> str:
@@ -50,39 +51,61 @@ class ListFilter:
         known = {"scanner_id": self.scanner_id, "day": self.day or "", "zone": self.zone, "after": after or ""}
         return "?" + urlencode({name: value for name, value in known.items() if value})
 
-    def _midnight(self, day: date) -> datetime:
-        start = datetime.combine(day, time.min)
-        return start.replace(tzinfo=ZoneInfo(self.zone)) if self.zone else start.astimezone()
-
 
 _ONE_DAY = timedelta(days=1)
-_SHOWN = "^[!-~]*$"  # of an id, or of a cursor
+SHOWN = "^[!-~]*$"  # of an id, or of a cursor
 
 
 def _list_filter(
-    scanner_id: Annotated[str, Query(max_length=64, pattern=_SHOWN)] = "",
+    scanner_id: Annotated[str, Query(max_length=64, pattern=SHOWN)] = "",
     day: Annotated[str, Query(max_length=20)] = "",
     zone: Annotated[str, Query(max_length=64)] = "",
-    after: Annotated[str, Query(max_length=200, pattern=_SHOWN)] = "",
+    after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> ListFilter:
     """As a form sends it: a field that is left empty is an empty text."""
-    return ListFilter(scanner_id, _parse_day(day) if day else None, _check_zone(zone), after or None)
+    return ListFilter(scanner_id, parse_day("day", day), check_zone(zone), after or None)
 
 
 TheFilter = Annotated[ListFilter, Depends(_list_filter)]
 
 
-def _parse_day(text: str) -> date:
+def parse_day(name: str, text: str) -> date | None:
+    """The day of a field of this name, or None where it is empty.
+
+    Raises
+    ------
+    Refused
+        422 `invalid-day`.
+    """
+    if not text:
+        return None
     try:
         day = date.fromisoformat(text)
     except ValueError:
         day = None
     if day is None or day.year not in _YEARS:
-        raise Refused(422, "invalid-day", f"day must be a date such as 2026-03-01, not {text!r}")
+        raise Refused(422, "invalid-day", f"{name} must be a date such as 2026-03-01, not {text!r}")
     return day
 
 
-def _check_zone(text: str) -> str:
+def day_of(day: date, zone: str) -> tuple[datetime, datetime]:
+    """Its first moment and that of the next day, in a time zone or, where that is empty, in this machine's."""
+
+    def midnight(date: date) -> datetime:
+        start = datetime.combine(date, time.min)
+        return start.replace(tzinfo=ZoneInfo(zone)) if zone else start.astimezone()
+
+    return midnight(day), midnight(day + _ONE_DAY)
+
+
+def check_zone(text: str) -> str:
+    """The name of a time zone, or nothing.
+
+    Raises
+    ------
+    Refused
+        422 `invalid-zone`.
+    """
     try:
         return text and ZoneInfo(text).key
     except (ValueError, LookupError, OSError) as error:

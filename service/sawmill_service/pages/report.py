@@ -5,7 +5,6 @@ imported by the first report: a service at rest does not hold it.
 """
 # ruff: noqa: PLC0415 - for that reason
 
-from datetime import datetime
 from typing import TYPE_CHECKING
 
 from fastapi import APIRouter
@@ -16,6 +15,7 @@ from sawmill_service.finished import scan_if_kept
 from sawmill_service.routes.calibrations import succeeded
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
+from sawmill_worker.contracts.history import HistoryEntry
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
@@ -41,8 +41,7 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
     from sawmill_worker.pictures.report_page import About
 
     scanner, scan = store.scanners.get(calibration.scanner_id), scan_if_kept(store, calibration.scan_id)
-    activations = store.scanners.history(scanner.id)
-    activation = next((each for each in activations if each.calibration_id == calibration.id), None)
+    activation = store.history.activation_of(scanner.id, calibration.id)
     return About(
         calibration_id=calibration.id,
         made_at=calibration.created_at.astimezone(),
@@ -54,15 +53,15 @@ def _about(store: Store, calibration: CalibrationSucceeded) -> "About":
         tolerances=scanner.tolerances,
         asked_by=_asked_by(store, calibration),
         active=scanner.active_calibration_id == calibration.id,
-        activated="" if activation is None else _in_use(activation.activated_at, activation.reason),
+        activated="" if activation is None else _in_use(activation),
         back=f"/scanners/{scanner.id}",
     )
 
 
-def _in_use(activated_at: str, reason: str) -> str:
+def _in_use(activation: HistoryEntry) -> str:
     from sawmill_worker.pictures.report_numbers import moment
 
-    return f"since {moment(datetime.fromisoformat(activated_at).astimezone())}: {reason}"
+    return f"since {moment(activation.at.astimezone())}: {activation.why}"
 
 
 def _asked_by(store: Store, calibration: CalibrationSucceeded) -> str | None:

@@ -10,7 +10,8 @@ from fastapi.responses import HTMLResponse, RedirectResponse
 from sawmill_service.dependencies import TheStore
 from sawmill_service.drawing import ShownLog, shown_log
 from sawmill_service.forms import TheForm
-from sawmill_service.pages.drift_chart import drift_chart, is_calibration, span_of
+from sawmill_service.pages.charts import is_calibration, span_of
+from sawmill_service.pages.drift_chart import drift_chart
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.geometry_drawing import scanner_drawing
 from sawmill_service.pages.languages import locale_of, marked
@@ -20,6 +21,7 @@ from sawmill_service.scanner_conditions import ALARMS, condition_of
 from sawmill_worker.contracts.base import Identifier
 from sawmill_worker.contracts.calibrations import CalibrationSucceeded
 from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.history import HistoryKind
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun
 from sawmill_worker.storage.errors import NotFound
@@ -110,10 +112,10 @@ def _answer(
     schedule: ScheduleForm | None = None,
 ) -> HTMLResponse:
     condition, now = condition_of(store, known), datetime.now(UTC)
-    history = store.scanners.history(known.id, limit=SHOWN_ENTRIES)
+    history = store.history.page(known.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
     span = span_of(days, now)
     movements = store.measurements.movements(span.start, scanner_id=known.id).get(known.id, [])
-    activations = [(entry.calibration_id, datetime.fromisoformat(entry.activated_at)) for entry in history]
+    activations = [(entry.subject_id, entry.at) for entry in history]
     active = condition.active
     radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
     return page.answer(

@@ -1,20 +1,23 @@
 """/v1/scanners."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
+from fastapi.responses import StreamingResponse
 from pydantic import Field
 
 from sawmill_service.answers import NumberedPaging, Paging
 from sawmill_service.dependencies import TheStore
-from sawmill_service.described_answers import LOCATED
+from sawmill_service.described_answers import LOCATED, NAMED
+from sawmill_service.history_file import history_csv
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
-from sawmill_worker.contracts.given import GivenTime
+from sawmill_worker.contracts.given import GivenTime, Queried
+from sawmill_worker.contracts.history import HistoryEntry, HistoryKind
 from sawmill_worker.contracts.measurements import Measurement
-from sawmill_worker.contracts.scanners import Activation, ScannerAsk, StoredScanner
+from sawmill_worker.contracts.scanners import ScannerAsk, StoredScanner
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
 
@@ -25,6 +28,32 @@ class Since(NumberedPaging):
     since: GivenTime | None = Field(
         None, description="Leave out those before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
     )
+
+
+class HistoryFilter(Queried):
+    """Which entries of a history."""
+
+    kind: HistoryKind | None = Field(None, description="Entries of this kind alone.", examples=["calibration"])
+    since: GivenTime | None = Field(
+        None, description="Leave out entries before; RFC 3339.", examples=["2026-03-01T00:00:00Z"]
+    )
+    until: GivenTime | None = Field(
+        None, description="Leave out entries at this time and after; RFC 3339.", examples=["2030-01-01T00:00:00Z"]
+    )
+
+    def narrowed(self) -> dict[str, Any]:
+        """As the store takes it."""
+        return {"kind": self.kind, "since": self.since, "until": self.until}
+
+
+class HistoryPaging(HistoryFilter, Paging):
+    """Which entries of a history, and which page of them."""
+
+
+class Csv(StreamingResponse):
+    """Lines of values with commas between them."""
+
+    media_type = "text/csv"
 
 
 EXAMPLE = {
@@ -83,11 +112,32 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
 
 
 @router.get(
-    "/{scanner_id}/history", summary="List which calibrations were active", responses=refuses("scanner-not-found")
+    "/{scanner_id}/history",
+    summary="List what happened to a scanner, newest first",
+    responses=refuses("scanner-not-found", "invalid-cursor"),
 )
-def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
-    """Newest first; the first one is active."""
-    return store.scanners.history(scanner_id)
+def scanner_history(
+    scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
+) -> Page[HistoryEntry]:
+    """Each calibration, drift check, activation, alarm and change of settings, with who, why and what it measured.
+
+    Entries stay when what they are about is deleted.
+    """
+    return store.history.page(scanner_id, **which.narrowed(), after=which.after, limit=which.limit)
+
+
+@router.get(
+    "/{scanner_id}/history.csv",
+    summary="Get a scanner's history as a file",
+    response_class=Csv,
+    responses=NAMED | refuses("scanner-not-found"),
+)
+def scanner_history_file(
+    scanner_id: Identifier, which: Annotated[HistoryFilter, Query()], store: TheStore
+) -> StreamingResponse:
+    """The same entries, the oldest first, as CSV (RFC 4180) with one line of column names."""
+    headers = {"Content-Disposition": f'attachment; filename="{scanner_id}-history.csv"', "Cache-Control": "no-store"}
+    return Csv(history_csv(store.history.all(scanner_id, **which.narrowed())), headers=headers)
 
 
 @router.get(

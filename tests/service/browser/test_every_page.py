@@ -19,6 +19,7 @@ PAGES = {
     "log": "/logs/example",
     "report": "/calibrations/example/report",
     "scanner": "/scanners/example",
+    "history": "/scanners/example/history",
     "new-scanner": "/scanners/new",
     "phantoms": "/phantoms",
     "new-phantom": "/phantoms/new",

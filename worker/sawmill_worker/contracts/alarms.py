@@ -46,6 +46,15 @@ class Alarm(Contract):
         None, description="The last day of its measurement. Null: it is of no phantom.", examples=[None]
     )
 
+    @property
+    def sentence(self) -> str:
+        """What is missing, in English."""
+        if self.what is AlarmKind.PHANTOM_EXPIRED:
+            return f"the measurement of the phantom {self.phantom_id} was good until {self.expired_on}"
+        missing = "scan of a phantom" if self.what is AlarmKind.NO_PHANTOM_SCAN else "scan"
+        since = "" if self.last_at is None else f" after {self.last_at:%Y-%m-%d %H:%M} UTC"
+        return f"no {missing} came{since} for {self.limit_hours:g} hours"
+
 
 class AlarmList(Contract):
     """The alarms that are open."""

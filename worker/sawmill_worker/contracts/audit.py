@@ -41,7 +41,7 @@ class AuditEntry(Contract):
     number: int = Field(description="Number of the entry; it grows from entry to entry.", examples=[41])
     at: Time = Field(examples=["2026-03-02T05:30:00Z"])
     who: str = Field(
-        description="The name of the key; `the service` where a schedule or a job did it.",
+        description="The name of the key; `schedule` and its id, or `the service` where no person did it.",
         examples=["scanner software of line 2"],
     )
     key_id: Identifier | None = Field(

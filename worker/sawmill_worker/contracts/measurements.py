@@ -46,12 +46,21 @@ class Measurement(Contract):
     cor_column_mm: float = Field(
         description="u_c, where the centre of rotation falls on the detector.", examples=[-209.1]
     )
+    cor_column_standard_deviation_mm: float | None = Field(
+        None, description="Of u_c, mm. Null: no error bars.", examples=[0.02]
+    )
     cor_column_change_mm: float | None = Field(description="Change of u_c, mm. Null: no change.", examples=[0.02])
     tilt_deg: float = Field(
         description="tau, tilt of the detector against the ray through the centre of rotation.", examples=[-4.76]
     )
+    tilt_standard_deviation_deg: float | None = Field(
+        None, description="Of tau, degrees. Null: no error bars.", examples=[0.011]
+    )
     tilt_change_deg: float | None = Field(description="Change of tau, degrees. Null: no change.", examples=[0.01])
     source_to_detector_mm: float = Field(description="SDD; a drift check hardly sees it.", examples=[1619.3])
+    source_to_detector_standard_deviation_mm: float | None = Field(
+        None, description="Of SDD, mm. Null: no error bars, or a drift check that held it.", examples=[0.4]
+    )
     source_distance_mm: float | None = Field(
         description="R, distance from the source to the centre of rotation, mm. Null: a drift check does not see it.",
         examples=[917.1],
@@ -96,3 +105,9 @@ class Movement(NamedTuple):
     cor_column_change_mm: float | None
     tilt_deg: float
     tilt_change_deg: float | None
+    source_to_detector_mm: float | None = None
+    relative_residual: float | None = None
+    gain: float | None = None
+    cor_column_standard_deviation_mm: float | None = None
+    tilt_standard_deviation_deg: float | None = None
+    source_to_detector_standard_deviation_mm: float | None = None

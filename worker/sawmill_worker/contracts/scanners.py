@@ -102,18 +102,3 @@ class StoredScanner(Stamped, ScannerSpec):
     active_calibration_id: Identifier | None = Field(
         None, description="The calibration that reconstructions use unless another is given.", examples=["example"]
     )
-
-
-class Activation(Contract):
-    """One entry of a scanner's history: from then on this calibration was the active one."""
-
-    calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
-    activated_at: str = Field(
-        description="When it became the active one, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"]
-    )
-    activated_by: str | None = Field(
-        None,
-        description="The name of the key; null: an entry from before there was an audit.",
-        examples=["scanner software of line 2"],
-    )
-    reason: str = Field(description="Who or what activated it.", examples=["checked by hand"])

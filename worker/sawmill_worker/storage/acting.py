@@ -20,15 +20,18 @@ class Actor:
         From which the request came; None: it is no request.
     request_id : str or None
         Of the request.
+    of_service : bool
+        Whether it is the service, of its own accord.
     """
 
     name: str
     key_id: str | None = None
     address: str | None = None
     request_id: str | None = None
+    of_service: bool = False
 
 
-THE_SERVICE = Actor("the service")
+THE_SERVICE = Actor("the service", of_service=True)
 _ACTING = ContextVar("acting", default=THE_SERVICE)
 
 

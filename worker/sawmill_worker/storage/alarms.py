@@ -77,7 +77,17 @@ def close_alarms(session: Session, now: datetime, scanner_id: str) -> None:
 
 def _announce(session: Session, now: datetime, what: EventKind, alarm: Alarm) -> None:
     detail = alarm.model_dump(mode="json", exclude={"scanner_id"}, exclude_none=True)
-    announce(session, now, what, "scanner", alarm.scanner_id, scanner_id=alarm.scanner_id, detail=detail)
+    announce(
+        session,
+        now,
+        what,
+        "scanner",
+        alarm.scanner_id,
+        scanner_id=alarm.scanner_id,
+        detail=detail,
+        why=alarm.sentence,
+        alarm=alarm.what,
+    )
 
 
 class _Expected(NamedTuple):

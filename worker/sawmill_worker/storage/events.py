@@ -8,14 +8,18 @@ import structlog
 from sqlalchemy import and_, func, inspect, select
 from sqlalchemy.orm import Session
 
+from sawmill_worker.contracts.alarms import AlarmKind
+from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import JOB_ENDS, Event, EventKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.storage import clock
+from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import AFTER_COMMIT, Database
+from sawmill_worker.storage.entering import enter
 from sawmill_worker.storage.event_reader import EventReader, read_event
 from sawmill_worker.storage.paging import found
-from sawmill_worker.storage.tables import EventRow, JobRow, ScanRow, table_of
+from sawmill_worker.storage.tables import AuditRow, EventRow, JobRow, ScanRow, table_of
 
 # In the detail of an attempt's end, where the attempt could tell it.
 PEAK_MEMORY = "peak_memory_bytes"
@@ -27,8 +31,13 @@ _OF_NO_ATTEMPT = (EventKind.QUEUED, EventKind.CANCEL_REQUESTED)
 
 
 def record(session: Session, now: datetime, what: EventKind, job: JobRow, detail: dict[str, Any] | None = None) -> None:
-    """Add what happens to a job's attempt."""
-    _add(session, now, what, job, scanner_of(session, job.kind, job.subject_id), detail)
+    """Add what happens to a job's attempt; a success is entered with what it measured (`storage/measurements.py`)."""
+    scanner_id = scanner_of(session, job.kind, job.subject_id)
+    _add(session, now, what, job, scanner_id, detail)
+    if what is not EventKind.SUCCEEDED:
+        who, key_id = _canceller(session, job) if what is EventKind.CANCELLED else (job.asked_by, job.key_id)
+        noun, why = declaration_of(job.kind).noun, (detail or {}).get("detail")
+        enter(session, now, what, noun, job.subject_id, scanner_id, who=who, key_id=key_id, why=why)
 
 
 def record_queued(session: Session, job: JobRow, scanner_id: str | None) -> None:
@@ -60,8 +69,10 @@ def announce(
     scanner_id: str | None = None,
     job_id: str | None = None,
     detail: dict[str, Any] | None = None,
+    why: str | None = None,
+    alarm: AlarmKind | None = None,
 ) -> None:
-    """Add what happens to anything but an attempt at a job.
+    """Add what happens to anything but an attempt at a job, and enter it in its scanner's history.
 
     Parameters
     ----------
@@ -77,6 +88,8 @@ def announce(
         The job that it concerns.
     detail
         More about it, of few words: events are sent to whoever follows them.
+    why, alarm
+        For the history: a sentence, by default the `reason` of the detail, and which alarm it is about.
     """
     row = EventRow(
         at=now,
@@ -88,6 +101,8 @@ def announce(
         detail=detail,
     )
     _write(session, row)
+    by, why = actor(), why or (detail or {}).get("reason")
+    enter(session, now, what, subject, subject_id, scanner_id, who=by.name, key_id=by.key_id, why=why, alarm=alarm)
 
 
 def scanner_of(session: Session, kind: JobKind, subject_id: str) -> str | None:
@@ -96,6 +111,15 @@ def scanner_of(session: Session, kind: JobKind, subject_id: str) -> str | None:
         return None
     table = ScanRow if kind is JobKind.INGEST else table_of(kind)
     return session.scalar(select(table.__table__.c.scanner_id).where(table.id == subject_id))
+
+
+def _canceller(session: Session, job: JobRow) -> tuple[str | None, str | None]:
+    """The name and the key's id of whoever cancelled a job."""
+    entries = select(AuditRow.who, AuditRow.key_id).where(
+        AuditRow.subject_id == job.id, AuditRow.action == AuditAction.JOB_CANCELLED
+    )
+    found = session.execute(entries.order_by(AuditRow.number.desc()).limit(1)).one_or_none()
+    return (None, None) if found is None else (found.who, found.key_id)
 
 
 def _add(

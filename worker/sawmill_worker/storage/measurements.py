@@ -10,8 +10,12 @@ from sqlalchemy.orm import Session
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.calibrations import CalibrationResult
 from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, Movement
+from sawmill_worker.contracts.two_questions import TwoQuestions
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.entering import enter
 from sawmill_worker.storage.paging import found, numbered_before
 from sawmill_worker.storage.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
 
@@ -38,7 +42,7 @@ class Measurements:
         newest_first = numbered_before(statement, MeasurementRow.number, after).limit(limit + 1)
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
-            items = [_read(row) for row in session.scalars(newest_first)]
+            items = [read_measurement(row) for row in session.scalars(newest_first)]
         shown = items[:limit]
         return Page[Measurement](items=shown, next=str(shown[-1].number) if len(items) > limit else None)
 
@@ -56,15 +60,45 @@ class Measurements:
 
 
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
-    """Add what a calibration or a drift check with its result measured; other kinds measure nothing of a scanner."""
+    """Add what a calibration or a drift check with its result measured, and enter it in its scanner's history.
+
+    Other kinds measure nothing of a scanner.
+    """
     if isinstance(subject, CalibrationRow):
-        session.add(_of_calibration(subject, CalibrationResult.model_validate(subject.result), now))
+        calibrated = CalibrationResult.model_validate(subject.result)
+        row, why = _of_calibration(subject, calibrated, now), _in_words(calibrated)
     elif isinstance(subject, DriftRow):
-        session.add(_of_drift(subject, DriftResult.model_validate(subject.result), now))
+        checked = DriftResult.model_validate(subject.result)
+        row, why = _of_drift(subject, checked, now), checked.reason
+    else:
+        return
+    session.add(row)
+    session.flush()
+    job = subject.job
+    enter(
+        session,
+        now,
+        EventKind.SUCCEEDED,
+        declaration_of(job.kind).noun,
+        subject.id,
+        row.scanner_id,
+        who=job.asked_by,
+        key_id=job.key_id,
+        why=why,
+        measurement_number=row.number,
+    )
+
+
+def _in_words(result: CalibrationResult) -> str:
+    """What a calibration says: of its rays, what speaks against it, and what changed since the active one."""
+    compared = [] if result.comparison is None else [result.comparison.reason]
+    sentences = [TwoQuestions.of(result, None).rays.sentence(), *result.reasons, *compared]
+    return "; ".join(each.rstrip(".") for each in sentences)
 
 
 def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetime) -> MeasurementRow:
     frame, change, error = result.source_frame, result.comparison, result.predicted_ray_error_mm
+    deviation = None if result.standard_deviation is None else result.standard_deviation.source_frame
     return MeasurementRow(
         scanner_id=row.scanner_id,
         at=now,
@@ -76,10 +110,13 @@ def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetim
         within_tolerance=change and change.within_tolerance,
         scale_change_percent=change and change.scale_change_percent,
         cor_column_mm=frame.cor_column_mm,
+        cor_column_standard_deviation_mm=deviation and deviation.cor_column_mm,
         cor_column_change_mm=change and change.cor_column_change_mm,
         tilt_deg=math.degrees(frame.tilt_rad),
+        tilt_standard_deviation_deg=None if deviation is None else _degrees(deviation.tilt_rad),
         tilt_change_deg=change and change.tilt_change_deg,
         source_to_detector_mm=frame.source_to_detector_mm,
+        source_to_detector_standard_deviation_mm=deviation and deviation.source_to_detector_mm,
         source_distance_mm=frame.source_distance_mm,
         relative_residual=result.residual.relative,
         gain=result.gain,
@@ -103,13 +140,21 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime) -> MeasurementR
         within_tolerance=result.within_tolerance,
         scale_change_percent=result.scale_change_percent,
         cor_column_mm=result.measured.cor_column_mm,
+        cor_column_standard_deviation_mm=result.standard_deviation.cor_column_mm,
         cor_column_change_mm=result.change.cor_column_mm,
         tilt_deg=math.degrees(result.measured.tilt_rad),
+        tilt_standard_deviation_deg=math.degrees(result.standard_deviation.tilt_rad),
         tilt_change_deg=math.degrees(result.change.tilt_rad),
         source_to_detector_mm=result.measured.source_to_detector_mm,
+        source_to_detector_standard_deviation_mm=result.standard_deviation.source_to_detector_mm,
         relative_residual=result.relative_residual,
     )
 
 
-def _read(row: MeasurementRow) -> Measurement:
+def _degrees(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else math.degrees(angle_rad)
+
+
+def read_measurement(row: MeasurementRow) -> Measurement:
+    """The measurement of a row."""
     return Measurement.model_validate({name: getattr(row, name) for name in Measurement.model_fields})

@@ -92,7 +92,7 @@ def rows_of_page(
 ) -> tuple[Sequence[Row], str | None]:
     """The rows of a page, and the cursor of the next one if there is one; the rest as in `read_page`."""
     if after is not None:
-        moment, identifier = _parse_cursor(after)
+        moment, identifier = parse_cursor(after)
         older = or_(table.created_at < moment, and_(table.created_at == moment, table.id < identifier))
         statement = statement.where(older)
     order = (table.created_at.desc(), table.id.desc())
@@ -100,7 +100,7 @@ def rows_of_page(
     ids = statement.with_only_columns(table.id, maintain_column_froms=True).order_by(*order).limit(limit + 1).subquery()
     rows: Sequence[Row] = session.scalars(select(table).join(ids, ids.c.id == table.id).order_by(*order)).all()
     shown = rows[:limit]
-    return shown, _cursor(shown[-1]) if len(rows) > limit else None
+    return shown, cursor_of(shown[-1].created_at, shown[-1].id) if len(rows) > limit else None
 
 
 def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], after: str | None) -> Select[Any]:
@@ -119,11 +119,19 @@ def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], 
     return newest_first.where(number < int(after))
 
 
-def _cursor(row: Resource) -> str:
-    return f"{(row.created_at - _EPOCH) // _MICROSECOND}.{row.id}"
+def cursor_of(moment: datetime, identifier: str) -> str:
+    """Of a page whose last row has this time, and this id among those of one time."""
+    return f"{(moment - _EPOCH) // _MICROSECOND}.{identifier}"
 
 
-def _parse_cursor(cursor: str) -> tuple[datetime, str]:
+def parse_cursor(cursor: str) -> tuple[datetime, str]:
+    """What `cursor_of` was made of.
+
+    Raises
+    ------
+    Invalid
+        It is not a cursor that an earlier page gave.
+    """
     if re.fullmatch(CURSOR, cursor) is None:
         raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
     microseconds, _, identifier = cursor.partition(".")

@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
-from sawmill_worker.storage.acting import THE_SERVICE, actor
+from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database, lock_files_of
 from sawmill_worker.storage.errors import QueueFull
 from sawmill_worker.storage.outlook import ORDER, Outlooks
@@ -94,7 +94,7 @@ class Places:
         """
         if job.state is not JobState.QUEUED:
             return
-        if actor() is THE_SERVICE:
+        if actor().of_service:
             full = self._full(session, None, own=1)
             if full is not None:
                 queued = select(EventRow).where(EventRow.job_id == job.id, EventRow.what == EventKind.QUEUED)

@@ -2,28 +2,29 @@
 
 from datetime import datetime
 
-from sqlalchemy import and_, func, select
+from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.scanners import Activation, ScannerSpec, StoredScanner
+from sawmill_worker.contracts.scanners import ScannerSpec, StoredScanner
 from sawmill_worker.storage.alarms import close_alarms
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.entering import changes_in_words
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.paging import found, new_id, read_page, refuse_taken
-from sawmill_worker.storage.tables import ActivationRow, AuditRow, ScannerRow, ScanRow, ScheduleRow
-from sawmill_worker.storage.uses import kept_by
-
-# The audit's entry of an activation: both are written at one time.
-_ITS_ENTRY = and_(
-    AuditRow.subject_id == ActivationRow.calibration_id,
-    AuditRow.at == ActivationRow.activated_at,
-    AuditRow.action.in_((AuditAction.CALIBRATION_ACTIVATED, AuditAction.CALIBRATION_ROLLED_BACK)),
+from sawmill_worker.storage.tables import (
+    ActivationRow,
+    HistoryRow,
+    MeasurementRow,
+    ScannerRow,
+    ScanRow,
+    ScheduleRow,
 )
+from sawmill_worker.storage.uses import kept_by
 
 
 class Scanners:
@@ -79,7 +80,7 @@ class Scanners:
             difference = changed(before, row.spec)
             now = self._database.now()
             write_audit(session, now, AuditAction.SCANNER_CHANGED, scanner_id, difference)
-            _announce(session, now, EventKind.SCANNER_CHANGED, scanner_id)
+            _announce(session, now, EventKind.SCANNER_CHANGED, scanner_id, changes_in_words(difference))
             return read_scanner(session, row)
 
     def delete(self, scanner_id: str) -> None:
@@ -88,14 +89,16 @@ class Scanners:
         Raises
         ------
         NotFound, Conflict
-            There is none, or scans, results or schedules refer to it.
+            There is none, or scans, results, schedules or measurements refer to it.
         """
         with self._database.write() as session:
             row = found(session, ScannerRow, "scanner", scanner_id, lock=True)
             scans = session.scalar(select(func.count()).where(ScanRow.scanner_id == scanner_id)) or 0
             schedules = session.scalar(select(func.count()).where(ScheduleRow.scanner_id == scanner_id)) or 0
             kept = kept_by(session, "scanner_id", scanner_id)
-            for plural, used in [("scans", scans), *kept, ("schedules", schedules)]:
+            measured = select(func.count()).where(MeasurementRow.scanner_id == scanner_id)
+            measurements = ("measurements", session.scalar(measured) or 0)
+            for plural, used in [("scans", scans), *kept, ("schedules", schedules), measurements]:
                 if used:
                     msg = f"scanner {scanner_id!r} is used by {used} {plural}; a used scanner stays"
                     raise Conflict("scanner-in-use", msg)
@@ -103,32 +106,12 @@ class Scanners:
             write_audit(session, now, AuditAction.SCANNER_DELETED, scanner_id, row.spec)
             close_alarms(session, now, scanner_id)
             _announce(session, now, EventKind.SCANNER_DELETED, scanner_id)
+            session.execute(delete(HistoryRow).where(HistoryRow.scanner_id == scanner_id))
             session.delete(row)
 
-    def history(self, scanner_id: str, *, limit: int = 50) -> list[Activation]:
-        """Which calibrations were active, newest first."""
-        with self._database.read() as session:
-            found(session, ScannerRow, "scanner", scanner_id)
-            rows = session.execute(
-                select(ActivationRow, AuditRow.who)
-                .outerjoin(AuditRow, _ITS_ENTRY)
-                .where(ActivationRow.scanner_id == scanner_id)
-                .order_by(ActivationRow.number.desc())
-                .limit(limit)
-            )
-            return [
-                Activation(
-                    calibration_id=row.calibration_id,
-                    activated_at=row.activated_at.isoformat(),
-                    activated_by=who,
-                    reason=row.reason,
-                )
-                for row, who in rows
-            ]
 
-
-def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str) -> None:
-    announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id)
+def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str, why: str | None = None) -> None:
+    announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, why=why)
 
 
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:

@@ -13,9 +13,11 @@ from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page, placed_complaint
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
+from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.due_times import latest_due, next_due
+from sawmill_worker.storage.entering import changes_in_words
 from sawmill_worker.storage.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
@@ -88,8 +90,9 @@ class Schedules:
                 row.next_due_at = pending
             elif pending is not None:
                 _announce_missed(session, row, now, pending, "the schedule was changed before it ran")
-            write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, changed(before, _spec(row)))
-            _announce(session, now, EventKind.SCHEDULE_CHANGED, row)
+            difference = changed(before, _spec(row))
+            write_audit(session, now, AuditAction.SCHEDULE_CHANGED, schedule_id, difference)
+            _announce(session, now, EventKind.SCHEDULE_CHANGED, row, why=changes_in_words(difference))
             session.flush()
             return _read(session, row)
 
@@ -138,14 +141,15 @@ class Schedules:
         self._looked_at = now
 
     def _run_or_miss(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
-        try:
-            return self._run(schedule_id, now)
-        except (StorageFull, StorageUnavailable):
-            raise
-        except Exception as error:  # noqa: BLE001 - the log and the event say it, and the others are due as well
-            structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
-            self._miss(schedule_id, now, _in_words(error))
-            return None
+        with acting_as(Actor(f"schedule {schedule_id}", of_service=True)):
+            try:
+                return self._run(schedule_id, now)
+            except (StorageFull, StorageUnavailable):
+                raise
+            except Exception as error:  # noqa: BLE001 - the log and the event say it, and the others are due as well
+                structlog.get_logger().exception("schedule-not-run", schedule_id=schedule_id)
+                self._miss(schedule_id, now, _in_words(error))
+                return None
 
     def _run(self, schedule_id: str, now: datetime) -> ScheduleRun | None:
         with self._database.write() as session:
@@ -195,9 +199,14 @@ def _is_announced(session: Session, row: ScheduleRow, due_at: datetime) -> bool:
 
 
 def _announce(
-    session: Session, now: datetime, what: EventKind, row: ScheduleRow, detail: dict[str, Any] | None = None
+    session: Session,
+    now: datetime,
+    what: EventKind,
+    row: ScheduleRow,
+    detail: dict[str, Any] | None = None,
+    why: str | None = None,
 ) -> None:
-    announce(session, now, what, "schedule", row.id, scanner_id=row.scanner_id, detail=detail)
+    announce(session, now, what, "schedule", row.id, scanner_id=row.scanner_id, detail=detail, why=why)
 
 
 def _announce_missed(session: Session, row: ScheduleRow, now: datetime, due_at: datetime, reason: str) -> None:

@@ -20,6 +20,7 @@ from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
 from sawmill_worker.storage.files import FileStore, refuse_half_restored
+from sawmill_worker.storage.history import Histories
 from sawmill_worker.storage.inspections import Inspections
 from sawmill_worker.storage.jobs import Jobs
 from sawmill_worker.storage.keys import KeyStore
@@ -45,8 +46,8 @@ class Store:
 
     Attributes
     ----------
-    scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements, jobs,
-    schedules, alarms, events, keys, sessions, audit, repeats, webhooks
+    scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements,
+    history, jobs, schedules, alarms, events, keys, sessions, audit, repeats, webhooks
         The rows.
     overviews
         Of every scanner at once.
@@ -76,6 +77,7 @@ class Store:
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.measurements = Measurements(self._database)
+        self.history = Histories(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
         self.schedules = Schedules(self._database, self.files, self.places)

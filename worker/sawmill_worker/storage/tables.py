@@ -26,6 +26,7 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column
 from sawmill_worker.contracts.alarms import AlarmKind
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.history import HistoryKind
 from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
 from sawmill_worker.contracts.keys import Scope
 from sawmill_worker.contracts.measurements import MeasurementKind
@@ -97,6 +98,7 @@ class Base(DeclarativeBase):
         AuditAction: _words(AuditAction, 40),
         DeliveryState: _words(DeliveryState),
         EventKind: _words(EventKind, 40),
+        HistoryKind: _words(HistoryKind),
         JobKind: _words(JobKind),
         JobState: _words(JobState),
         MeasurementKind: _words(MeasurementKind),
@@ -391,10 +393,13 @@ class MeasurementRow(Base):
     within_tolerance: Mapped[bool | None]
     scale_change_percent: Mapped[float | None] = mapped_column(Float(53))
     cor_column_mm: Mapped[float] = mapped_column(Float(53))
+    cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
     cor_column_change_mm: Mapped[float | None] = mapped_column(Float(53))
     tilt_deg: Mapped[float] = mapped_column(Float(53))
+    tilt_standard_deviation_deg: Mapped[float | None] = mapped_column(Float(53))
     tilt_change_deg: Mapped[float | None] = mapped_column(Float(53))
     source_to_detector_mm: Mapped[float] = mapped_column(Float(53))
+    source_to_detector_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
     source_distance_mm: Mapped[float | None] = mapped_column(Float(53))
     relative_residual: Mapped[float] = mapped_column(Float(53))
     gain: Mapped[float | None] = mapped_column(Float(53))
@@ -403,6 +408,30 @@ class MeasurementRow(Base):
     scale_uncertainty_percent: Mapped[float | None] = mapped_column(Float(53))
     verdict: Mapped[str | None] = mapped_column(String(20))
     rays_verdict: Mapped[str | None] = mapped_column(String(20))
+
+
+class HistoryRow(Base):
+    """What happened to a scanner, by whom and why; it outlasts what it is about, and the events."""
+
+    __tablename__ = "history"
+    # A page of all or of one kind, from any time on.
+    __table_args__ = (
+        Index("ix_history_scanner_id_at", "scanner_id", "at", "number"),
+        Index("ix_history_scanner_id_kind_at", "scanner_id", "kind", "at", "number"),
+    )
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
+    scanner_id: Mapped[str] = mapped_column(String(64))
+    at: Mapped[datetime]
+    kind: Mapped[HistoryKind]
+    what: Mapped[EventKind]
+    subject: Mapped[str] = mapped_column(String(20))
+    subject_id: Mapped[str] = mapped_column(String(64))
+    who: Mapped[str | None] = mapped_column(String(200))
+    key_id: Mapped[str | None] = mapped_column(String(64))
+    why: Mapped[str | None]
+    alarm: Mapped[AlarmKind | None]
+    measurement_number: Mapped[int | None] = mapped_column(ForeignKey("measurements.number"))
 
 
 class ScheduleRow(Resource):

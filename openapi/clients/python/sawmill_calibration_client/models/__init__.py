@@ -1,7 +1,6 @@
 """Contains all the data models used in inputs/outputs"""
 
 from .activate import Activate
-from .activation import Activation
 from .adjustment import Adjustment
 from .agreement import Agreement
 from .air_correction import AirCorrection
@@ -58,6 +57,9 @@ from .given_theta import GivenTheta
 from .given_theta_bounds import GivenThetaBounds
 from .handedness import Handedness
 from .health import Health
+from .history_entry import HistoryEntry
+from .history_entry_page import HistoryEntryPage
+from .history_kind import HistoryKind
 from .hypothesis import Hypothesis
 from .inspected_file import InspectedFile
 from .inspected_reading import InspectedReading
@@ -171,7 +173,6 @@ from .witness_taken import WitnessTaken
 
 __all__ = (
     "Activate",
-    "Activation",
     "Adjustment",
     "Agreement",
     "AirCorrection",
@@ -228,6 +229,9 @@ __all__ = (
     "GivenThetaBounds",
     "Handedness",
     "Health",
+    "HistoryEntry",
+    "HistoryEntryPage",
+    "HistoryKind",
     "Hypothesis",
     "InspectedFile",
     "InspectedReading",

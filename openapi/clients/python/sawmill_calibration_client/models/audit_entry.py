@@ -36,7 +36,7 @@ class AuditEntry:
     subject_id: str
     """ Id of what it was done to. """
     who: str
-    """ The name of the key; `the service` where a schedule or a job did it. """
+    """ The name of the key; `schedule` and its id, or `the service` where no person did it. """
 
     def to_dict(self) -> dict[str, Any]:
         from ..models.audit_entry_detail_type_0 import AuditEntryDetailType0  # noqa: PLC0415

@@ -8,6 +8,7 @@ from attrs import define as _attrs_define
 
 from ..models.measurement_kind import MeasurementKind
 from ..models.verdict import Verdict
+from ..types import UNSET, Unset
 
 T = TypeVar("T", bound="Measurement")
 
@@ -64,6 +65,12 @@ class Measurement:
     """ Of a calibration. Null: a drift check. """
     within_tolerance: bool | None
     """ Null: no change, or too uncertain to tell. """
+    cor_column_standard_deviation_mm: float | None | Unset = UNSET
+    """ Of u_c, mm. Null: no error bars. """
+    source_to_detector_standard_deviation_mm: float | None | Unset = UNSET
+    """ Of SDD, mm. Null: no error bars, or a drift check that held it. """
+    tilt_standard_deviation_deg: float | None | Unset = UNSET
+    """ Of tau, degrees. Null: no error bars. """
 
     def to_dict(self) -> dict[str, Any]:
         against_id: None | str
@@ -132,6 +139,24 @@ class Measurement:
         within_tolerance: bool | None
         within_tolerance = self.within_tolerance
 
+        cor_column_standard_deviation_mm: float | None | Unset
+        if isinstance(self.cor_column_standard_deviation_mm, Unset):
+            cor_column_standard_deviation_mm = UNSET
+        else:
+            cor_column_standard_deviation_mm = self.cor_column_standard_deviation_mm
+
+        source_to_detector_standard_deviation_mm: float | None | Unset
+        if isinstance(self.source_to_detector_standard_deviation_mm, Unset):
+            source_to_detector_standard_deviation_mm = UNSET
+        else:
+            source_to_detector_standard_deviation_mm = self.source_to_detector_standard_deviation_mm
+
+        tilt_standard_deviation_deg: float | None | Unset
+        if isinstance(self.tilt_standard_deviation_deg, Unset):
+            tilt_standard_deviation_deg = UNSET
+        else:
+            tilt_standard_deviation_deg = self.tilt_standard_deviation_deg
+
         field_dict: dict[str, Any] = {}
 
         field_dict.update(
@@ -161,6 +186,12 @@ class Measurement:
                 "within_tolerance": within_tolerance,
             }
         )
+        if cor_column_standard_deviation_mm is not UNSET:
+            field_dict["cor_column_standard_deviation_mm"] = cor_column_standard_deviation_mm
+        if source_to_detector_standard_deviation_mm is not UNSET:
+            field_dict["source_to_detector_standard_deviation_mm"] = source_to_detector_standard_deviation_mm
+        if tilt_standard_deviation_deg is not UNSET:
+            field_dict["tilt_standard_deviation_deg"] = tilt_standard_deviation_deg
 
         return field_dict
 
@@ -300,6 +331,37 @@ class Measurement:
 
         within_tolerance = _parse_within_tolerance(d.pop("within_tolerance"))
 
+        def _parse_cor_column_standard_deviation_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        cor_column_standard_deviation_mm = _parse_cor_column_standard_deviation_mm(
+            d.pop("cor_column_standard_deviation_mm", UNSET)
+        )
+
+        def _parse_source_to_detector_standard_deviation_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        source_to_detector_standard_deviation_mm = _parse_source_to_detector_standard_deviation_mm(
+            d.pop("source_to_detector_standard_deviation_mm", UNSET)
+        )
+
+        def _parse_tilt_standard_deviation_deg(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        tilt_standard_deviation_deg = _parse_tilt_standard_deviation_deg(d.pop("tilt_standard_deviation_deg", UNSET))
+
         measurement = cls(
             against_id=against_id,
             at=at,
@@ -324,6 +386,9 @@ class Measurement:
             tilt_deg=tilt_deg,
             verdict=verdict,
             within_tolerance=within_tolerance,
+            cor_column_standard_deviation_mm=cor_column_standard_deviation_mm,
+            source_to_detector_standard_deviation_mm=source_to_detector_standard_deviation_mm,
+            tilt_standard_deviation_deg=tilt_standard_deviation_deg,
         )
 
         return measurement

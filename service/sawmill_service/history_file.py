@@ -1,0 +1,50 @@
+"""A scanner's history as CSV (RFC 4180): a line of column names, then a line for each entry."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+
+from sawmill_worker.contracts.history import HistoryEntry
+
+# In this order; what a later version adds comes at the end. A header has its unit: `gain` of the contract is older.
+COLUMNS = (
+    *("number", "at", "kind", "what", "subject", "subject_id", "link", "who", "key_id", "why", "alarm"),
+    *("verdict", "rays_verdict", "within_tolerance", "against_id"),
+    *("cor_column_mm", "cor_column_standard_deviation_mm", "cor_column_change_mm"),
+    *("tilt_deg", "tilt_standard_deviation_deg", "tilt_change_deg"),
+    *("source_to_detector_mm", "source_to_detector_standard_deviation_mm", "source_distance_mm"),
+    *("relative_residual", "gain_per_mm"),
+    *("ray_change_mm", "ray_change_tolerance_mm", "scale_change_percent"),
+    *("ray_error_rms_mm", "ray_error_upper_95_mm", "scale_uncertainty_percent"),
+)
+# Programs for tables take a text that begins so as a formula (OWASP, CSV Injection).
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def history_csv(batches: Iterable[list[HistoryEntry]]) -> Iterator[str]:
+    """The text in parts: the line of names, then a part for each batch, so that no more than one is held."""
+    yield _lines([COLUMNS])
+    for batch in batches:
+        yield _lines(map(_values, batch))
+
+
+def _values(entry: HistoryEntry) -> list[str]:
+    of_entry = entry.model_dump(mode="json")
+    measured = of_entry.pop("measured") or {}
+    known = measured | of_entry | {"gain_per_mm": measured.get("gain")}
+    return [_cell(known.get(name)) for name in COLUMNS]
+
+
+def _cell(value: object) -> str:
+    """Numbers as they are, and texts so that none is taken as a formula: behind an apostrophe where one might be."""
+    if isinstance(value, str):
+        return f"'{value}" if value.startswith(_FORMULA) else value
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "" if value is None else repr(value)
+
+
+def _lines(rows: Iterable[Iterable[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\r\n").writerows(rows)
+    return text.getvalue()

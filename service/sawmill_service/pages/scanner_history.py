@@ -1,0 +1,149 @@
+"""/scanners/{scanner_id}/history: what was measured over months, and everything that happened, by whom and why."""
+
+from dataclasses import dataclass
+from datetime import UTC, date, datetime
+from typing import Annotated, Any, Literal
+from urllib.parse import urlencode
+
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import HTMLResponse
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.pages.charts import is_calibration, span_of
+from sawmill_service.pages.frame import ThePage
+from sawmill_service.pages.languages import marked
+from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
+from sawmill_service.pages.scanner import SPANS
+from sawmill_service.pages.trend_chart import MOST_LINES, trend_chart
+from sawmill_service.pages.words import Word
+from sawmill_service.scanner_conditions import ALARMS
+from sawmill_worker.contracts.base import Identifier
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.history import HistoryEntry, HistoryKind
+
+PER_PAGE = 50
+KINDS = {
+    HistoryKind.CALIBRATION: marked("Calibration"),
+    HistoryKind.DRIFT_CHECK: marked("Drift check"),
+    HistoryKind.ACTIVATION: marked("Calibration in use"),
+    HistoryKind.ALARM: marked("Alarm"),
+    HistoryKind.SETTINGS: marked("Settings"),
+    HistoryKind.SCHEDULE: marked("Schedule"),
+    HistoryKind.SCAN: marked("Scan"),
+}
+_WORDS = {
+    EventKind.FAILED: Word("bad", marked("Failed")),
+    EventKind.CANCELLED: Word("idle", marked("Cancelled")),
+    EventKind.CALIBRATION_ACTIVATED: Word("good", marked("Accepted")),
+    EventKind.CALIBRATION_ROLLED_BACK: Word("watch", marked("Rolled back")),
+    EventKind.ALARM_OPENED: Word("bad", marked("Begun")),
+    EventKind.ALARM_CLOSED: Word("good", marked("Ended")),
+    EventKind.SCANNER_CREATED: Word("idle", marked("Added")),
+    EventKind.SCANNER_CHANGED: Word("idle", marked("Changed")),
+    EventKind.SCHEDULE_CREATED: Word("idle", marked("Added")),
+    EventKind.SCHEDULE_CHANGED: Word("idle", marked("Changed")),
+    EventKind.SCHEDULE_DELETED: Word("idle", marked("Deleted")),
+    EventKind.SCHEDULE_MISSED: Word("watch", marked("Missed")),
+    EventKind.SCAN_REFUSED: Word("bad", marked("Refused")),
+}
+_VERDICTS = {
+    "pass": Word("good", marked("Passed")),
+    "watch": Word("watch", marked("Watch")),
+    "fail": Word("bad", marked("Not usable")),
+}
+_DRIFTS = {
+    True: Word("good", marked("Within tolerance")),
+    False: Word("bad", marked("Out of tolerance")),
+    None: Word("idle", marked("Not certain")),
+}
+
+router = APIRouter(include_in_schema=False)
+
+
+@dataclass(frozen=True)
+class ShownHistory:
+    """Which entries the page lists, and how far back its chart reaches.
+
+    Attributes
+    ----------
+    kind : HistoryKind or None
+        Those of this kind; None: all.
+    first, last : date or None
+        The first and the last day.
+    zone : str
+        The time zone of these days; empty: this machine's.
+    days : int
+        Of the chart.
+    after : str or None
+        The cursor of the page before.
+    """
+
+    kind: HistoryKind | None
+    first: date | None
+    last: date | None
+    zone: str
+    days: int
+    after: str | None
+
+    def arguments(self) -> dict[str, Any]:
+        """As the store takes them."""
+        since = None if self.first is None else day_of(self.first, self.zone)[0]
+        until = None if self.last is None else day_of(self.last, self.zone)[1]
+        return {"kind": self.kind, "since": since, "until": until}
+
+    def address(self, **changes: str | int | None) -> str:
+        """The query of this page with some of it changed; from its first entries on, unless `after` is given."""
+        known = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": self.days}
+        return "?" + urlencode({name: value for name, value in (known | changes).items() if value})
+
+    def file_query(self) -> str:
+        """The same entries, as the API's file takes them."""
+        times = {
+            name: value.isoformat() if name != "kind" else value for name, value in self.arguments().items() if value
+        }
+        return "?" + urlencode(times) if times else ""
+
+
+def _shown(
+    kind: HistoryKind | Literal[""] = "",
+    first: Annotated[str, Query(max_length=20)] = "",
+    last: Annotated[str, Query(max_length=20)] = "",
+    zone: Annotated[str, Query(max_length=64)] = "",
+    days: Annotated[int, Query(ge=1, le=3660)] = 365,
+    after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
+) -> ShownHistory:
+    """As a form sends it: a field that is left empty is an empty text."""
+    span = parse_day("first", first), parse_day("last", last)
+    return ShownHistory(kind or None, *span, check_zone(zone), days, after or None)
+
+
+@router.get("/scanners/{scanner_id}/history")
+def scanner_history(
+    scanner_id: Identifier, page: ThePage, store: TheStore, shown: Annotated[ShownHistory, Depends(_shown)]
+) -> HTMLResponse:
+    """The whole page."""
+    known, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
+    movements = store.measurements.movements(span.start, scanner_id=scanner_id).get(scanner_id, [])
+    marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
+    return page.answer(
+        "scanner_history.html",
+        scanner=known,
+        shown=shown,
+        spans=SPANS,
+        chart=trend_chart(movements, marks, opened, span),
+        most_lines=MOST_LINES,
+        is_calibration=is_calibration,
+        days=shown.days,
+        found=store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE),
+        kinds=KINDS,
+        word_of=word_of,
+        alarms=ALARMS,
+    )
+
+
+def word_of(entry: HistoryEntry) -> Word:
+    """What became of it, in a word with its colour."""
+    measured = entry.measured
+    if measured is None:
+        return _WORDS.get(entry.what) or Word("idle", entry.what)
+    return _DRIFTS[measured.within_tolerance] if measured.verdict is None else _VERDICTS[measured.verdict]

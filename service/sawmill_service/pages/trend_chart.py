@@ -1,0 +1,121 @@
+"""What calibrations and drift checks measured of a scanner: five values over months, with alarms and activations."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from statistics import median
+
+from sawmill_service.pages.charts import (
+    Chart,
+    Panel,
+    Span,
+    Value,
+    days_of,
+    is_calibration,
+    panel_of,
+    range_of,
+    thinned,
+)
+from sawmill_worker.contracts.alarms import Alarm
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.history import HistoryKind, HistoryMark
+from sawmill_worker.contracts.measurements import Movement
+
+# Two extremes of five values in each leave as many marks as the drift chart has.
+PARTS = 24
+HEIGHT_PX = 110
+# More of them would be a hatching.
+MOST_LINES = 60
+# Of a normal distribution 95 % lie within.
+_DEVIATIONS = 2.0
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value that a panel shows.
+
+    Attributes
+    ----------
+    value, deviation
+        Of a measurement, and its standard deviation.
+    least : float
+        The smallest change that fills the panel: values that differ by less are the same to a person.
+    """
+
+    value: Value
+    least: float
+    deviation: Value = lambda _: None
+
+
+def _of_phantoms(value: Value) -> Value:
+    """Where a log shows another thing of that name, or hardly anything."""
+    return lambda one: value(one) if is_calibration(one) else None
+
+
+QUANTITIES = {
+    "cor": Quantity(lambda one: one.cor_column_mm, 0.1, lambda one: one.cor_column_standard_deviation_mm),
+    "tilt": Quantity(lambda one: one.tilt_deg, 0.05, lambda one: one.tilt_standard_deviation_deg),
+    "sdd": Quantity(
+        _of_phantoms(lambda one: one.source_to_detector_mm),
+        1.0,
+        _of_phantoms(lambda one: one.source_to_detector_standard_deviation_mm),
+    ),
+    "residual": Quantity(_of_phantoms(lambda one: one.relative_residual), 0.002),
+    "gain": Quantity(_of_phantoms(lambda one: one.gain), 0.0005),
+}
+
+
+def trend_chart(
+    movements: Sequence[Movement], marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span
+) -> Chart:
+    """The chart of one scanner.
+
+    Parameters
+    ----------
+    movements
+        In the span, the oldest first.
+    marks
+        Activations and alarms in the span, the oldest first.
+    opened
+        The alarms that are open.
+    span
+        From when to when it reaches.
+    """
+    marks = list(marks)
+    values = [quantity.value for quantity in QUANTITIES.values()]
+    shown = [(span.x(one.at), one) for one in thinned(movements, span, values, parts=PARTS)]
+    activations = [mark for mark in marks if mark.kind is HistoryKind.ACTIVATION]
+    return Chart(
+        panels=[_panel(name, quantity, shown) for name, quantity in QUANTITIES.items()],
+        shown=shown,
+        accepted=[(span.x(mark.at), mark.subject_id, mark.at) for mark in activations],
+        days=days_of(span),
+        total=len(movements),
+        alarms=_alarms(marks, opened, span),
+    )
+
+
+def _panel(name: str, quantity: Quantity, shown: Sequence[tuple[float, Movement]]) -> Panel:
+    known = [(x, value, one) for x, one in shown if (value := quantity.value(one)) is not None]
+    bars = [
+        (x, value - _DEVIATIONS * deviation, value + _DEVIATIONS * deviation)
+        for x, value, one in known
+        if (deviation := quantity.deviation(one)) is not None
+    ]
+    # A typical bar fits; a long one ends at the edge, for it must not flatten all others.
+    half = median([(high - low) / 2.0 for _, low, high in bars]) if bars else 0.0
+    values = [value for _, value, _ in known]
+    reached = [min(values) - half, max(values) + half] if values else []
+    low, high = range_of(reached, least=quantity.least)
+    return panel_of(name, known, low, high, bars=bars, height=HEIGHT_PX)
+
+
+def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -> list[tuple[float, float]]:
+    """From where to where on the axis an alarm was open; one that began before the span begins at its edge."""
+    since, found = {}, []
+    for mark in marks:
+        if mark.what is EventKind.ALARM_OPENED:
+            since[mark.alarm] = mark.at
+        elif mark.what is EventKind.ALARM_CLOSED:
+            found.append((since.pop(mark.alarm, span.start), mark.at))
+    found += [(since.get(alarm.what, span.start), span.end) for alarm in opened]
+    return [(span.x(start), round(span.x(end) - span.x(start), 2)) for start, end in found]

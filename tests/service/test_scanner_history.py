@@ -1,0 +1,254 @@
+"""A scanner's history over HTTP: as JSON, as a file, and as a page with its charts."""
+
+import csv
+import io
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from sqlalchemy import delete, event, insert
+
+from sawmill_service.history_file import COLUMNS, history_csv
+from sawmill_service.pages.charts import HEIGHT_PX, MOST_MARKS, span_of
+from sawmill_service.pages.trend_chart import trend_chart
+from sawmill_worker.contracts.alarms import Alarm, AlarmKind
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.history import HistoryEntry, HistoryKind, HistoryMark
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, Movement
+from sawmill_worker.storage.tables import (
+    ActivationRow,
+    CalibrationRow,
+    DriftRow,
+    HistoryRow,
+    MeasurementRow,
+    ReconstructionRow,
+)
+
+PATH, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
+NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
+FORMULA = '=HYPERLINK("http://evil.example","5,0")'
+
+
+def lines_of(text):
+    return list(csv.DictReader(io.StringIO(text), strict=True))
+
+
+def test_it_is_listed_newest_first_and_narrowed(seeded, store):
+    key = store.keys.create(KeyAsk(name="Maija", scope=Scope.ACTIVATE))
+    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+    seeded.post("/v1/calibrations/example/activate", json={"reason": "checked"})
+    items = seeded.get(PATH).json()["items"]
+    assert [(each["kind"], each["what"]) for each in items] == [
+        ("activation", "calibration-rolled-back"),
+        ("schedule", "schedule-created"),
+        ("schedule", "schedule-created"),
+        ("drift-check", "succeeded"),
+        ("activation", "calibration-activated"),
+        ("calibration", "succeeded"),
+        ("settings", "scanner-created"),
+    ]
+    newest = items[0]
+    assert (newest["who"], newest["key_id"], newest["why"]) == ("Maija", key.id, "checked")
+    assert (newest["link"], newest["measured"]) == ("/v1/calibrations/example", None)
+    assert seeded.get(newest["link"]).status_code == 200
+    assert items[5]["measured"]["gain"] == 1.0
+    page = seeded.get(PATH, params={"limit": 2}).json()
+    rest = seeded.get(PATH, params={"after": page["next"]}).json()
+    assert (page["items"] + rest["items"], rest["next"]) == (items, None)
+    assert seeded.get(PATH, params={"kind": "calibration"}).json()["items"] == [items[5]]
+    assert seeded.get(PATH, params={"since": "2999-01-01T00:00:00Z"}).json()["items"] == []
+    for wrong in ({"kind": "nonsense"}, {"since": "yesterday"}, {"after": "x"}, {"form": "csv"}):
+        assert seeded.get(PATH, params=wrong).status_code == 422
+    assert seeded.get("/v1/scanners/nobody/history").json()["code"] == "scanner-not-found"
+
+
+def test_the_file_has_every_entry_and_no_formula(seeded, store):
+    key = store.keys.create(KeyAsk(name="@SUM(1)", scope=Scope.ADMIN))
+    seeded.headers["Authorization"] = f"Bearer {key.secret}"
+    seeded.post("/v1/calibrations/example/activate", json={"reason": FORMULA})
+    answer = seeded.get(f"{PATH}.csv")
+    assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
+    assert answer.headers["Content-Disposition"] == 'attachment; filename="example-history.csv"'
+    assert answer.text.count("\r\n") == answer.text.count("\n") == 8
+    lines = lines_of(answer.text)
+    items = seeded.get(PATH).json()["items"][::-1]
+    assert [line["number"] for line in lines] == [str(item["number"]) for item in items]
+    assert (lines[-1]["who"], lines[-1]["why"]) == ("'@SUM(1)", f"'{FORMULA}")
+    calibration, drift = lines[1], lines[3]
+    measured = items[1]["measured"]
+    for name in ("cor_column_mm", "tilt_deg", "source_to_detector_mm", "relative_residual"):
+        assert float(calibration[name]) == measured[name]
+    assert calibration["cor_column_mm"].startswith("-209.1")
+    assert (calibration["gain_per_mm"], calibration["verdict"]) == ("1.0", "pass")
+    assert (drift["gain_per_mm"], drift["verdict"], drift["within_tolerance"]) == ("", "", "true")
+    only = lines_of(seeded.get(f"{PATH}.csv", params={"kind": "drift-check"}).text)
+    assert [line["kind"] for line in only] == ["drift-check"]
+    assert seeded.get("/v1/scanners/nobody/history.csv").json()["code"] == "scanner-not-found"
+
+
+def test_the_file_s_columns_are_those_of_the_contract():
+    apart = {"measured", "gain", "scanner_id"}
+    fields = {*HistoryEntry.model_fields, *Measurement.model_fields, "gain_per_mm"} - apart
+    assert sorted(COLUMNS) == sorted(fields)
+    assert COLUMNS[:4] == ("number", "at", "kind", "what")
+
+
+@pytest.mark.usefixtures("seeded")
+def test_the_file_is_written_while_it_is_read(store):
+    entries = store.history.page("example").items
+
+    def batches():
+        yield entries
+        pytest.fail("nobody has asked for the second one yet")
+
+    parts = history_csv(batches())
+    assert next(parts).startswith("number,at,kind,")
+    assert next(parts).count("\r\n") == len(entries)
+
+
+def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
+    assert f'href="{PAGE}"' in seeded.get("/scanners/example").text
+    page = seeded.get(PAGE).text
+    assert page.count('<svg class="values"') == 5
+    assert page.count('<path class="spread-of"') == 2, "the error bars that are known"
+    for text in (
+        "Calibration",
+        "Passed",
+        "Within tolerance",
+        "u_c -209.100",
+        "gain 1.00000 per mm",
+        "/calibrations/example/report",
+    ):
+        assert text in page
+    assert f'href="{PATH}.csv"' in page
+    drifts = seeded.get(f"{PAGE}?kind=drift-check&first=2026-01-01&last=2026-12-31&zone=Europe/Helsinki&days=30").text
+    assert ("Within tolerance" in drifts, "Passed" in drifts) == (True, False)
+    assert "history.csv?kind=drift-check&amp;since=2026-01-01T00%3A00%3A00%2B02%3A00" in drifts
+    assert "Nothing was measured" not in drifts
+    assert "There is no entry here" in seeded.get(f"{PAGE}?last=2020-01-01").text
+    answers = [
+        seeded.get(f"{PAGE}?{wrong}").status_code for wrong in ("first=nonsense", "kind=x", "zone=Mars", "after=x")
+    ]
+    assert answers == [422] * 4
+    assert seeded.get("/scanners/nobody/history").status_code == 404
+
+
+def test_a_deleted_calibration_is_shown_with_its_numbers_and_without_a_link(seeded, store):
+    with store._database.write() as session:
+        for table in (ActivationRow, DriftRow, ReconstructionRow, CalibrationRow):
+            session.execute(delete(table))
+    page = seeded.get(f"{PAGE}?kind=calibration").text
+    entries = page[page.index('id="entries"') :]
+    assert "(deleted)" in entries
+    assert "u_c -209.100" in entries
+    assert "/report" not in entries
+
+
+def test_an_unknown_kind_of_event_is_shown_by_its_name(seeded, store):
+    entry = store.history.page("example").items[0]
+    with store._database.write() as session:
+        later = {"at": entry.at, "kind": HistoryKind.SETTINGS, "what": EventKind.CLOCK_STEPPED, "subject": "scanner"}
+        session.add(HistoryRow(scanner_id="example", subject_id="example", **later))
+    assert "clock-stepped" in seeded.get(PAGE).text
+
+
+def movement(days_ago, **changes):
+    known = dict.fromkeys(Movement._fields) | {
+        "at": NOW - timedelta(days=days_ago),
+        "kind": MeasurementKind.CALIBRATION,
+        "subject_id": "one",
+        "cor_column_mm": -209.0,
+        "cor_column_standard_deviation_mm": 0.1,
+        "tilt_deg": -4.0,
+        "source_to_detector_mm": 1600.0,
+        "relative_residual": 0.01,
+        "gain": 0.02,
+    }
+    return Movement(**known | changes)
+
+
+def test_a_trend_has_error_bars_lines_and_open_alarms():
+    checks = [movement(day, kind=MeasurementKind.DRIFT, gain=None, relative_residual=0.5) for day in (3, 2)]
+    wide = movement(1, kind=MeasurementKind.DRIFT, cor_column_standard_deviation_mm=50.0)
+    marks = [
+        HistoryMark(
+            NOW - timedelta(days=9), HistoryKind.ALARM, EventKind.ALARM_CLOSED, "example", AlarmKind.SCANNER_QUIET
+        ),
+        HistoryMark(NOW - timedelta(days=4), HistoryKind.ACTIVATION, EventKind.CALIBRATION_ACTIVATED, "one", None),
+        HistoryMark(
+            NOW - timedelta(days=3), HistoryKind.ALARM, EventKind.ALARM_OPENED, "example", AlarmKind.NO_PHANTOM_SCAN
+        ),
+    ]
+    opened = [Alarm(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
+    chart = trend_chart([movement(4), *checks, wide], marks, opened, span_of(10, NOW))
+    cor, tilt, sdd, residual, gain = chart.panels
+    bars = [tuple(map(float, bar)) for bar in re.findall(r"M([\d.]+) ([\d.]+)V([\d.]+)", cor.bars)]
+    assert len(bars) == 4
+    assert all(0 < high < mark.y < low < HEIGHT_PX for mark, (_, low, high) in zip(cor.marks, bars, strict=True))
+    assert bars[-1][1] - bars[-1][2] < 2 * (bars[0][1] - bars[0][2]), "a long bar flattens no other"
+    assert tilt.bars == ""
+    assert [len(panel.marks) for panel in (cor, tilt, sdd, residual, gain)] == [4, 4, 1, 1, 1]
+    assert [(x, identifier) for x, identifier, _ in chart.accepted] == [(cor.marks[0].x, "one")]
+    assert chart.alarms == [(1.0, pytest.approx(9.8)), (pytest.approx(69.6), pytest.approx(29.4))]
+
+
+def test_a_year_is_a_small_page_and_few_queries(seeded, store):
+    now = datetime.now(UTC)
+    measured = [
+        {
+            "number": 1000 + number,
+            "scanner_id": "example",
+            "at": now - timedelta(hours=number + 1),
+            "kind": MeasurementKind.CALIBRATION if number % 24 == 0 else MeasurementKind.DRIFT,
+            "subject_id": f"one-{number}",
+            "within_tolerance": True,
+            "cor_column_mm": -209.0 + 0.01 * (number % 17),
+            "cor_column_standard_deviation_mm": 0.05,
+            "tilt_deg": -4.0 + 0.01 * (number % 23),
+            "tilt_standard_deviation_deg": 0.05,
+            "source_to_detector_mm": 1600.0 + number % 7,
+            "relative_residual": 0.01,
+        }
+        for number in range(8700)
+    ]
+    kinds = {
+        MeasurementKind.CALIBRATION: ("calibration", "calibration"),
+        MeasurementKind.DRIFT: ("drift-check", "drift"),
+    }
+    entries = [
+        {"scanner_id": "example", "at": one["at"], "kind": kinds[one["kind"]][0], "what": EventKind.SUCCEEDED}
+        | {"subject": kinds[one["kind"]][1], "subject_id": one["subject_id"], "measurement_number": one["number"]}
+        for one in measured
+    ]
+    with store._database.write() as session:
+        session.execute(insert(MeasurementRow), measured)
+        session.execute(insert(HistoryRow), entries)
+    page = seeded.get(f"{PAGE}?days=365")
+    assert page.status_code == 200
+    assert len(page.content) < 220_000  # of the 300 000 that a page may have with its styles and scripts
+    assert page.text.count("<tr data-x=") <= MOST_MARKS
+    asked = ({}, {"kind": HistoryKind.ALARM}, {"until": now - timedelta(days=100)})
+    plans = [plan_of(store, **which) for which in asked]
+    assert all(
+        "SEARCH history USING INDEX ix_history_scanner_id" in plan and "TEMP B-TREE" not in plan for plan in plans
+    )
+
+
+def plan_of(store, **which):
+    """How SQLite answers a page."""
+    statements = []
+    engine = store._database.engine
+
+    def note(*sent):
+        statement, parameters = sent[2:4]
+        if statement.startswith("SELECT history"):
+            statements.append((statement, parameters))
+
+    event.listen(engine, "before_cursor_execute", note)
+    store.history.page("example", **which)
+    event.remove(engine, "before_cursor_execute", note)
+    ((statement, parameters),) = statements
+    with engine.connect() as connection:
+        rows = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {statement}", parameters)
+        return "\n".join(row[-1] for row in rows)
