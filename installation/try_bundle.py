@@ -66,9 +66,8 @@ def main() -> int:
             require(digest(again) == digest(archive), f"{again.name} differs from the first one")
         bundle = unpacked(archive, base)
         target = base / "sawmill"
-        install = f"sh {quoted(bundle / 'install.sh')} --python {quoted(sys.executable)} {quoted(target)}"
         with timed("install.sh"):
-            shown = without_network(base, install)
+            shown = without_network(base, installing(bundle, target))
         require("install-service" in shown, "the next step is not named")
         installed = sum(path.lstat().st_size for path in target.rglob("*") if path.is_file())
         print(f"installed: {installed / 1e6:.0f} MB", flush=True)
@@ -77,12 +76,12 @@ def main() -> int:
             shown = without_network(base, served(documents), target / "current/bin")
         require('"state":"succeeded"' in shown and '"verdict":"pass"' in shown, f"no calibration passed:\n{shown}")
         require("not compiled yet" not in shown, f"kernels are missing:\n{shown}")
-        refused = without_network(base, f"! {install} 2>&1")
+        refused = without_network(base, f"! {installing(bundle, target)} 2>&1")
         require("is installed; remove that folder" in refused, f"installed over itself:\n{refused}")
         with timed("packed a later version"):
             later = later_bundle(base)
         with timed("installed it beside"):
-            shown = without_network(base, install.replace(quoted(bundle), quoted(unpacked(later, base))))
+            shown = without_network(base, installing(unpacked(later, base), target))
         first = version(base, target)
         (change,) = re.findall(r"^  (ln .*)$", shown, re.MULTILINE)
         without_network(base, change)
@@ -91,6 +90,11 @@ def main() -> int:
         require((second, version(base, target)) == (LATER, first), "the upgrade or the way back failed")
         print(f"upgraded from {first} to {second} and back")
     return 0
+
+
+def installing(bundle: Path, target: Path) -> str:
+    """The command that installs an unpacked bundle."""
+    return f"sh {quoted(bundle / 'install.sh')} --python {quoted(sys.executable)} {quoted(target)}"
 
 
 def served(documents: Path) -> str:
