@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory paper bench-preparing bench-iterative bench-choosing faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -104,6 +104,10 @@ bench-viewer: install-dev
 
 bench-pages: install-dev
 	@$(BIN)/python benchmarks/pages.py
+
+# What docs/scale.md shows, in ten minutes on an idle machine. OPTIONS: --quick, --parts, --databases, --workers, --queued.
+study-load: install-dev
+	@$(BIN)/python benchmarks/load.py $(OPTIONS)
 
 # OPTIONS: --jobs N, --against CHECKOUT, --json FILE.
 bench-job-price: install-dev

@@ -39,19 +39,19 @@ GEOMETRY = ("--theta=2.55023549,714.683839,319.943788,43.6514375,0.280799451", "
 ANGLES_AND_PITCH = ("--angles-deg=0.5:1", f"--detector-pitch-mm={SCANNER.detector_pitch_mm}")
 
 
-def views(rows: int) -> Iterator[NDArray[np.float32]]:
+def views(rows: int, number: int = VIEWS) -> Iterator[NDArray[np.float32]]:
     """Line integrals (rows, cells) of a round log with a knot that goes round, view by view."""
     rng, across = np.random.default_rng(4), np.linspace(-1.0, 1.0, CELLS)
     log = 2.0 * np.sqrt(np.clip(0.4**2 - across**2, 0.0, None)) * 5.0
     along = 1.0 + np.sin(np.arange(rows) / 7.0)[:, None]
-    for angle in np.deg2rad(np.arange(VIEWS) + 0.5):
+    for angle in (np.arange(number) + 0.5) * 2.0 * np.pi / number:
         knot = np.sqrt(np.clip(0.05**2 - (across - 0.1 * np.cos(angle)) ** 2, 0.0, None))
         yield (log + along * knot + 0.01 * rng.standard_normal((rows, CELLS))).astype(np.float32)
 
 
-def make_counts(path: Path, rows: int, *, packed: bool = False) -> None:
+def make_counts(path: Path, rows: int, *, packed: bool = False, number: int = VIEWS, fields: int = FIELDS) -> None:
     """NXtomo with dark and flat fields, uint16."""
-    keys = [2] * FIELDS + [1] * FIELDS + [0] * VIEWS
+    keys = [2] * fields + [1] * fields + [0] * number
     with h5py.File(path, "w") as file:
         entry = file.create_group("entry")
         entry["definition"] = "NXtomo"
@@ -61,11 +61,13 @@ def make_counts(path: Path, rows: int, *, packed: bool = False) -> None:
         entry["instrument/detector/image_key"] = keys
         entry["instrument/detector/x_pixel_size"] = SCANNER.detector_pitch_mm
         entry["instrument/detector/x_pixel_size"].attrs["units"] = "mm"
-        entry["sample/rotation_angle"] = np.concatenate([np.zeros(2 * FIELDS), np.arange(VIEWS) + 0.5])
+        entry["sample/rotation_angle"] = np.concatenate(
+            [np.zeros(2 * fields), (np.arange(number) + 0.5) * 360.0 / number]
+        )
         entry["sample/rotation_angle"].attrs["units"] = "deg"
-        data[:FIELDS] = DARK
-        data[FIELDS : 2 * FIELDS] = PHOTONS + DARK
-        for view, image in enumerate(views(rows), 2 * FIELDS):
+        data[:fields] = DARK
+        data[fields : 2 * fields] = PHOTONS + DARK
+        for view, image in enumerate(views(rows, number), 2 * fields):
             data[view] = (PHOTONS * np.exp(-image) + DARK).astype(np.uint16)
 
 

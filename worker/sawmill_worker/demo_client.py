@@ -5,9 +5,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import httpx
@@ -20,6 +21,7 @@ POLL_S = 0.05
 CHUNK_BYTES = 2**20
 
 Json = dict[str, Any]
+NO_SETTINGS: Mapping[str, str] = MappingProxyType({})
 
 
 class DemoError(Exception):
@@ -27,8 +29,20 @@ class DemoError(Exception):
 
 
 @contextmanager
-def running_service(folder: Path) -> Iterator[httpx.Client]:
-    """`sawmill serve` on a free loopback port with a data folder of its own; yields a client once it is ready."""
+def running_service(
+    folder: Path, settings: Mapping[str, str] = NO_SETTINGS, *, workers: int | None = None
+) -> Iterator[httpx.Client]:
+    """`sawmill serve` on a free loopback port with a data folder of its own; yields a client once it is ready.
+
+    Parameters
+    ----------
+    folder
+        Of the data folder and the log.
+    settings
+        Environment variables beside the defaults.
+    workers
+        How many do its jobs; null: as many as by default.
+    """
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -42,12 +56,14 @@ def running_service(folder: Path) -> Iterator[httpx.Client]:
         "--port",
         str(port),
     ]
+    if workers is not None:
+        command += ["--workers", str(workers)]
     log = folder / "service.log"
     # What is set for a mill's own service, its database above all, is not for the demo's.
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
+    kept = {name: value for name, value in os.environ.items() if not name.startswith("SAWMILL_")}
     with log.open("wb") as sink:
         service = subprocess.Popen(  # noqa: S603 - ourselves
-            [*command, "--no-examples"], stdout=sink, stderr=sink, env=environment
+            [*command, "--no-examples"], stdout=sink, stderr=sink, env={**kept, **settings}
         )
         try:
             with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False) as client:

@@ -1,0 +1,200 @@
+"""A line's day as docs/scale.md counts it: what its logs mean for disk, network and processors, from measured figures.
+
+`python benchmarks/line_day.py` writes the tables of the page anew from `benchmarks/load.json`, which `make study-load`
+measures.
+"""
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "scale.md"
+FIGURES = Path(__file__).with_name("load.json")
+
+LOGS, VIEWS, ROWS, CELLS, SAMPLE_BYTES = 2000, 20, 2500, 768, 2
+SHIFT_H = 16.0  # two shifts
+DISK_TB = 8.0
+DAYS_KEPT = (1, 7, 14, 30)
+MBIT, GB, TB = 1e6 / 8, 1e9, 1e12
+
+Figures = dict[str, Any]
+
+
+def log_bytes() -> int:
+    """Of the samples of one log."""
+    return VIEWS * ROWS * CELLS * SAMPLE_BYTES
+
+
+def day_bytes() -> int:
+    """Of the samples of a day's logs."""
+    return LOGS * log_bytes()
+
+
+def hours_of(log: Figures) -> tuple[float, float, float]:
+    """Of processor for a day's logs: to read them, by `fbp`, and by the method for few views."""
+    few_s = log["few_processor_s_once"] + ROWS * log["few_processor_s_a_slice"]
+    read_h, fbp_h, few_h = (
+        LOGS * each_s / 3600.0 for each_s in (log["read_processor_s"], log["fbp_processor_s"], few_s)
+    )
+    return read_h, fbp_h, few_h
+
+
+def day_table(log: Figures) -> list[list[str]]:
+    """What a day means: a row each of what, how it is computed, and the amount."""
+    shift_s = 3600.0 * SHIFT_H
+    stored = log["upload_bytes"] + log["scan_bytes"] + log["volume_bytes"]
+    read_h, fbp_h, few_h = hours_of(log)
+    return [
+        ["samples of a log", f"{VIEWS} views x {ROWS} rows x {CELLS} cells x {SAMPLE_BYTES} B", _mb(log_bytes())],
+        ["samples of a day", f"{LOGS} logs x {_mb(log_bytes())}", f"{day_bytes() / GB:.0f} GB"],
+        [
+            "network, mean",
+            f"{day_bytes() / GB:.0f} GB in {SHIFT_H:.0f} h",
+            f"{day_bytes() / shift_s / MBIT:.0f} Mbit/s",
+        ],
+        ["a log comes every", f"{SHIFT_H:.0f} h / {LOGS}", f"{shift_s / LOGS:.0f} s"],
+        [
+            "disk for a log",
+            " + ".join(
+                f"{name} {_mb(log[key])}"
+                for name, key in (
+                    ("file", "upload_bytes"),
+                    ("`scan.h5`", "scan_bytes"),
+                    ("`volume.h5`", "volume_bytes"),
+                )
+            ),
+            _mb(stored),
+        ],
+        ["disk for a day", f"{LOGS} x {_mb(stored)}", f"{LOGS * stored / TB:.2f} TB"],
+        [
+            "days on a disk",
+            f"{DISK_TB:.0f} TB / {LOGS * stored / TB:.2f} TB",
+            f"{DISK_TB * TB / (LOGS * stored):.0f}",
+        ],
+        ["reading, processor", f"{LOGS} x {log['read_processor_s']:.1f} s", f"{read_h:.1f} h"],
+        ["`fbp`, processor", f"{LOGS} x {log['fbp_processor_s']:.1f} s", f"{fbp_h:.1f} h"],
+        [
+            f"`{log['few_method']}`, processor",
+            f"{LOGS} x ({log['few_processor_s_once']:.1f} s + {ROWS} slices x {log['few_processor_s_a_slice']:.3f} s)",
+            f"{few_h:.0f} h",
+        ],
+        [
+            "cores for reading and `fbp`",
+            f"({read_h:.1f} h + {fbp_h:.1f} h) / {SHIFT_H:.0f} h",
+            f"{(read_h + fbp_h) / SHIFT_H:.2f}",
+        ],
+        [
+            f"cores for reading and `{log['few_method']}`",
+            f"({read_h:.1f} h + {few_h:.0f} h) / {SHIFT_H:.0f} h",
+            f"{(read_h + few_h) / SHIFT_H:.0f}",
+        ],
+        ["jobs a day", f"{LOGS} read + {LOGS} reconstructed", f"{2 * LOGS}"],
+        ["jobs a second, mean", f"{2 * LOGS} / {SHIFT_H:.0f} h", f"{2 * LOGS / shift_s:.2f}"],
+    ]
+
+
+def stay_table(log: Figures) -> list[list[str]]:
+    """Terabytes of a line's logs and volumes that stay for some days."""
+    scans = LOGS * (log["upload_bytes"] + log["scan_bytes"]) / TB
+    volumes = LOGS * log["volume_bytes"] / TB
+    return [[str(days), *(f"{days * each:.1f} TB" for each in (scans, volumes, scans + volumes))] for days in DAYS_KEPT]
+
+
+def ends_table(figures: Figures) -> list[list[str]]:
+    """What a day's logs need of one machine, what the measured one has, and the number of lines for which it does."""
+    read_h, fbp_h, few_h = hours_of(figures["log"])
+    per_s = 2 * LOGS / (3600.0 * SHIFT_H)
+    network = day_bytes() / (3600.0 * SHIFT_H) / MBIT
+    working = [cell for cell in figures["cells"] if cell["finished_per_s"] is not None]
+    needs = [
+        ("a network of 1 Gbit/s", network, 1000.0, "Mbit/s"),
+        ("accepting, the slowest measured", per_s, min(cell["accepted_per_s"] for cell in figures["cells"]), "jobs/s"),
+        (
+            "the life of a job, the slowest measured",
+            per_s,
+            min(cell["finished_per_s"] for cell in working),
+            "jobs/s",
+        ),
+        ("processors, reading and `fbp`", (read_h + fbp_h) / SHIFT_H, figures["cores"], "cores"),
+        (
+            f"processors, reading and `{figures['log']['few_method']}`",
+            (read_h + few_h) / SHIFT_H,
+            figures["cores"],
+            "cores",
+        ),
+    ]
+    return [[what, f"{need:.2f} {unit}", f"{has:.1f} {unit}", f"{has / need:.2g}"] for what, need, has, unit in needs]
+
+
+def load_table(cells: Sequence[Figures], database: str) -> list[list[str]]:
+    """What was measured on one database, a row for each number of workers and each length of the queue."""
+    return [
+        [
+            str(cell["workers"]),
+            _thousands(cell["queued"]),
+            f"{cell['accepted_per_s']:.0f}",
+            "" if cell["finished_per_s"] is None else f"{cell['finished_per_s']:.1f}",
+            *(f"{cell[name]:.0f}" for name in ("claim_ms", "first_page_ms", "deep_page_ms")),
+            *(f"{cell[name]:.0f}" for name in ("api_mib", "worker_mib")),
+        ]
+        for cell in cells
+        if cell["database"] == database
+    ]
+
+
+def blocks(figures: Figures) -> dict[str, str]:
+    """The page's tables by the names of their marks."""
+    runs = dict.fromkeys(tuple(cell["by"]) for cell in figures["cells"])
+    of_parts = {"the log": [figures["log"]["by"]], "the queue": runs}
+    heads = ["workers", "queued", "accepted/s", "finished/s", "claim, ms", "first page, ms", "deep page, ms"]
+    return {
+        "run": _markdown(
+            ["what", "by", "on"],
+            [[what, f"`{by[0]}`", by[1]] for what, runs in of_parts.items() for by in runs],
+        ),
+        "day": _markdown(["what", "computed", "amount"], day_table(figures["log"])),
+        "stay": _markdown(["days", "scans", "volumes of all of them", "both"], stay_table(figures["log"])),
+        "ends": _markdown(["what", "a line needs", "this machine has", "lines"], ends_table(figures)),
+        **{
+            database: _markdown(
+                [*heads, "API, MiB", "workers, MiB"], load_table(figures["cells"], database), numbers=True
+            )
+            for database in dict.fromkeys(cell["database"] for cell in figures["cells"])
+        },
+    }
+
+
+def rendered(page: str, figures: Figures) -> str:
+    """The page with its tables written anew.
+
+    Raises
+    ------
+    ValueError
+        It has no place for one of them.
+    """
+    for name, text in blocks(figures).items():
+        begin, end = f"<!-- {name} -->\n", "\n<!-- end -->"
+        before, *after = page.split(begin)
+        if len(after) != 1 or end not in after[0]:
+            msg = f"docs/scale.md must have one place for {name!r}, not {len(after)}"
+            raise ValueError(msg)
+        page = before + begin + text + end + after[0].partition(end)[2]
+    return page
+
+
+def _markdown(heads: Sequence[str], rows: Iterable[Sequence[str]], *, numbers: bool = False) -> str:
+    line = "|".join("--:" if numbers else "---" for _ in heads)
+    return "\n".join([f"| {' | '.join(heads)} |", f"|{line}|", *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _mb(size_bytes: float) -> str:
+    return f"{size_bytes / 1e6:.1f} MB"
+
+
+def _thousands(number: int) -> str:
+    return f"{number:,}".replace(",", " ")
+
+
+if __name__ == "__main__":
+    PAGE.write_text(rendered(PAGE.read_text(), json.loads(FIGURES.read_text())))

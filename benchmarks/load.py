@@ -1,0 +1,177 @@
+"""The load of a line: what a service does while many jobs wait, by the length of the queue, workers and database.
+
+    python benchmarks/load.py [--quick] [--parts log load] [--databases sqlite postgresql] [--workers 0 1 2 3 4]
+        [--queued 10 100 1000 10000] [--out FILE]
+
+`sawmill serve` runs as users start it, with an empty data folder, for each database and number of workers. The queue is
+filled to a length with plans of a calibration, which are short jobs. Measured are finished jobs a second, by the
+events; then, while the workers go on, asks a second by four clients over HTTP, the first and a deep page of
+`GET /v1/jobs` (50 jobs), a claim beside those of the workers, and the proportional set size of the API and of all
+other processes. `log` is the price of one log of a line: it is sent, read and reconstructed. All figures go to
+`benchmarks/load.json`, where a later run replaces those that it measures anew, and into the tables of docs/scale.md.
+"""
+
+import argparse
+import json
+import os
+import shlex
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, suppress
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import httpx
+from faults.servers import Postgres
+from filled_line import Line
+from job_price import name_of, processes, pss_mib
+from line_day import FIGURES, PAGE, ROWS, rendered
+from log_price import FEW, FEW_ROWS, price_of_a_log
+
+from sawmill_worker import demo_client
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import ReconstructionMethod
+
+# Beyond what this program asks for.
+NO_LIMITS = {
+    "SAWMILL_MAX_QUEUED_JOBS": "1000000",
+    "SAWMILL_RATE_LIMIT": "1000000/minute",
+    "SAWMILL_CHANGE_RATE_LIMIT": "1000000/minute",
+}
+
+Figures = dict[str, Any]
+
+
+@contextmanager
+def serving(url: str | None, workers: int) -> Iterator[tuple[httpx.Client, Path]]:
+    """A service on an empty data folder, and that folder."""
+    with tempfile.TemporaryDirectory(prefix="sawmill-load-") as name:
+        where = {} if url is None else {"SAWMILL_DATABASE_URL": url}
+        with demo_client.running_service(Path(name), NO_LIMITS | where, workers=workers) as client:
+            yield client, Path(name) / "data"
+
+
+def measured_cells(
+    url: str | None, database: str, workers: int, lengths: Sequence[int], jobs: int, asks: int
+) -> Iterator[Figures]:
+    """One service, a queue that grows."""
+    with serving(url, workers) as (client, data):
+        settings = StorageSettings(data_folder=data, database_url=url)
+        with closing(Store(settings)) as store:
+            line = Line(client, store)
+            line.ask()
+            for length in sorted(lengths):
+                finished = line.finished_per_s(jobs, length) if workers else None
+                line.fill(length)
+                api_mib, worker_mib = memory_mib()
+                yield {
+                    "database": database,
+                    "workers": workers,
+                    "queued": length,
+                    "finished_per_s": finished,
+                    "accepted_per_s": line.accepted_per_s(asks),
+                    "claim_ms": line.claim_ms(asks),
+                    "first_page_ms": line.page_ms(asks, length, 0.0),
+                    "deep_page_ms": line.page_ms(asks, length, 0.9),
+                    "api_mib": api_mib,
+                    "worker_mib": worker_mib,
+                }
+
+
+def memory_mib() -> tuple[float, float]:
+    """Of the API, and of all other processes of the service together."""
+    by_name: defaultdict[str, float] = defaultdict(float)
+    for process_id in processes():
+        with suppress(FileNotFoundError, ProcessLookupError):  # an attempt that has ended
+            by_name[name_of(process_id)] += pss_mib(process_id)
+    api_mib = by_name.pop("API", 0.0)
+    return api_mib, sum(mib for name, mib in by_name.items() if "postgres" not in name)
+
+
+def urls(stack: ExitStack, folder: Path) -> Callable[[], str]:
+    """A server of PostgreSQL as it comes, and from it a new database each time."""
+    server = Postgres(folder / "postgresql")
+    server.start()
+    stack.callback(server.end, crash=False)
+    numbers = count()
+    return lambda: server.new_database(f"load-{next(numbers)}")
+
+
+def machine() -> str:
+    """What it is."""
+    models = [
+        line.partition(":")[2].strip()
+        for line in Path("/proc/cpuinfo").read_text().splitlines()
+        if "model name" in line
+    ]
+    busy = os.getloadavg()[0]
+    return f"{os.cpu_count()} cores ({models[0]}), at a load of {busy:.1f} when it began"
+
+
+def print_cell(cell: Figures) -> None:
+    """A line."""
+    finished = "" if cell["finished_per_s"] is None else f"{cell['finished_per_s']:.1f}"
+    print(
+        f"{cell['database']:10} {cell['workers']:7} {cell['queued']:7} {cell['accepted_per_s']:9.0f} {finished:>9} "
+        f"{cell['claim_ms']:9.1f} {cell['first_page_ms']:9.1f} {cell['deep_page_ms']:9.1f} "
+        f"{cell['api_mib']:8.0f} {cell['worker_mib']:8.0f}",
+        flush=True,
+    )
+
+
+def keep(path: Path | None, new: Figures) -> None:
+    """Write figures as soon as they are there, in place of older ones of the same."""
+    if path is None:
+        return
+
+    def key(cell: Figures) -> tuple[bool, int, int]:
+        return cell["database"] != "sqlite", cell["workers"], cell["queued"]
+
+    old = json.loads(path.read_text()) if path.exists() else {"cells": []}
+    cells = {key(cell): cell for cell in [*old["cells"], *new["cells"]]}
+    kept = {**old, **new, "cores": os.cpu_count(), "cells": [cells[each] for each in sorted(cells)]}
+    path.write_text(json.dumps(kept, indent=2) + "\n")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Measure, print and write."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--quick", action="store_true", help="seconds: one service, a queue of ten, a log of eight rows"
+    )
+    parser.add_argument("--parts", nargs="+", choices=("log", "load"), default=("log", "load"))
+    parser.add_argument("--databases", nargs="+", choices=("sqlite", "postgresql"), default=("sqlite", "postgresql"))
+    parser.add_argument("--workers", nargs="+", type=int, default=(0, 1, 2, 3, 4))
+    parser.add_argument("--queued", nargs="+", type=int, default=(10, 100, 1000, 10_000))
+    parser.add_argument("--jobs", type=int, default=40, help="whose ends are waited for, for each figure")
+    parser.add_argument("--asks", type=int, default=20, help="repeats of each question")
+    parser.add_argument("--out", type=Path, help="instead of benchmarks/load.json and the page; --quick writes neither")
+    given = sys.argv[1:] if arguments is None else arguments
+    chosen = parser.parse_args(given)
+    if chosen.quick:
+        chosen.databases, chosen.workers, chosen.queued, chosen.jobs, chosen.asks = ("sqlite",), (1,), (10,), 3, 2
+    log = (8, (2, 4), ReconstructionMethod.FBP) if chosen.quick else (ROWS, FEW_ROWS, FEW)
+    print("database   workers  queued accepted/s finished/s claim, ms page, ms  deep, ms  API MiB workers MiB")
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="sawmill-load-")))
+        folder.chmod(0o755)  # as root, the server of PostgreSQL runs as another user
+        by = [" ".join(["python benchmarks/load.py", *map(shlex.quote, given)]), machine()]
+        out = chosen.out or (None if chosen.quick else FIGURES)
+        if "log" in chosen.parts:
+            keep(out, {"cells": [], "log": price_of_a_log(*log) | {"by": by}})
+        for database in chosen.databases if "load" in chosen.parts else ():
+            new_url = urls(stack, folder) if database == "postgresql" else lambda: None
+            for workers in chosen.workers:
+                for cell in measured_cells(new_url(), database, workers, chosen.queued, chosen.jobs, chosen.asks):
+                    print_cell(cell)
+                    keep(out, {"cells": [cell | {"by": by}]})
+    if out == FIGURES:
+        PAGE.write_text(rendered(PAGE.read_text(), json.loads(FIGURES.read_text())))
+
+
+if __name__ == "__main__":
+    main()

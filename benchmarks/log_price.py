@@ -1,0 +1,102 @@
+"""The price of one log of a line: processor seconds of its jobs, and bytes on the disk.
+
+The jobs' own functions run in this process, on a store in a temporary folder: an attempt is forked from a process that
+has imported everything and has its kernels, so neither is a part of the price.
+"""
+
+import tempfile
+import time
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+from line_day import VIEWS
+from memory import make_counts
+from scanners import SCANNER
+
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scanners import ScannerSpec
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.running import run, warm_up
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod, Theta
+
+THETA = Theta(
+    initial_angle_rad=2.55023549,
+    detector_to_cor_mm=714.683839,
+    source_shift_mm=319.943788,
+    detector_shift_mm=43.6514375,
+    detector_tilt=0.280799451,
+)
+FEW = ReconstructionMethod.TOTAL_VARIATION
+FEW_ROWS = (32, 96)
+UNLIMITED = 2**40
+
+
+def price_of_a_log(rows: int, few_rows: tuple[int, int], few: ReconstructionMethod) -> dict[str, Any]:
+    """Processor seconds and bytes.
+
+    Parameters
+    ----------
+    rows
+        Of the log; `fbp` reconstructs all of them.
+    few_rows
+        Two numbers of rows that are reconstructed by another method: from their difference follows what a slice costs,
+        and what is chosen once for a log.
+    few
+        That method, one for few views.
+    """
+    with tempfile.TemporaryDirectory(prefix="sawmill-log-") as name:
+        settings = StorageSettings(data_folder=Path(name) / "data", database_url=None)
+        with closing(Store.open(settings)) as store:
+            warm_up()
+            scan_id, read_s, sent_bytes = _scan(store, Path(name) / "log.nxs", rows)
+            volume_id, fbp_s = _reconstructed(store, scan_id, ReconstructionMethod.FBP, rows)
+            fewer, more = few_rows
+            fewer_s, more_s = (_reconstructed(store, scan_id, few, number)[1] for number in few_rows)
+            slice_s = (more_s - fewer_s) / (more - fewer)
+            return {
+                "rows": rows,
+                "upload_bytes": sent_bytes,
+                "scan_bytes": store.files.scan(scan_id).stat().st_size,
+                "volume_bytes": store.files.volume(volume_id).stat().st_size,
+                "read_processor_s": read_s,
+                "fbp_processor_s": fbp_s,
+                "few_method": few.value,
+                "few_processor_s_a_slice": slice_s,
+                "few_processor_s_once": fewer_s - fewer * slice_s,
+            }
+
+
+def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
+    """Its id, the processor seconds of reading it, and its file's bytes."""
+    make_counts(file, rows, number=VIEWS, fields=1)
+    scanner = store.scanners.create(ScannerSpec(name="line", constants=ScannerConstants(**vars(SCANNER))))
+    with file.open("rb") as content:
+        received = store.files.receive(iter(lambda: content.read(2**20), b""), max_bytes=UNLIMITED)
+    scan = store.scans.accept(ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS), received)
+    return scan.id, _done(store), received.size_bytes
+
+
+def _reconstructed(store: Store, scan_id: str, method: ReconstructionMethod, rows: int) -> tuple[str, float]:
+    ask = ReconstructionAsk(scan_id=scan_id, theta=THETA, method=method, rows=f"0:{rows}")
+    return store.reconstructions.accept(ask).id, _done(store)
+
+
+def _done(store: Store) -> float:
+    """Do the job that waits; its processor seconds, those of all threads."""
+    claim = store.jobs.claim("study")
+    assert claim is not None
+    assert claim.job.kind in {JobKind.INGEST, JobKind.RECONSTRUCT}
+    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+    given = store.jobs.handed_over(claim.job_id)
+    attempt = Attempt(claim.job, given, output, report=lambda _: None, announce=lambda _: None)
+    before = time.process_time()
+    result = run(attempt)
+    spent_s = time.process_time() - before
+    store.jobs.succeed(claim, result, output)
+    return spent_s
