@@ -22,15 +22,17 @@ def no_progress(_what: str) -> Iterator[ProgressCallback]:
 def watchers(yaml: Path, log: Path) -> Iterator[Callable[[], int]]:
     """Start one whenever asked, with its log in a file; its process id. All end with the block."""
     command = [sys.executable, __file__, str(yaml), str(log)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as origin:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True) as origin:
 
         def start() -> int:
             origin.stdin.write(b"\n")
             origin.stdin.flush()
             return int(origin.stdout.readline())
 
-        yield start
-        origin.stdin.close()
+        try:
+            yield start
+        finally:
+            os.killpg(origin.pid, signal.SIGKILL)
 
 
 def kill(process_id: int) -> None:
