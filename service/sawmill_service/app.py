@@ -43,6 +43,7 @@ from sawmill_service.routes import (
     login,
     phantoms,
     reconstructions,
+    retention,
     scan_forms,
     scanners,
     scans,
@@ -84,12 +85,13 @@ TAGS = [
     {"name": "events", "description": "What happens, as it happens."},
     {"name": "schedules", "description": "Recalibration and drift checks at fixed times."},
     {"name": "webhooks", "description": "What happens, sent to where the settings allow."},
+    {"name": "retention", "description": "How long what is kept, and what would go."},
     {"name": "keys", "description": "Who may do what, and who did."},
     {"name": "operation", "description": "Health and metrics, for those who run the service."},
 ]
 ROUTERS = (
     *(scanners, phantoms, uploads, inspections, scans, scan_forms, calibrations, reconstructions, volumes),
-    *(jobs, events, schedules, alarms, webhooks, keys, audit, health, login, console),
+    *(jobs, events, schedules, alarms, webhooks, retention, keys, audit, health, login, console),
 )
 
 

@@ -22,6 +22,7 @@ from sawmill_service.webhook_measures import webhook_measures
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.failure_codes import DEFECTS, OTHER, counted_as
 from sawmill_worker.contracts.jobs import FailureKind, JobKind, JobState
+from sawmill_worker.contracts.retention import Removed
 from sawmill_worker.storage.errors import StorageMisconfigured, StorageUnavailable
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tallies import DURATIONS_S, NONE, Amount, Fate, Tally
@@ -74,7 +75,7 @@ def _folder(store: Store) -> Iterator[Metric]:
 
 def _database(store: Store) -> Iterator[Metric]:
     try:
-        tally, conditions = store.tallies.read(), conditions_of(store)
+        tally, conditions, removed = store.tallies.read(), conditions_of(store), store.retention.get().removed
         waiting = store.jobs.queued_job_ids(older_than_s=PATIENCE_S, limit=1)
         places = list(_places(store))
         scanners = list(scanner_measures(conditions, store.alarms.open(), tally.at))
@@ -89,6 +90,7 @@ def _database(store: Store) -> Iterator[Metric]:
     yield gauge("sawmill_workers_seen", "Workers that hold an attempt, or did within ten minutes.", tally.workers)
     yield from places
     yield from _attempts(tally.fates)
+    yield from _removed(removed)
     yield from scanners
     yield from webhooks
 
@@ -170,6 +172,16 @@ def _durations(fates: Mapping[Fate, Amount]) -> Metric:
             buckets.append((end, counted))
         family.add_metric([kind], buckets, sum_value=seconds[kind].seconds)
     return family
+
+
+def _removed(removed: Iterable[Removed]) -> Iterator[Metric]:
+    numbers = CounterMetricFamily("sawmill_retention_removed", "What went by rules of retention.", labels=["kind"])
+    freed = CounterMetricFamily("sawmill_retention_freed_bytes", "Bytes that this freed.", labels=["kind"])
+    for each in removed:
+        numbers.add_metric([each.kind], each.number)
+        freed.add_metric([each.kind], each.freed_bytes)
+    yield numbers
+    yield freed
 
 
 def _summed(fates: Mapping[Fate, Amount], key: Callable[[Fate], Key]) -> defaultdict[Key, Amount]:

@@ -59,7 +59,7 @@ def test_an_installation_in_order_has_nothing_bad(run, data):
     findings = json.loads(run("doctor", "--data", data, "--json").stdout)["findings"]
     subjects = {finding["subject"] for finding in findings}
     expected = {"settings", "versions", "kernels", "memory", "open files", "confinement", "data folder", "disk"}
-    expected |= {"address", "database", "tables", "workers", "clock", "Redis", "webhooks", "backup"}
+    expected |= {"address", "database", "tables", "workers", "clock", "growth", "Redis", "webhooks", "backup"}
     assert subjects == expected
     assert [each for each in findings if each["state"] == "bad"] == []
     printed = run("doctor", "--data", data).stdout

@@ -42,6 +42,7 @@ FOLLOWED_BY = {
     "measure_phantom": ("phantom-created", "phantom"),
     "replace_scanner": ("scanner-changed", "scanner"),
     "replace_schedule": ("schedule-changed", "schedule"),
+    "replace_retention": ("retention-changed", "retention"),
     "revoke_key": ("key-revoked", "key"),
     "rotate_key": ("key-rotated", "key"),
     "send_part": ("upload-complete", "upload"),

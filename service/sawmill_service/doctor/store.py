@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sawmill_service.doctor.findings import Finding, State
 from sawmill_service.doctor.webhooks import webhooks
-from sawmill_service.pages.system_parts import SEEN
+from sawmill_service.pages.system_parts import PLENTY_DAYS, SEEN
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_service.settings import ServiceSettings
 from sawmill_worker.execution.broker_report import report_of
@@ -43,6 +43,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
                 yield _workers(store)
                 yield _clock(store)
                 yield from webhooks(store, settings.webhook_destinations)
+                yield _growth(store)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
         yield Finding("database", State.BAD, str(error), cure)
@@ -118,3 +119,16 @@ def _clock(store: Store) -> Finding:
     if abs(off_s) > TOLERABLE_S:
         return Finding("clock", State.WATCH, sentence, "set the clock by NTP (timedatectl set-ntp true)")
     return Finding("clock", State.GOOD, sentence)
+
+
+def _growth(store: Store) -> Finding:
+    """Whether the disk holds what comes under the rules of retention."""
+    growth = store.retention.growth(store.files.room().free_bytes - store.settings.disk_reserve_bytes)
+    sentence = f"{growth.bytes_a_day / 1e9:.1f} GB came a day in the last week"
+    if growth.full_in_days is None:
+        return Finding("growth", State.GOOD, f"{sentence}, which the disk holds")
+    sentence += f": at that the disk is full in {growth.full_in_days:.0f} days"
+    if growth.full_in_days > PLENTY_DAYS:
+        return Finding("growth", State.GOOD, sentence)
+    cure = "set rules of retention, or stricter ones (the page /retention shows what would go), or take a larger disk"
+    return Finding("growth", State.WATCH, sentence, cure)

@@ -9,7 +9,15 @@ from fastapi.responses import HTMLResponse
 from sawmill_service.dependencies import TheSettings, TheStore
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
-from sawmill_service.pages.system_parts import clock_remarks, disk_of, limits_of, queue_of, versions, workers_of
+from sawmill_service.pages.system_parts import (
+    PLENTY_DAYS,
+    clock_remarks,
+    disk_of,
+    limits_of,
+    queue_of,
+    versions,
+    workers_of,
+)
 from sawmill_service.routes.health import Readiness, health_of
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.keys import Scope
@@ -51,6 +59,7 @@ ACTIONS = {
     AuditAction.WEBHOOK_ROTATED: marked("gave a new secret to the webhook"),
     AuditAction.WEBHOOK_TESTED: marked("sent a test to the webhook"),
     AuditAction.WEBHOOK_DELETED: marked("deleted the webhook"),
+    AuditAction.RETENTION_CHANGED: marked("changed how long things are kept"),
     AuditAction.LOGGED_IN: marked("logged in with"),
     AuditAction.LOGGED_OUT: marked("logged out of"),
 }
@@ -66,8 +75,10 @@ def system(request: Request, page: ThePage, store: TheStore, settings: TheSettin
         "system.html",
         health=health_of(store),
         states=STATES,
-        disk=disk_of(store),
         queue=queue_of(store),
+        disk=(disk := disk_of(store)),
+        growth=store.retention.growth(disk.free_bytes - disk.reserve_bytes),
+        plenty_days=PLENTY_DAYS,
         workers=workers_of(store, page, now),
         database=store.database_report(),
         broker=_broker(request.app.state.broker_url),

@@ -22,6 +22,8 @@ SEEN = timedelta(minutes=10)
 PLENTY = 10
 # Share of the places in the queue.
 NEARLY = 0.8
+# A disk that is full later than that needs nobody now.
+PLENTY_DAYS = 30
 MOST_WORKERS = 200
 CLOCK_EVENTS = 5
 PACKAGES = ("fastapi", "SQLAlchemy", "numpy", "scipy", "numba", "h5py", "celery")

@@ -27,6 +27,7 @@ PAGES = {
     "jobs": "/jobs",
     "system": "/system",
     "webhooks": "/system/webhooks",
+    "retention": "/retention",
 }
 # The widths that each page is looked at in, the first when it is opened; and in which colours and language.
 LOOKS = [((390,), "light", "en"), ((1280, 800), "dark", "fi")]

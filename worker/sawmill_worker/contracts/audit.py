@@ -31,6 +31,7 @@ class AuditAction(StrEnum):
     WEBHOOK_ROTATED = "webhook-rotated"
     WEBHOOK_TESTED = "webhook-tested"
     WEBHOOK_DELETED = "webhook-deleted"
+    RETENTION_CHANGED = "retention-changed"
     LOGGED_IN = "logged-in"
     LOGGED_OUT = "logged-out"
 

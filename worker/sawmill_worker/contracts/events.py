@@ -52,6 +52,8 @@ class EventKind(StrEnum):
     WEBHOOK_DELETED = "webhook-deleted"
     ALARM_OPENED = "alarm-opened"
     ALARM_CLOSED = "alarm-closed"
+    RETENTION_CHANGED = "retention-changed"
+    RETENTION_REMOVED = "retention-removed"
     CLOCK_STEPPED = "clock-stepped"
     CLOCK_OFF = "clock-off"
     RESTORED = "restored"
@@ -74,7 +76,8 @@ class Event(Contract):
         "`cancel-requested`: its worker was asked to stop; "
         "`schedule-missed`: a due time passed and nothing was queued; `alarm-opened`, `alarm-closed`: "
         "of a scanner, which `/v1/alarms` lists between the two; `webhook-paused`: nothing is sent to it any more, for "
-        "`reason`; `clock-off`: the worker's clock differs from the "
+        "`reason`; `retention-removed`: some of what `subject_id` names, as `log-scans`, went by the rules of "
+        "`/v1/retention`; `clock-off`: the worker's clock differs from the "
         "service's by more than 5 s; `clock-stepped`: the service took over a lasting step of its machine's clock; "
         "`restored`: what is stored is of a backup, and what happened since then is not in it.",
         examples=["succeeded"],
@@ -85,7 +88,7 @@ class Event(Contract):
     subject: str | None = Field(
         None,
         description="What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, "
-        "`drift`, `inspection`, `schedule`, `upload`, `key` or `webhook`.",
+        "`drift`, `inspection`, `schedule`, `upload`, `key`, `webhook` or `retention`.",
         examples=["calibration"],
     )
     subject_id: Identifier | None = Field(
@@ -106,7 +109,8 @@ class Event(Contract):
         "`answered_from`, the id of the earlier one whose result answered a job; `reason` of an activation, a refusal, "
         "a paused webhook or a missed due time, which is `due_at`; `used_by`, the address of what was made of an "
         "upload, or the `reason` of its end; an alarm as `/v1/alarms` has it; the name of a backup and when it was "
-        "taken; or seconds of the clock.",
+        "taken; `number`, `freed_bytes`, `first_at` and `last_at` of what went by rules of retention; or seconds of "
+        "the clock.",
         examples=[{"reason": "checked by hand"}],
     )
 

@@ -15,6 +15,8 @@ NAME = rf"^[^{_NOT_SHOWN}]*[^\s{_NOT_SHOWN}][^{_NOT_SHOWN}]*$"
 
 # The `next` of a list by time, and that of a list by number.
 CURSOR = r"^[0-9]{1,17}\.[a-z0-9][a-z0-9-]{0,63}$"
+# Of a preview of retention: microseconds since 1970, how many of each kind would go, a digest of the rules.
+CONFIRMED = r"^[0-9]{1,17}\.[0-9]{1,12}(-[0-9]{1,12})*\.[0-9a-f]{16}$"
 NUMBERED_CURSOR = r"^(?:[0-9]{1,9}|1[0-9]{9}|20[0-9]{8}|21[0-3][0-9]{7})$"
 
 

@@ -20,7 +20,7 @@ ALARMS_EVERY_S = 60.0
 
 
 class Housekeeping:
-    """A thread that sees to expired leases, due schedules, alarms, leftovers and answers that are no longer repeated.
+    """A thread that sees to expired leases, due schedules, alarms, retention, leftovers and old repeated answers.
 
     Parameters
     ----------
@@ -40,6 +40,7 @@ class Housekeeping:
         cancel_s = settings.heartbeat_s + settings.housekeeping_s
         self._leases = LeaseObserver(settings.lease_s, cancel_s, settings.housekeeping_s)
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
+        self._retention = store.retention_keeper()
         self._clock_is_off = False
         self._alarms_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
@@ -60,6 +61,7 @@ class Housekeeping:
             self._check_alarms,
             self._compare_clocks,
             self._remove_uploads,
+            self._retire,
             self._remove_leftovers,
             self._store.repeats.forget_old,
         ):
@@ -110,6 +112,12 @@ class Housekeeping:
         """Those that nobody goes on with."""
         for upload_id in self._store.uploads.remove_expired():
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
+
+    def _retire(self) -> None:
+        """A batch of what the rules of retention reach."""
+        removed = self._retention.remove_some()
+        if removed is not None:
+            structlog.get_logger().info("retention-removed", **removed.model_dump(mode="json"))
 
     def _remove_leftovers(self) -> None:
         removed = self._leftovers.remove_some()

@@ -7,7 +7,7 @@ from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.files import FileStore
-from sawmill_worker.storage.paging import found
+from sawmill_worker.storage.paging import found, hold
 from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scanners import activate, read_scanner
 from sawmill_worker.storage.tables import CalibrationRow, ScannerRow
@@ -40,5 +40,6 @@ class Calibrations(Asked[CalibrationAsk, CalibrationUnfinished | CalibrationSucc
                 msg = f"calibration {calibration_id!r} is {row.job.state}; only one that succeeded can be activated"
                 raise Conflict("calibration-without-result", msg)
             scanner = found(session, ScannerRow, "scanner", row.scanner_id, lock=True)
+            hold(session, CalibrationRow, "calibration", row.id)
             activate(session, scanner.id, row.id, reason, self._database.now())
             return read_scanner(session, scanner)

@@ -42,6 +42,19 @@ def found(session: Session, table: type[Row], kind: str, identifier: str, *, loc
     return row
 
 
+def hold(session: Session, table: type[Row], kind: str, identifier: str) -> None:
+    """Keep a row from being deleted until the transaction ends, as what will refer to it needs; others may too.
+
+    Raises
+    ------
+    NotFound
+        There is none, or no longer.
+    """
+    there = select(table.id).where(table.id == identifier).with_for_update(read=True, key_share=True)
+    if session.scalar(there) is None:
+        raise NotFound(kind, identifier)
+
+
 def refuse_taken(session: Session, table: type[Resource], kind: str, identifier: str) -> None:
     """Refuse an id that is in use already.
 

@@ -11,7 +11,7 @@ from sawmill_worker.contracts.kinds import Reference
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.errors import Conflict
-from sawmill_worker.storage.paging import found
+from sawmill_worker.storage.paging import found, hold
 from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, Json, PhantomRow, ScannerRow, ScanRow
 
@@ -98,6 +98,7 @@ def _calibration(session: Session, known: Json) -> str | None:
     if state in _WITHOUT_RESULT:
         msg = f"calibration {calibration_id!r} {_WITHOUT_RESULT[state]} and has no geometry to use"
         raise Conflict("calibration-without-result", msg)
+    hold(session, CalibrationRow, "calibration", calibration_id)
     known["calibration_id"] = calibration_id
     return None if state.ended else calibration.job_id
 

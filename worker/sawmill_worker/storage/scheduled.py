@@ -3,8 +3,8 @@
 from datetime import datetime
 from typing import NamedTuple
 
-from sqlalchemy import exists, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, exists, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_worker.contracts import calibrations, drifts
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -20,6 +20,8 @@ from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 
+# A scanner's id, or the column of another statement that has it.
+ScannerId = str | InstrumentedAttribute[str]
 # A drift check whose job ended so has not looked at its scan.
 _UNSEEN = (JobState.FAILED, JobState.CANCELLED)
 
@@ -38,22 +40,57 @@ def queue_due(session: Session, files: FileStore, places: Places, row: ScheduleR
     return do(session, files, places, row, now)
 
 
-def _recalibrate(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
-    """With the scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
-    newest = session.scalar(
-        select(ScanRow)
+def newest_phantom_scan(scanner_id: ScannerId) -> Select[str]:
+    """The newest usable phantom scan of a scanner, which a schedule calibrates unless one has used it."""
+    return (
+        select(ScanRow.id)
         .join(PhantomRow, PhantomRow.id == ScanRow.phantom_id)
-        .where(ScanRow.scanner_id == row.scanner_id, ScanRow.state == ScanState.READY)
+        .where(ScanRow.scanner_id == scanner_id, ScanRow.state == ScanState.READY)
         .where(PhantomRow.state == PhantomState.READY)
         .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
         .limit(1)
     )
+
+
+def last_looked_at(scanner_id: ScannerId) -> Select[datetime]:
+    """When the newest log scan of a scanner came that a drift check has looked at, of those that are stored."""
+    return (
+        select(ScanRow.created_at)
+        .join(DriftRow, DriftRow.scan_id == ScanRow.id)
+        .join(JobRow, JobRow.id == DriftRow.job_id)
+        .where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None), JobRow.state.not_in(_UNSEEN))
+        .order_by(ScanRow.created_at.desc())
+        .limit(1)
+    )
+
+
+def next_log(session: Session, scanner_id: str) -> str | None:
+    """The newest log scan of a scanner that is fit for a drift check, of those after the last one that any looked at.
+
+    Fit for it: of as many views as can be compared. What else a scan may lack, the check finds, and the next one passes
+    that scan over.
+    """
+    logs = select(ScanRow.id).where(ScanRow.scanner_id == scanner_id, ScanRow.phantom_id.is_(None))
+    if (last := session.scalar(last_looked_at(scanner_id))) is not None:
+        logs = logs.where(ScanRow.created_at > last)
+    return session.scalar(
+        logs.where(ScanRow.state == ScanState.READY)
+        .where(~exists().where(DriftRow.scan_id == ScanRow.id))
+        .where(ScanRow.reading["shape"]["views"].as_integer() >= FEWEST_PAIRED_VIEWS)
+        .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
+        .limit(1)
+    )
+
+
+def _recalibrate(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
+    """With the scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
+    newest = session.scalar(newest_phantom_scan(row.scanner_id))
     if newest is None:
         return Outcome("no-new-phantom-scan")
-    used = exists().where(CalibrationRow.scan_id == newest.id, CalibrationRow.schedule_id.is_not(None))
+    used = exists().where(CalibrationRow.scan_id == newest, CalibrationRow.schedule_id.is_not(None))
     if session.scalar(select(used)):
         return Outcome("no-new-phantom-scan")
-    ask = CalibrationAsk.model_validate({**row.options, "scan_id": newest.id, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
+    ask = CalibrationAsk.model_validate({**row.options, "scan_id": newest, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
     given = {"schedule_id": row.id}
     declared = calibrations.DECLARATION
     queued = queue_asked(session, files, places, declared, ask, now, given=given, priority=Priority.BATCH)
@@ -61,31 +98,10 @@ def _recalibrate(session: Session, files: FileStore, places: Places, row: Schedu
 
 
 def _check_drift(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
-    """On the newest log scan that is fit for it, of those after the last one that any drift check has looked at.
-
-    Fit for it: of as many views as can be compared. What else a scan may lack, the check finds, and the next one passes
-    that scan over.
-    """
+    """On the newest log scan that is new to all drift checks and fit for one."""
     if active_calibration_id(session, row.scanner_id) is None:
         return Outcome("no-active-calibration")
-    logs = select(ScanRow.id).where(ScanRow.scanner_id == row.scanner_id, ScanRow.phantom_id.is_(None))
-    looked_at = (
-        select(ScanRow.created_at)
-        .join(DriftRow, DriftRow.scan_id == ScanRow.id)
-        .join(JobRow, JobRow.id == DriftRow.job_id)
-        .where(ScanRow.scanner_id == row.scanner_id, ScanRow.phantom_id.is_(None), JobRow.state.not_in(_UNSEEN))
-        .order_by(ScanRow.created_at.desc())
-        .limit(1)
-    )
-    if (last := session.scalar(looked_at)) is not None:
-        logs = logs.where(ScanRow.created_at > last)
-    newest = session.scalar(
-        logs.where(ScanRow.state == ScanState.READY)
-        .where(~exists().where(DriftRow.scan_id == ScanRow.id))
-        .where(ScanRow.reading["shape"]["views"].as_integer() >= FEWEST_PAIRED_VIEWS)
-        .order_by(ScanRow.created_at.desc(), ScanRow.id.desc())
-        .limit(1)
-    )
+    newest = next_log(session, row.scanner_id)
     if newest is None:
         return Outcome("no-new-log-scan")
     ask = DriftAsk(scan_id=newest, **row.drift_options)

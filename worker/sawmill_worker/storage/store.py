@@ -31,6 +31,8 @@ from sawmill_worker.storage.overviews import Overviews
 from sawmill_worker.storage.phantoms import Phantoms
 from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.repeats import Repeats
+from sawmill_worker.storage.retention import RetentionStore
+from sawmill_worker.storage.retiring import RetentionKeeper
 from sawmill_worker.storage.scanners import Scanners
 from sawmill_worker.storage.scans import Scans
 from sawmill_worker.storage.schedules import Schedules
@@ -47,7 +49,7 @@ class Store:
     Attributes
     ----------
     scanners, phantoms, scans, inspections, uploads, calibrations, reconstructions, plans, drifts, measurements,
-    history, jobs, schedules, alarms, events, keys, sessions, audit, repeats, webhooks
+    history, jobs, schedules, alarms, events, keys, sessions, audit, repeats, retention, webhooks
         The rows.
     overviews
         Of every scanner at once.
@@ -89,6 +91,7 @@ class Store:
         self.audit = Audit(self._database)
         self.repeats = Repeats(self._database)
         self.webhooks = WebhookStore(self._database)
+        self.retention = RetentionStore(self._database)
 
     def asked(self, declared: AskedKind[Ask, Answer]) -> Asked[Ask, Answer]:
         """The rows of any kind that is asked for."""
@@ -101,6 +104,10 @@ class Store:
     def leftovers(self, *, grace_s: float) -> Leftovers:
         """An observer of what no row knows, which removes it after a grace."""
         return Leftovers(self._database, self.files, grace_s=grace_s)
+
+    def retention_keeper(self) -> RetentionKeeper:
+        """Removes what the rules of retention reach."""
+        return RetentionKeeper(self._database, self.files)
 
     @classmethod
     def open(cls, settings: StorageSettings, *, clock: Clock | None = None) -> "Store":

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from enum import StrEnum
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from sqlalchemy import (
     JSON,
@@ -78,6 +78,21 @@ class Ranked(TypeDecorator[Priority]):
 def _words(kind: type[StrEnum], length: int = 20) -> Enum:
     """Stored as its value in a plain text column, so that a new word needs no migration."""
     return Enum(kind, native_enum=False, length=length, values_callable=lambda words: [word.value for word in words])
+
+
+# Of the upload and the results: null until it was measured, once its job has ended (`storage/measured_bytes.py`).
+StoredBytes = Annotated[int | None, mapped_column(BigInteger)]
+
+
+def _by_age(name: str, which: str | None = None) -> Index:
+    """Finds the oldest, and sums up bytes without a look at the rows."""
+    where = None if which is None else text(which)
+    return Index(name, "created_at", "id", "stored_bytes", sqlite_where=where, postgresql_where=where)
+
+
+def _not_measured(table: str) -> Index:
+    where = text("stored_bytes IS NULL")
+    return Index(f"ix_{table}_not_measured", "id", sqlite_where=where, postgresql_where=where)
 
 
 class Base(DeclarativeBase):
@@ -228,16 +243,26 @@ class PhantomRow(Resource):
     reason: Mapped[str | None]
     drawing: Mapped[Json | None]
     picture: Mapped[Json | None]
-    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id"))
+    job_id: Mapped[str | None] = mapped_column(ForeignKey("jobs.id"), index=True)
 
 
 class ScanRow(Resource):
     """A scan; `spec` holds what its uploader gave, apart from the two columns."""
 
     __tablename__ = "scans"
-    # The newest of a scanner, and the newest phantom scan among thousands of logs.
+    # The newest of a scanner, and the newest phantom scan among thousands of logs; the oldest of both sorts.
     __table_args__ = (
         Index(None, "scanner_id", "created_at"),
+        _by_age("ix_scans_logs_by_age", "phantom_id IS NULL"),
+        _by_age("ix_scans_phantoms_by_age", "phantom_id IS NOT NULL"),
+        _not_measured("scans"),
+        # Of phantoms alone: SQLite would find all logs by it, and then sort them.
+        Index(
+            None,
+            "phantom_id",
+            sqlite_where=text("phantom_id IS NOT NULL"),
+            postgresql_where=text("phantom_id IS NOT NULL"),
+        ),
         Index(
             "ix_scans_of_phantoms",
             "scanner_id",
@@ -248,14 +273,15 @@ class ScanRow(Resource):
     )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
-    phantom_id: Mapped[str | None] = mapped_column(ForeignKey("phantoms.id"), index=True)
+    phantom_id: Mapped[str | None] = mapped_column(ForeignKey("phantoms.id"))
     spec: Mapped[Json]
     state: Mapped[ScanState]
     reason: Mapped[str | None]
     size_bytes: Mapped[int] = mapped_column(BigInteger)
     sha256: Mapped[str] = mapped_column(String(64))
     reading: Mapped[Json | None]
-    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
+    job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), index=True)
+    stored_bytes: Mapped[StoredBytes]
 
 
 class UploadRow(Resource):
@@ -298,46 +324,57 @@ class AskedRow(Answered):
     """What was asked of any kind that has no table of its own; the kind decides what may be deleted before it."""
 
     __tablename__ = "asked"
+    __table_args__ = (Index(None, "created_at", "id"),)
 
     scanner_id: Mapped[str | None] = mapped_column(String(64), index=True)
     scan_id: Mapped[str | None] = mapped_column(String(64), index=True)
     phantom_id: Mapped[str | None] = mapped_column(String(64), index=True)
-    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
 
 
 class CalibrationRow(Answered):
     """A calibration. It outlives its schedule, whose id it keeps."""
 
     __tablename__ = "calibrations"
-    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+    __table_args__ = (
+        Index(None, "scanner_id", "created_at"),
+        _by_age("ix_calibrations_by_age"),
+        _not_measured("calibrations"),
+    )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
     phantom_id: Mapped[str] = mapped_column(ForeignKey("phantoms.id"), index=True)
     schedule_id: Mapped[str | None] = mapped_column(String(64))
     activate: Mapped[bool]
+    stored_bytes: Mapped[StoredBytes]
 
 
 class ReconstructionRow(Answered):
     """A reconstruction."""
 
     __tablename__ = "reconstructions"
-    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+    __table_args__ = (
+        Index(None, "scanner_id", "created_at"),
+        _by_age("ix_reconstructions_by_age"),
+        _not_measured("reconstructions"),
+    )
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
-    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
+    stored_bytes: Mapped[StoredBytes]
 
 
 class DriftRow(Answered):
     """A drift check."""
 
     __tablename__ = "drifts"
-    __table_args__ = (Index(None, "scanner_id", "created_at"),)
+    __table_args__ = (Index(None, "scanner_id", "created_at"), Index(None, "created_at", "id"))
 
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
     scan_id: Mapped[str] = mapped_column(String(64), index=True)
-    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
+    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"), index=True)
 
 
 class PlanRow(Answered):
@@ -370,7 +407,7 @@ class ActivationRow(Base):
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"), index=True)
-    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"))
+    calibration_id: Mapped[str] = mapped_column(ForeignKey("calibrations.id"), index=True)
     activated_at: Mapped[datetime]
     reason: Mapped[str]
 
@@ -460,7 +497,7 @@ class ScheduleRunRow(Base):
     schedule_id: Mapped[str] = mapped_column(ForeignKey("schedules.id", ondelete="CASCADE"))
     due_at: Mapped[datetime]
     outcome: Mapped[str] = mapped_column(String(40))
-    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"))
+    calibration_id: Mapped[str | None] = mapped_column(ForeignKey("calibrations.id"), index=True)
     drift_id: Mapped[str | None] = mapped_column(String(64))
 
 
@@ -476,6 +513,20 @@ class AlarmRow(Base):
     limit_hours: Mapped[float | None] = mapped_column(Float(53))
     phantom_id: Mapped[str | None] = mapped_column(String(64))
     expired_on: Mapped[date | None]
+
+
+class RetentionRow(Base):
+    """One row, once there are rules: how long what is kept, and by kind how many went so far and what that freed."""
+
+    __tablename__ = "retention"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    rules: Mapped[Json]
+    # Grows with each change.
+    revision: Mapped[int]
+    changed_at: Mapped[datetime]
+    changed_by: Mapped[str] = mapped_column(String(200))
+    removed: Mapped[Json]
 
 
 class KeyRow(Resource):

@@ -55,6 +55,7 @@ from .filter_name import FilterName
 from .given_calibration_options import GivenCalibrationOptions
 from .given_theta import GivenTheta
 from .given_theta_bounds import GivenThetaBounds
+from .going import Going
 from .handedness import Handedness
 from .health import Health
 from .history_entry import HistoryEntry
@@ -76,6 +77,7 @@ from .key import Key
 from .key_ask import KeyAsk
 from .key_rotation import KeyRotation
 from .keys import Keys
+from .kind_preview import KindPreview
 from .list_color_maps_response_list_color_maps import ListColorMapsResponseListColorMaps
 from .measurement import Measurement
 from .measurement_kind import MeasurementKind
@@ -121,8 +123,14 @@ from .reconstruction_links import ReconstructionLinks
 from .reconstruction_method import ReconstructionMethod
 from .reconstruction_page import ReconstructionPage
 from .reconstruction_result import ReconstructionResult
+from .removed import Removed
 from .reported_source_frame import ReportedSourceFrame
 from .residual import Residual
+from .retention import Retention
+from .retention_ask import RetentionAsk
+from .retention_kind import RetentionKind
+from .retention_preview import RetentionPreview
+from .retention_rules import RetentionRules
 from .ring_removal import RingRemoval
 from .rotation import Rotation
 from .row_alignment import RowAlignment
@@ -146,6 +154,8 @@ from .shown import Shown
 from .size_measurement import SizeMeasurement
 from .source_frame_deviation import SourceFrameDeviation
 from .standard_deviation import StandardDeviation
+from .staying import Staying
+from .stays_because import StaysBecause
 from .stored_phantom import StoredPhantom
 from .stored_phantom_page import StoredPhantomPage
 from .stored_scanner import StoredScanner
@@ -227,6 +237,7 @@ __all__ = (
     "GivenCalibrationOptions",
     "GivenTheta",
     "GivenThetaBounds",
+    "Going",
     "Handedness",
     "Health",
     "HistoryEntry",
@@ -248,6 +259,7 @@ __all__ = (
     "KeyAsk",
     "KeyRotation",
     "Keys",
+    "KindPreview",
     "ListColorMapsResponseListColorMaps",
     "Measurement",
     "MeasurementKind",
@@ -293,8 +305,14 @@ __all__ = (
     "ReconstructionMethod",
     "ReconstructionPage",
     "ReconstructionResult",
+    "Removed",
     "ReportedSourceFrame",
     "Residual",
+    "Retention",
+    "RetentionAsk",
+    "RetentionKind",
+    "RetentionPreview",
+    "RetentionRules",
     "RingRemoval",
     "Rotation",
     "RowAlignment",
@@ -318,6 +336,8 @@ __all__ = (
     "SizeMeasurement",
     "SourceFrameDeviation",
     "StandardDeviation",
+    "Staying",
+    "StaysBecause",
     "StoredPhantom",
     "StoredPhantomPage",
     "StoredScanner",

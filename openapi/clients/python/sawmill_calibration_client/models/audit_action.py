@@ -12,6 +12,7 @@ class AuditAction(StrEnum):
     LOGGED_IN = "logged-in"
     LOGGED_OUT = "logged-out"
     PHANTOM_DELETED = "phantom-deleted"
+    RETENTION_CHANGED = "retention-changed"
     SCANNER_CHANGED = "scanner-changed"
     SCANNER_CREATED = "scanner-created"
     SCANNER_DELETED = "scanner-deleted"

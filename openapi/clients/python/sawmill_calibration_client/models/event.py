@@ -32,14 +32,15 @@ class Event:
     """ As the failure of an attempt and, where its process could tell, `peak_memory_bytes`; `answered_from`, the id
     of the earlier one whose result answered a job; `reason` of an activation, a refusal, a paused webhook or a
     missed due time, which is `due_at`; `used_by`, the address of what was made of an upload, or the `reason` of its
-    end; an alarm as `/v1/alarms` has it; the name of a backup and when it was taken; or seconds of the clock. """
+    end; an alarm as `/v1/alarms` has it; the name of a backup and when it was taken; `number`, `freed_bytes`,
+    `first_at` and `last_at` of what went by rules of retention; or seconds of the clock. """
     job_id: None | str | Unset = UNSET
     """ Id of the job that it concerns. Null: none. """
     scanner_id: None | str | Unset = UNSET
     """ The scanner that it concerns, where there is one. """
     subject: None | str | Unset = UNSET
     """ What `subject_id` names: `scanner`, `scan`, `phantom`, `calibration`, `reconstruction`, `plan`, `drift`,
-    `inspection`, `schedule`, `upload`, `key` or `webhook`. """
+    `inspection`, `schedule`, `upload`, `key`, `webhook` or `retention`. """
     subject_id: None | str | Unset = UNSET
     """ What it happened to; of a job, what the job works on. Null in events of earlier versions. """
     worker: None | str | Unset = UNSET

@@ -24,6 +24,8 @@ class EventKind(StrEnum):
     PUT_OFF = "put-off"
     QUEUED = "queued"
     RESTORED = "restored"
+    RETENTION_CHANGED = "retention-changed"
+    RETENTION_REMOVED = "retention-removed"
     SCANNER_CHANGED = "scanner-changed"
     SCANNER_CREATED = "scanner-created"
     SCANNER_DELETED = "scanner-deleted"

@@ -1,0 +1,68 @@
+"""/retention: how long things are kept. What rules would remove is shown first, and confirmed apart."""
+
+from fastapi import APIRouter
+from fastapi.responses import HTMLResponse, RedirectResponse
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.forms import TheForm
+from sawmill_service.pages.frame import PageFrame, ThePage
+from sawmill_service.pages.languages import locale_of
+from sawmill_service.pages.retention_form import KINDS, REASONS, RetentionForm, form_of, read_form
+from sawmill_worker.contracts.retention import RetentionAsk, RetentionPreview, RetentionRules
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.store import Store
+
+PATH = "/retention"
+
+router = APIRouter(include_in_schema=False)
+
+
+@router.get(PATH)
+def retention(page: ThePage, store: TheStore) -> HTMLResponse:
+    """The rules in force, and the form for others."""
+    return _answer(page, store)
+
+
+@router.post(PATH)
+def try_rules(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse:
+    """Show what would go by the rules that somebody typed, or the form again with what is wrong; nothing goes."""
+    form, rules = read_form(typed, locale_of(page.language), page.text)
+    if form.errors:
+        return _answer(page, store, status=422, form=form)
+    return _answer(page, store, form=form, preview=store.retention.preview(rules))
+
+
+@router.post(f"{PATH}/confirmed", response_model=None)
+def confirm(page: ThePage, store: TheStore, typed: TheForm) -> HTMLResponse | RedirectResponse:
+    """Put the rules into force that were shown, or show anew what would go where that is more by now."""
+    form, rules = read_form(typed, locale_of(page.language), page.text)
+    if form.errors:
+        return _answer(page, store, status=422, form=form)
+    try:
+        store.retention.replace(RetentionAsk(**rules.model_dump(), confirmed=typed.get("confirmed", "")[:200]))
+    except Conflict:
+        return _answer(page, store, status=409, form=form, preview=store.retention.preview(rules), changed=True)
+    return RedirectResponse(PATH, status_code=303)
+
+
+def _answer(
+    page: PageFrame,
+    store: Store,
+    *,
+    status: int = 200,
+    form: RetentionForm | None = None,
+    preview: RetentionPreview | None = None,
+    changed: bool = False,
+) -> HTMLResponse:
+    in_force = store.retention.get()
+    return page.answer(
+        "retention.html",
+        status=status,
+        in_force=in_force,
+        form=form or form_of(in_force.rules, locale_of(page.language)),
+        fields=RetentionRules.model_fields,
+        kinds=KINDS,
+        reasons=REASONS,
+        preview=preview,
+        changed=changed,
+    )

@@ -1,0 +1,48 @@
+"""/v1/retention."""
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query
+
+from sawmill_service.dependencies import TheStore
+from sawmill_service.openapi_document import trying
+from sawmill_service.refusals import refuses
+from sawmill_worker.contracts.retention import (
+    Retention,
+    RetentionAsk,
+    RetentionPreview,
+    RetentionQuery,
+    RetentionRules,
+)
+
+router = APIRouter(prefix="/v1/retention", tags=["retention"])
+
+
+@router.get("", summary="Get the rules of retention")
+def get_retention(store: TheStore) -> Retention:
+    """How long what is kept, and what has gone by it so far. Without rules everything stays."""
+    return store.retention.get()
+
+
+@router.get("/preview", summary="Show what would go by rules", openapi_extra=trying(log_scans_days=14))
+def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore) -> RetentionPreview:
+    """What would go by the rules of the query, or by those in force where it names none; nothing goes.
+
+    An active calibration, the one before it and what they were made of never go; `stays` tells what else stays.
+    """
+    rules = RetentionRules(**tried.model_dump())
+    return store.retention.preview(rules if any(True for _ in rules.kinds()) else store.retention.get().rules)
+
+
+@router.put(
+    "",
+    summary="Replace the rules of retention",
+    openapi_extra=trying(body={"log_scans_days": 14, "reconstructions_days": 30}),
+    responses=refuses("retention-unconfirmed"),
+)
+def replace_retention(ask: RetentionAsk, store: TheStore) -> Retention:
+    """They hold from now on, if no more goes by them than a preview has shown whose `confirmed` comes with them.
+
+    What they reach goes at once, a few at a time, and later as it becomes too old or too much.
+    """
+    return store.retention.replace(ask)

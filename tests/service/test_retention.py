@@ -1,0 +1,80 @@
+"""Rules of retention over HTTP and on their page: shown first, confirmed apart, for administrators alone."""
+
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from documented import check_documented
+from page_text import text_of
+
+from sawmill_service.pages.retention_form import KINDS, REASONS
+from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.retention import RetentionKind, StaysBecause
+
+
+@pytest.fixture
+def in_forty_days(store):
+    store._database.now = lambda: datetime.now(UTC) + timedelta(days=40)
+
+
+@pytest.mark.usefixtures("in_forty_days")
+def test_rules_are_tried_confirmed_and_carried_out(seeded, store):
+    refused = seeded.put("/v1/retention", json={"drifts_days": 30})
+    check_documented(refused)
+    assert (refused.status_code, refused.json()["code"]) == (409, "retention-unconfirmed")
+    shown = seeded.get("/v1/retention/preview?drifts_days=30&calibrations_days=30").json()
+    by_kind = {kind["kind"]: kind for kind in shown["kinds"]}
+    assert by_kind["drifts"]["number"] == 1
+    assert by_kind["calibrations"]["number"] == 0
+    stays = {each["because"]: each["first_ids"] for each in by_kind["calibrations"]["stays"]}
+    assert stays == {"active-calibration": ["example"], "referred-to": ["example"]}
+    put = seeded.put("/v1/retention", json={**shown["rules"], "confirmed": shown["confirmed"]})
+    check_documented(put)
+    assert put.json()["rules"]["drifts_days"] == 30
+    assert put.json()["changed_by"] == "somebody at this machine"
+    assert seeded.get("/v1/retention/preview").json()["rules"] == shown["rules"], "those in force"
+    assert store.retention_keeper().remove_some().kind == "drifts"
+    assert seeded.get("/v1/drifts/example").status_code == 404
+    [removed] = [each for each in seeded.get("/v1/retention").json()["removed"] if each["number"]]
+    assert (removed["kind"], removed["number"]) == ("drifts", 1)
+    assert 'sawmill_retention_removed_total{kind="drifts"} 1.0' in seeded.get("/metrics").text
+
+
+def test_a_wrong_rule_is_refused_with_its_value(seeded):
+    for given in ({"log_scans_days": 0}, {"log_scans_bytes": 10**16}, {"logs_days": 3}):
+        assert seeded.put("/v1/retention", json=given).status_code == 422
+    assert seeded.get("/v1/retention/preview?log_scans_days=soon").status_code == 422
+
+
+def test_rules_are_an_administrators(client, store):
+    key = store.keys.create(KeyAsk(name="line 2", scope=Scope.ACTIVATE))
+    client.headers["Authorization"] = f"Bearer {key.secret}"
+    assert client.get("/v1/retention").status_code == 200
+    assert client.get("/v1/retention/preview").status_code == 403
+    assert client.put("/v1/retention", json={}).status_code == 403
+    assert client.get("/retention").status_code == 403
+    assert "How long things are kept" not in client.get("/system").text
+
+
+@pytest.mark.usefixtures("in_forty_days")
+def test_the_page_shows_first_and_changes_what_was_confirmed_alone(seeded, store):
+    seeded.headers["Accept-Language"] = "fi"
+    wrong = seeded.post("/retention", data={"log_scans_bytes": "1.5.2"})
+    assert wrong.status_code == 422
+    assert "täytyy olla GB-määrä" in text_of(wrong.text)
+    page = seeded.post("/retention", data={"drifts_days": "30", "reconstructions_bytes": "1,5"})
+    assert "Siirtymän tarkistukset 1 :" in text_of(page.text)
+    assert store.retention.get().changed_at is None
+    confirmed = re.search(r'name="confirmed" value="([^"]+)"', page.text)[1]
+    other = seeded.post("/retention/confirmed", data={"drifts_days": "20", "confirmed": confirmed})
+    assert other.status_code == 409
+    assert "Poistuisi muuta kuin näytettiin" in text_of(other.text)
+    typed = {"drifts_days": "30", "reconstructions_bytes": "1,5", "confirmed": confirmed}
+    assert seeded.post("/retention/confirmed", data=typed).status_code == 303
+    assert store.retention.get().rules.reconstructions_bytes == 1_500_000_000
+    assert 'value="1,5"' in seeded.get("/retention").text
+
+
+def test_every_kind_and_every_reason_has_words():
+    assert set(KINDS) == set(RetentionKind)
+    assert set(REASONS) == set(StaysBecause)

@@ -1,0 +1,448 @@
+"""What rules of retention remove, and what never goes: rows, jobs, files, bytes, and what is shown before."""
+
+import os
+import signal
+import threading
+from datetime import timedelta
+
+import pytest
+from databases import postgresql_alone, sqlite_alone
+from sqlalchemy import event, insert, select
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.inspections import InspectionOptions
+from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.retention import RetentionAsk, RetentionKind, RetentionRules, StaysBecause
+from sawmill_worker.contracts.scans import ScanState
+from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.storage import protected, retention, retiring
+from sawmill_worker.storage.errors import Conflict, NotFound
+from sawmill_worker.storage.growth import Filling, growth_of
+from sawmill_worker.storage.leftovers import Leftovers
+from sawmill_worker.storage.retiring import RetentionKeeper
+from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import JobRow, ScanRow
+
+# All kinds, after a day; what protects needs no rule of its own.
+ALL = RetentionRules(**{name: 1 for name in RetentionRules.model_fields if name.endswith("_days")})
+# Too few views for a drift check.
+UNFIT = {"shape": {"views": 2, "rows": 1, "detector": 768}}
+
+
+@pytest.fixture
+def mill(store, clock):
+    """The store, with a clock that the test moves, as its files and rows."""
+    store._database.now = clock
+    return store
+
+
+def log(store, upload, finish, **reading):
+    store._database.now.advance(seconds=1)
+    scan = upload(store, phantom_id=None)
+    finish(store, **reading)
+    return scan.id
+
+
+def calibrated(store, upload, finish, **ask):
+    """A phantom scan and its calibration."""
+    store._database.now.advance(seconds=1)
+    scan = upload(store)
+    finish(store)
+    accepted = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, **ask))
+    finish(store)
+    return scan.id, accepted.id
+
+
+def put(store, rules):
+    ask = RetentionAsk(**rules.model_dump(), confirmed=store.retention.preview(rules).confirmed)
+    return store.retention.replace(ask)
+
+
+def carried_out(store):
+    """What a keeper removes that starts now, by kind."""
+    keeper = RetentionKeeper(store._database, store.files)
+    gone: dict[RetentionKind, int] = {}
+    for _ in range(1000):
+        removed = keeper.remove_some()
+        if removed is None:
+            return gone
+        gone[removed.kind] = gone.get(removed.kind, 0) + removed.number
+    raise AssertionError(gone)
+
+
+def ids(store):
+    return {scan.id for scan in store.scans.page(limit=200).items}
+
+
+def test_without_rules_nothing_goes(mill, clock, upload, finish):
+    kept = {log(mill, upload, finish) for _ in range(2)}
+    clock.advance(days=4000)
+    assert carried_out(mill) == {}
+    assert ids(mill) == kept
+    assert not mill.retention.preview(RetentionRules()).goes
+    known = mill.retention.get()
+    assert (known.changed_at, list(known.rules.kinds())) == (None, [])
+
+
+def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, upload, finish):
+    old = log(mill, upload, finish)
+    clock.advance(days=10)
+    young, newest = log(mill, upload, finish), log(mill, upload, finish)
+    clock.advance(days=5)
+    job_id, folder = mill.scans.get(old).job_id, mill.files.results(JobKind.INGEST, old)
+    number = mill.events.newest_number()
+    put(mill, RetentionRules(log_scans_days=14))
+    assert carried_out(mill) == {RetentionKind.LOG_SCANS: 1}
+    assert ids(mill) == {young, newest}
+    with pytest.raises(NotFound):
+        mill.jobs.get(job_id)
+    assert not folder.exists()
+    assert not mill.files.upload(JobKind.INGEST, old).parent.exists()
+    changed, removed = mill.events.following(number)
+    assert (changed.what, changed.subject) == ("retention-changed", "retention")
+    assert (removed.what, removed.subject_id, removed.detail["number"]) == ("retention-removed", "log-scans", 1)
+    [entry] = [each for each in mill.retention.get().removed if each.number]
+    # Four bytes of the upload, and those of "attempt 1".
+    assert (entry.kind, entry.freed_bytes, removed.detail["freed_bytes"]) == ("log-scans", 13, 13)
+    assert mill.audit.page().items[0].detail == {"log_scans_days": [None, 14]}
+
+
+def test_too_much_goes_oldest_first_and_rows_of_before_are_measured(mill, clock, upload, finish):
+    logs = []
+    for _ in range(5):
+        logs.append(log(mill, upload, finish))
+        clock.advance(hours=1)
+    rules = RetentionRules(log_scans_bytes=30)
+    assert not mill.retention.preview(rules).goes, "what is not measured yet counts as nothing"
+    carried_out(mill)
+    shown = mill.retention.preview(rules).kinds[0]
+    assert (shown.number, shown.bytes, [each.id for each in shown.first]) == (3, 39, logs[:3])
+    assert {each.by for each in shown.first} == {"log_scans_bytes"}
+    put(mill, rules)
+    assert carried_out(mill) == {RetentionKind.LOG_SCANS: 3}
+    assert ids(mill) == set(logs[3:])
+
+
+@pytest.fixture
+def full_mill(mill, clock, scanner, upload, finish):
+    """One of each thing that stays, and why; everything is old."""
+    mill.schedules.create(ScheduleSpec(scanner_id=scanner.id, kind="check-drift", cron="0 5 * * *"))
+    _, ages_ago = calibrated(mill, upload, finish)
+    mill.calibrations.activate(ages_ago, "the first")
+    before_scan, before = calibrated(mill, upload, finish)
+    mill.calibrations.activate(before, "the second")
+    active_scan, active = calibrated(mill, upload, finish)
+    mill.calibrations.activate(active, "the third")
+    clock.advance(hours=1)
+    _, used = calibrated(mill, upload, finish)
+    drift_log = log(mill, upload, finish)
+    drift = mill.drifts.accept(DriftAsk(scan_id=drift_log, calibration_id=used)).id
+    finish(mill)
+    clock.advance(hours=1)
+    newest_scan, of_newest = calibrated(mill, upload, finish)
+    awaited = log(mill, upload, finish)  # the drift checks' next
+    clock.advance(minutes=1)
+    newest_log = log(mill, upload, finish, **UNFIT)
+    waits = upload(mill, phantom_id=None).id
+    waiting = mill.reconstructions.accept(ReconstructionAsk(scan_id=drift_log, calibration_id=active)).id
+    clock.advance(days=400)
+    return {
+        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.CALIBRATIONS): {before, active},
+        (StaysBecause.ACTIVE_CALIBRATION, RetentionKind.PHANTOM_SCANS): {before_scan, active_scan},
+        (StaysBecause.ONCE_ACTIVE, RetentionKind.CALIBRATIONS): {ages_ago},
+        (StaysBecause.REFERRED_TO, RetentionKind.CALIBRATIONS): {used, active},
+        (StaysBecause.NEWEST, RetentionKind.CALIBRATIONS): {of_newest},
+        (StaysBecause.NEWEST, RetentionKind.PHANTOM_SCANS): {newest_scan},
+        (StaysBecause.NEWEST, RetentionKind.LOG_SCANS): {newest_log},
+        (StaysBecause.SCHEDULE, RetentionKind.LOG_SCANS): {awaited},
+        (StaysBecause.SCHEDULE, RetentionKind.DRIFTS): {drift},
+        (StaysBecause.UNFINISHED_JOB, RetentionKind.LOG_SCANS): {waits, drift_log},
+        (StaysBecause.UNFINISHED_JOB, RetentionKind.RECONSTRUCTIONS): {waiting},
+    }
+
+
+def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_mill, monkeypatch):
+    def shown(kind):
+        rules = RetentionRules(**{f"{kind.replace('-', '_')}_days": 1})
+        return next(each for each in mill.retention.preview(rules).kinds if each.kind is kind)
+
+    def without(because):
+        return lambda session, kind: [each for each in protected.protections(session, kind) if each.because != because]
+
+    kept = {}
+    for (because, kind), identifiers in full_mill.items():
+        stays = {each.because: set(each.first_ids) for each in shown(kind).stays}
+        assert stays[because] == identifiers, (because, kind)
+        kept.setdefault(kind, set()).update(identifiers)
+        with monkeypatch.context() as taken_away:
+            taken_away.setattr(retention, "protections", without(because))
+            going = {each.id for each in shown(kind).first}
+        others = {name for (other, of), names in full_mill.items() if of is kind and other != because for name in names}
+        assert going >= identifiers - others, (because, kind)
+        assert identifiers - others, "nothing would tell whether the protection is there"
+    put(mill, ALL)
+    carried_out(mill)
+    assert ids(mill) == kept[RetentionKind.LOG_SCANS] | kept[RetentionKind.PHANTOM_SCANS]
+    assert {each.id for each in mill.calibrations.page().items} == kept[RetentionKind.CALIBRATIONS]
+    assert {each.id for each in mill.drifts.page().items} == kept[RetentionKind.DRIFTS]
+    assert {each.id for each in mill.reconstructions.page().items} == kept[RetentionKind.RECONSTRUCTIONS]
+    assert mill.jobs.claim("test") is not None, "what waits can still be done"
+
+
+def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upload, finish):
+    schedule = mill.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 5 * * *"))
+    upload(mill)
+    finish(mill)
+    clock.advance(days=1)
+    [run] = mill.schedules.run_due()
+    finish(mill)
+    clock.advance(days=1)
+    assert run.calibration_id is not None
+    put(mill, RetentionRules(calibrations_days=1, phantom_scans_days=1))
+    clock.advance(days=2)
+    assert carried_out(mill) == {}, "a schedule knows by it that the scan was used"
+    upload(mill)
+    finish(mill)
+    assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
+    assert [(each.outcome, each.calibration_id) for each in mill.schedules.runs(schedule.id)] == [("queued", None)]
+
+
+def test_inspections_go_after_their_jobs(mill, clock):
+    received = mill.files.receive([b"file"], max_bytes=10)
+    waits = mill.inspections.accept_file(InspectionOptions(), received)
+    clock.advance(days=3)
+    put(mill, ALL)
+    assert RetentionKind.INSPECTIONS not in carried_out(mill)
+    mill.jobs.request_cancel(waits.job_id)
+    assert carried_out(mill)[RetentionKind.INSPECTIONS] == 1
+    assert mill.inspections.page().items == []
+    assert not mill.files.upload(JobKind.INSPECT, waits.id).exists()
+
+
+def test_bytes_with_a_second_name_are_free_when_the_last_goes(mill, clock, upload, finish):
+    scan_id, calibration_id = calibrated(mill, upload, finish, activate=True)
+    ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
+    sizes = []
+    for _ in range(2):
+        made = mill.reconstructions.accept(ask)
+        finish(mill)
+        clock.advance(hours=1)
+        folder = mill.files.results(JobKind.RECONSTRUCT, made.id)
+        if sizes:
+            (folder / "volume.h5").hardlink_to(sizes[0])
+        else:
+            (folder / "volume.h5").write_bytes(bytes(1000))
+            sizes.append(folder / "volume.h5")
+    carried_out(mill)
+    freed = []
+    for most in (1010, 1):
+        shown = mill.retention.preview(RetentionRules(reconstructions_bytes=most)).kinds[2]
+        assert (shown.number, shown.bytes) == (1, 1009)
+        put(mill, RetentionRules(reconstructions_bytes=most))
+        carried_out(mill)
+        freed.append(mill.retention.get().removed[2].freed_bytes)
+    assert freed == [9, 1018]
+
+
+def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upload, finish):
+    clock.advance(days=-60)
+    log(mill, upload, finish)
+    came = mill.events.following(0)[-5:]
+    clock.advance(days=60)
+    put(mill, RetentionRules(events_days=30))
+    before = mill.events.newest_number()
+    shown = mill.retention.preview(RetentionRules(events_days=30)).kinds[-1]
+    assert [each.because for each in shown.stays] == [StaysBecause.NEWEST]
+    assert carried_out(mill) == {RetentionKind.EVENTS: shown.number}
+    left = mill.events.following(0)
+    old = [each for each in left if each.at < clock() - timedelta(days=30)]
+    assert [(each.what, each.subject) for each in old] == [("queued", "scan")]
+    assert old[0] in came
+    assert left[-1].number == before + 1, "the newest stays, so that numbers go on from it"
+    clock.advance(days=60)
+    carried_out(mill)
+    assert mill.events.newest_number() > before
+
+
+def test_rules_hold_only_with_what_was_shown(mill, clock, upload, finish):
+    log(mill, upload, finish)
+    log(mill, upload, finish)
+    rules = RetentionRules(log_scans_days=1)
+    nothing_yet = mill.retention.preview(rules).confirmed
+    clock.advance(days=3)
+    with pytest.raises(Conflict, match="1 log-scans would go, and no preview was confirmed: nothing was changed"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1))
+    with pytest.raises(Conflict, match="more than an hour ago"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=nothing_yet))
+    shown = mill.retention.preview(rules).confirmed
+    with pytest.raises(Conflict, match="other rules were shown"):
+        mill.retention.replace(RetentionAsk(log_scans_days=2, confirmed=shown))
+    with pytest.raises(Conflict, match="must be that of a preview, not 'yes'"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed="yes"))
+    log(mill, upload, finish)  # of the two before, the newer one is not the newest any more
+    with pytest.raises(Conflict, match="2 log-scans would go, and 1 were shown"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=shown))
+    assert mill.retention.get().changed_at is None
+    put(mill, rules)
+    with pytest.raises(Conflict, match="those in force have been changed since"):
+        mill.retention.replace(RetentionAsk(log_scans_days=1, confirmed=shown))
+    mill.retention.replace(RetentionAsk())
+    assert carried_out(mill) == {}, "rules that remove nothing need no preview, and hold at once"
+
+
+def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish, monkeypatch):
+    logs = {log(mill, upload, finish) for _ in range(3)}
+    clock.advance(days=3)
+    put(mill, RetentionRules(log_scans_days=1))
+    choose = retiring._oldest
+
+    def choose_and_change(*given):
+        chosen = choose(*given)
+        mill.retention.replace(RetentionAsk())
+        return chosen
+
+    monkeypatch.setattr(retiring, "_oldest", choose_and_change)
+    assert carried_out(mill) == {}
+    assert ids(mill) == logs
+
+
+def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish, monkeypatch):
+    scan_id, chosen_one = calibrated(mill, upload, finish)
+    for _ in range(2):
+        calibrated(mill, upload, finish)
+    clock.advance(days=3)
+    put(mill, RetentionRules(calibrations_days=1, phantom_scans_days=1))
+    choose = retiring._oldest
+    seen = []
+
+    def choose_and_activate(*given):
+        seen.append(choose(*given))
+        if len(seen) == 1:
+            mill.calibrations.activate(chosen_one, "back to it")
+        return seen[-1]
+
+    monkeypatch.setattr(retiring, "_oldest", choose_and_activate)
+    assert carried_out(mill) == {RetentionKind.PHANTOM_SCANS: 1, RetentionKind.CALIBRATIONS: 1}
+    assert scan_id in seen[0]
+    assert mill.scans.get(scan_id).state is ScanState.READY
+    assert mill.calibrations.get(chosen_one).state == JobState.SUCCEEDED
+
+
+@postgresql_alone
+def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, settings, clock, upload, finish):
+    _, activated = calibrated(mill, upload, finish)
+    _, removed = calibrated(mill, upload, finish)
+    calibrated(mill, upload, finish)
+    clock.advance(days=3)
+    put(mill, RetentionRules(calibrations_days=1))
+    other = Store(settings, clock=clock)
+    about_to_commit, goes_on = threading.Event(), threading.Event()
+
+    def linger(_):
+        about_to_commit.set()
+        goes_on.wait(10.0)
+
+    event.listen(other._database.engine, "commit", linger, once=True)
+    activating = threading.Thread(target=other.calibrations.activate, args=(activated, "at this moment"))
+    activating.start()
+    about_to_commit.wait(10.0)
+    threading.Timer(0.2, goes_on.set).start()
+    assert carried_out(mill) == {RetentionKind.CALIBRATIONS: 1}
+    activating.join()
+    assert mill.calibrations.get(activated).state == JobState.SUCCEEDED
+
+    # The other way round: it is gone when the activation gets its turn.
+    with mill._database.write() as session:
+        assert session.get(JobRow, "none") is None
+    with pytest.raises(NotFound):
+        other.calibrations.activate(removed, "too late")
+    other.close()
+
+
+@sqlite_alone
+def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settings, clock, upload, finish):
+    old = log(mill, upload, finish)
+    kept = log(mill, upload, finish)
+    clock.advance(days=3)
+    put(mill, RetentionRules(log_scans_days=1))
+    child = os.fork()
+    if not child:
+        own = Store(settings, clock=clock)
+        own.files.remove = lambda _: os.kill(os.getpid(), signal.SIGKILL)
+        RetentionKeeper(own._database, own.files).remove_some()
+        os._exit(0)
+    assert os.WTERMSIG(os.waitpid(child, 0)[1]) == signal.SIGKILL
+    places = [mill.files.results(JobKind.INGEST, old), mill.files.upload(JobKind.INGEST, old).parent]
+    assert ids(mill) == {kept}
+    assert all(place.exists() for place in places)
+    assert mill.retention.get().removed[0].number == 1
+    now_s = [0.0]
+    leftovers = Leftovers(mill._database, mill.files, grace_s=1.0, now_s=lambda: now_s[0])
+    leftovers.remove_some()
+    now_s[0] = 2.0
+    assert sorted(leftovers.remove_some()) == sorted(places)
+    assert carried_out(mill) == {}
+
+
+def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finish, monkeypatch):
+    old = [log(mill, upload, finish) for _ in range(3)]
+    clock.advance(days=3)
+    put(mill, RetentionRules(log_scans_days=1))
+    stuck, remove = mill.files.results(JobKind.INGEST, old[0]), mill.files.remove
+
+    def refuse(path):
+        if path == stuck:
+            raise PermissionError(path)
+        remove(path)
+
+    monkeypatch.setattr(mill.files, "remove", refuse)
+    with pytest.raises(PermissionError):
+        carried_out(mill)
+    assert ids(mill) == {old[2]}
+    assert not mill.files.results(JobKind.INGEST, old[1]).exists()
+
+
+def a_month_of_logs(store, scanner_id, first, month):
+    """Rows alone, one a day of 100 bytes each: jobs and scans as they are at the end of a month of 30 days."""
+    rows = [(f"log-{month}-{day}", first + timedelta(days=day + 0.5)) for day in range(30)]
+    job = {"kind": JobKind.INGEST, "state": JobState.SUCCEEDED, "priority": Priority.WAITED_FOR}
+    scan = {"scanner_id": scanner_id, "spec": {}, "state": ScanState.READY, "size_bytes": 100, "sha256": "0" * 64}
+    jobs = [{**job, "id": f"job-{name}", "subject_id": name, "created_at": at} for name, at in rows]
+    scans = [{**scan, "id": name, "created_at": at, "job_id": f"job-{name}", "stored_bytes": 100} for name, at in rows]
+    with store._database.write() as session:
+        session.execute(insert(JobRow), jobs)
+        session.execute(insert(ScanRow), scans)
+
+
+def test_a_simulated_year_stays_within_its_rules(mill, clock, scanner, upload, finish):
+    scan_id, calibration_id = calibrated(mill, upload, finish)
+    mill.calibrations.activate(calibration_id, "the year's")
+    put(mill, RetentionRules(log_scans_days=60, log_scans_bytes=7_000, phantom_scans_days=30, events_days=30))
+    keeper = RetentionKeeper(mill._database, mill.files, now_s=lambda: clock().timestamp())
+    for month in range(12):
+        first = clock()
+        clock.advance(days=30)
+        a_month_of_logs(mill, scanner.id, first, month)
+        while keeper.remove_some() is not None:
+            pass
+        with mill._database.read() as session:
+            kept = session.scalars(select(ScanRow.created_at).where(ScanRow.phantom_id.is_(None))).all()
+        assert len(kept) == min(60, 30 * (month + 1))
+        assert min(kept) > clock() - timedelta(days=60)
+    assert mill.retention.get().removed[0].number == 10 * 30
+    assert mill.scans.get(scan_id).state is ScanState.READY
+    with mill._database.read() as session:
+        assert len(session.scalars(select(JobRow.id)).all()) == 62
+    assert len(mill.events.following(0)) < 10
+
+
+def test_the_days_until_a_disk_is_full():
+    forever, full = float("inf"), growth_of
+    assert full([], 100.0) == (0.0, None)
+    assert full([Filling(10.0, forever)], 100.0) == (10.0, 10.0)
+    assert full([Filling(10.0, 99.0)], 100.0) == (10.0, None), "the rules hold it"
+    assert full([Filling(10.0, 50.0), Filling(5.0, forever)], 100.0) == (15.0, 10.0)
+    assert full([Filling(10.0, 50.0), Filling(0.0, forever)], 49.0) == (10.0, 4.9)
+    assert full([Filling(10.0, forever)], -5.0) == (10.0, 0.0)

@@ -1,0 +1,238 @@
+"""The rules of retention: kept as one row, tried before they hold, and put into force with what was shown alone."""
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from sqlalchemy import ColumnElement, Select, and_, func, null, select
+from sqlalchemy.orm import Session
+
+from sawmill_worker.contracts import patterns
+from sawmill_worker.contracts.audit import AuditAction
+from sawmill_worker.contracts.events import EventKind
+from sawmill_worker.contracts.retention import (
+    Going,
+    KindPreview,
+    Removed,
+    Retention,
+    RetentionAsk,
+    RetentionKind,
+    RetentionPreview,
+    RetentionRules,
+    Staying,
+)
+from sawmill_worker.storage.acting import actor
+from sawmill_worker.storage.audit import changed, write_audit
+from sawmill_worker.storage.database import Database, lock_for_setup
+from sawmill_worker.storage.errors import Conflict
+from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.growth import Growth, fillings, growth_of
+from sawmill_worker.storage.protected import Protection, none_of, protections
+from sawmill_worker.storage.retained import STOCKS, Stock, last_old_event, reach_of
+from sawmill_worker.storage.tables import EventRow, RetentionRow
+
+THE_ROW = 1
+RULES = "rules"
+SUBJECT = "retention"
+SHOWN_FOR = timedelta(hours=1)
+_FIRST, _FIRST_IDS = 10, 3
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MICROSECOND = timedelta(microseconds=1)
+
+
+class RetentionStore:
+    """Every method is one transaction, `replace` two."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def get(self) -> Retention:
+        """The rules in force, and what has gone by rules so far."""
+        with self._database.read() as session:
+            return _read(session.get(RetentionRow, THE_ROW))
+
+    def preview(self, rules: RetentionRules) -> RetentionPreview:
+        """What would go by rules now, and what would stay although they reach it."""
+        with self._database.read() as session:
+            in_force = _read(session.get(RetentionRow, THE_ROW))
+            return _preview(session, rules, in_force, self._database.now())
+
+    def growth(self, free_bytes: float) -> Growth:
+        """How fast files come, and when they fill a disk with so much room under the rules in force."""
+        with self._database.read() as session:
+            rules = rules_of(session.get(RetentionRow, THE_ROW))
+            return growth_of(fillings(session, rules, self._database.now()), free_bytes)
+
+    def replace(self, ask: RetentionAsk) -> Retention:
+        """Put rules into force, if no more than was shown goes by them.
+
+        Raises
+        ------
+        Conflict
+            Something would go that was not shown, or it was shown too long ago, or of other rules.
+        """
+        rules = RetentionRules(**{name: getattr(ask, name) for name in RetentionRules.model_fields})
+        with self._database.read() as session:
+            known = session.get(RetentionRow, THE_ROW)
+            revision = 0 if known is None else known.revision
+            _check_shown(session, rules, _read(known), ask.confirmed, self._database.now())
+        with self._database.write() as session:
+            lock_for_setup(session)
+            row = session.get(RetentionRow, THE_ROW, with_for_update=True)
+            if (0 if row is None else row.revision) != revision:
+                raise _unconfirmed("somebody else has changed the rules at this moment")
+            before, after = (each.model_dump(mode="json") for each in (rules_of(row), rules))
+            if row is None:
+                row = RetentionRow(number=THE_ROW, removed={})
+                session.add(row)
+            now = self._database.now()
+            row.rules, row.revision, row.changed_at, row.changed_by = after, revision + 1, now, actor().name
+            difference = changed(before, after)
+            write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
+            announce(session, now, EventKind.RETENTION_CHANGED, SUBJECT, RULES)
+            return _read(row)
+
+
+def rules_of(row: RetentionRow | None) -> RetentionRules:
+    """Those of the row; none where there is none."""
+    return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
+
+
+def _read(row: RetentionRow | None) -> Retention:
+    removed = {} if row is None else row.removed
+    return Retention(
+        rules=rules_of(row),
+        changed_at=None if row is None else row.changed_at,
+        changed_by=None if row is None else row.changed_by,
+        removed=[
+            Removed(kind=kind, number=number, freed_bytes=freed_bytes)
+            for kind in RetentionKind
+            for number, freed_bytes in [removed.get(kind.value, (0, 0))]
+        ],
+    )
+
+
+def _preview(session: Session, rules: RetentionRules, in_force: Retention, at: datetime) -> RetentionPreview:
+    ruled = set(rules.kinds())
+    kinds = [_of_kind(session, kind, rules, at) if kind in ruled else _nothing_of(kind) for kind in RetentionKind]
+    numbers = "-".join(str(kind.number) for kind in kinds)
+    confirmed = f"{(at - _EPOCH) // _MICROSECOND}.{numbers}.{_digest(rules, in_force)}"
+    return RetentionPreview(at=at, rules=rules, confirmed=confirmed, kinds=kinds)
+
+
+def _digest(rules: RetentionRules, in_force: Retention) -> str:
+    """Of the rules that were tried, and of those that they were tried against."""
+    both = [rules.model_dump(mode="json"), in_force.model_dump(mode="json", include={"rules", "changed_at"})]
+    return hashlib.sha256(json.dumps(both, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _check_shown(
+    session: Session, rules: RetentionRules, in_force: Retention, confirmed: str | None, now: datetime
+) -> None:
+    if confirmed is None:
+        preview = _preview(session, rules, in_force, now)
+        if preview.goes:
+            going = ", ".join(f"{kind.number} {kind.kind}" for kind in preview.kinds if kind.number)
+            raise _unconfirmed(f"by these rules {going} would go, and no preview was confirmed")
+        return
+    if re.fullmatch(patterns.CONFIRMED, confirmed) is None:
+        raise _unconfirmed(f"confirmed must be that of a preview, not {confirmed!r}")
+    microseconds, numbers, digest = confirmed.split(".")
+    at = _EPOCH + int(microseconds) * _MICROSECOND
+    if not timedelta() <= now - at <= SHOWN_FOR:
+        raise _unconfirmed(f"it was shown at {at.isoformat(timespec='seconds')}, more than an hour ago")
+    if digest != _digest(rules, in_force):
+        raise _unconfirmed("other rules were shown, or those in force have been changed since")
+    shown = [int(number) for number in numbers.split("-")]
+    kinds = _preview(session, rules, in_force, at).kinds
+    for kind, number in zip(kinds, shown, strict=False):
+        if kind.number > number:
+            raise _unconfirmed(f"{kind.number} {kind.kind} would go, and {number} were shown")
+    if len(shown) != len(kinds):
+        raise _unconfirmed("another version of the software has shown it")
+
+
+def _unconfirmed(why: str) -> Conflict:
+    return Conflict("retention-unconfirmed", f"{why}: nothing was changed; look at the preview of these rules again")
+
+
+def _nothing_of(kind: RetentionKind) -> KindPreview:
+    return KindPreview(kind=kind, number=0, bytes=None, oldest_at=None, newest_at=None, first=[], stays=[])
+
+
+def _of_kind(session: Session, kind: RetentionKind, rules: RetentionRules, at: datetime) -> KindPreview:
+    stock = STOCKS.get(kind)
+    return _of_events(session, rules, at) if stock is None else _of_stock(session, stock, rules, at)
+
+
+def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> KindPreview:
+    table, reach = stock.table, reach_of(session, stock, rules, at)
+    stay = protections(session, stock.kind)
+    beyond = reach.beyond(stock)
+    goes = and_(beyond, none_of(stay))
+    sized = stock.all_bytes if stock.has_bytes else null()
+    totals = stock.select(func.count(), sized, func.min(table.created_at), func.max(table.created_at), until=goes)
+    number, size, oldest_at, newest_at = session.execute(totals).one()
+    columns = (table.id, table.created_at, table.stored_bytes if stock.has_bytes else null())
+    first = session.execute(stock.select(*columns, until=goes).order_by(table.created_at, table.id).limit(_FIRST))
+    return KindPreview(
+        kind=stock.kind,
+        number=number,
+        bytes=size,
+        oldest_at=oldest_at,
+        newest_at=newest_at,
+        first=[
+            Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
+            for identifier, created_at, each in first
+        ],
+        stays=_staying(
+            session,
+            stay,
+            lambda kept: stock.select(func.count(), until=and_(beyond, kept)),
+            lambda kept: stock.select(table.id, until=and_(beyond, kept)).order_by(table.created_at, table.id),
+        ),
+    )
+
+
+def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPreview:
+    last, stay = last_old_event(session, rules, at), protections(session, RetentionKind.EVENTS)
+    beyond = EventRow.number <= last
+    goes = and_(beyond, none_of(stay))
+    number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
+    oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
+    first = [
+        Going(id=str(each), created_at=happened_at, bytes=None, by="events_days")
+        for each, happened_at in session.execute(oldest)
+    ]
+    newest_at = session.scalar(select(EventRow.at).where(goes).order_by(EventRow.number.desc()).limit(1))
+    return KindPreview(
+        kind=RetentionKind.EVENTS,
+        number=number,
+        bytes=None,
+        oldest_at=first[0].created_at if first else None,
+        newest_at=newest_at,
+        first=first,
+        stays=_staying(
+            session,
+            stay,
+            lambda kept: select(func.count()).select_from(EventRow).where(beyond, kept),
+            lambda kept: select(EventRow.number).where(beyond, kept).order_by(EventRow.number),
+        ),
+    )
+
+
+Asked = Callable[[ColumnElement[bool]], Select[Any]]
+
+
+def _staying(session: Session, stay: Sequence[Protection], counted: Asked, listed: Asked) -> list[Staying]:
+    """By reason: how many, and the oldest, of what the rules reach."""
+    found = []
+    for because, condition in stay:
+        number = session.scalar(counted(condition)) or 0
+        if number:
+            first = session.scalars(listed(condition).limit(_FIRST_IDS))
+            found.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
+    return found
