@@ -4,13 +4,13 @@ import importlib.util
 import os
 import platform
 import re
-import socket
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import yaml
+from live_service import free_port
 
 import sawmill_worker
 
@@ -72,11 +72,6 @@ def interpolated(text: str, variables: dict[str, str]) -> str:
     return re.sub(r"\$\$|\$\{(\w+)(:[-?])([^}]*)\}", value, text)
 
 
-def free_port() -> str:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return str(taken.getsockname()[1])
-
-
 def of_containers(service: Service, kind: str) -> list[tuple[str, str]]:
     """Its volumes, or its tmpfs, as pairs of what is there and where."""
     if kind == "tmpfs":
@@ -96,7 +91,7 @@ class Place:
 
     folder: Path
     ports: dict[str, str] = field(
-        default_factory=lambda: {name: free_port() for name in ("api", "tls", "health", "redis", "postgres")}
+        default_factory=lambda: {name: str(free_port()) for name in ("api", "tls", "health", "redis", "postgres")}
     )
 
     @property
