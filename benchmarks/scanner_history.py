@@ -179,7 +179,7 @@ def ask(store: Store) -> None:
     report("activations and alarms for the chart", lambda: store.history.marks(SCANNER_ID, first))
     app = create_app(ServiceSettings(), store, lambda _: None)
     for path in (
-        f"/v1/scanners/{SCANNER_ID}/history",
+        f"/v1/scanners/{SCANNER_ID}/history/entries",
         f"/scanners/{SCANNER_ID}/history?days=30",
         f"/scanners/{SCANNER_ID}/history?days=365",
         f"/scanners/{SCANNER_ID}/history?days=730&last={end:%Y-%m-%d}&kind=alarm",

@@ -65,7 +65,7 @@ def check_calibration(service, scanner_id, calibration_id, mill_scan):
     assert found.phantom_position_mm == pytest.approx((-4.0, 2.5), abs=0.1)
     assert (found.verdict, found.rows, found.views) == ("pass", (0, 2), 180)
     assert service.get(f"/v1/scanners/{scanner_id}").json()["active_calibration_id"] == calibration_id
-    activated, made, *_ = service.get(f"/v1/scanners/{scanner_id}/history").json()["items"]
+    activated, made, *_ = service.get(f"/v1/scanners/{scanner_id}/history/entries").json()["items"]
     assert (activated["kind"], activated["subject_id"]) == ("activation", calibration_id)
     assert made["measured"]["cor_column_mm"] == found.source_frame.cor_column_mm
 

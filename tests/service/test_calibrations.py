@@ -128,7 +128,7 @@ def test_activating_an_older_one_rolls_back(seeded, worker):
     assert seeded.get("/v1/scanners/example").json()["active_calibration_id"] == newer
     answer = seeded.post("/v1/calibrations/example/activate", json={"reason": "the new one blurs"})
     assert answer.json()["active_calibration_id"] == "example"
-    assert seeded.get("/v1/scanners/example/history").json()["items"][0]["why"] == "the new one blurs"
+    assert seeded.get("/v1/scanners/example/history/entries").json()["items"][0]["why"] == "the new one blurs"
 
 
 def test_activating_needs_no_body(seeded):

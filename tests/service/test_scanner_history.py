@@ -25,7 +25,8 @@ from sawmill_worker.storage.tables import (
     ReconstructionRow,
 )
 
-PATH, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
+HISTORY, PAGE = "/v1/scanners/example/history", "/scanners/example/history"
+PATH, FILE = f"{HISTORY}/entries", f"{HISTORY}.csv"
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
 FORMULA = '=HYPERLINK("http://evil.example","5,0")'
 
@@ -60,14 +61,14 @@ def test_it_is_listed_newest_first_and_narrowed(seeded, store):
     assert seeded.get(PATH, params={"since": "2999-01-01T00:00:00Z"}).json()["items"] == []
     for wrong in ({"kind": "nonsense"}, {"since": "yesterday"}, {"after": "x"}, {"form": "csv"}):
         assert seeded.get(PATH, params=wrong).status_code == 422
-    assert seeded.get("/v1/scanners/nobody/history").json()["code"] == "scanner-not-found"
+    assert seeded.get("/v1/scanners/nobody/history/entries").json()["code"] == "scanner-not-found"
 
 
 def test_the_file_has_every_entry_and_no_formula(seeded, store):
     key = store.keys.create(KeyAsk(name="@SUM(1)", scope=Scope.ADMIN))
     seeded.headers["Authorization"] = f"Bearer {key.secret}"
     seeded.post("/v1/calibrations/example/activate", json={"reason": FORMULA})
-    answer = seeded.get(f"{PATH}.csv")
+    answer = seeded.get(FILE)
     assert answer.headers["Content-Type"] == "text/csv; charset=utf-8"
     assert answer.headers["Content-Disposition"] == 'attachment; filename="example-history.csv"'
     assert answer.text.count("\r\n") == answer.text.count("\n") == 8
@@ -82,7 +83,7 @@ def test_the_file_has_every_entry_and_no_formula(seeded, store):
     assert calibration["cor_column_mm"].startswith("-209.1")
     assert (calibration["gain_per_mm"], calibration["verdict"]) == ("1.0", "pass")
     assert (drift["gain_per_mm"], drift["verdict"], drift["within_tolerance"]) == ("", "", "true")
-    only = lines_of(seeded.get(f"{PATH}.csv", params={"kind": "drift-check"}).text)
+    only = lines_of(seeded.get(FILE, params={"kind": "drift-check"}).text)
     assert [line["kind"] for line in only] == ["drift-check"]
     assert seeded.get("/v1/scanners/nobody/history.csv").json()["code"] == "scanner-not-found"
 
@@ -121,7 +122,7 @@ def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
         "/calibrations/example/report",
     ):
         assert text in page
-    assert f'href="{PATH}.csv"' in page
+    assert f'href="{FILE}"' in page
     drifts = seeded.get(f"{PAGE}?kind=drift-check&first=2026-01-01&last=2026-12-31&zone=Europe/Helsinki&days=30").text
     assert ("Within tolerance" in drifts, "Passed" in drifts) == (True, False)
     assert "history.csv?kind=drift-check&amp;since=2026-01-01T00%3A00%3A00%2B02%3A00" in drifts

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from fastapi.responses import StreamingResponse
 from pydantic import Field
 
@@ -10,12 +10,13 @@ from sawmill_service.answers import NumberedPaging, Paging
 from sawmill_service.dependencies import TheStore
 from sawmill_service.described_answers import LOCATED, NAMED
 from sawmill_service.history_file import history_csv
+from sawmill_service.old_names import ACTIVATIONS, OLD
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import GivenTime, Queried
-from sawmill_worker.contracts.history import HistoryEntry, HistoryKind
+from sawmill_worker.contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_worker.contracts.measurements import Measurement
 from sawmill_worker.contracts.scanners import ScannerAsk, StoredScanner
 
@@ -113,10 +114,22 @@ def delete_scanner(scanner_id: Identifier, store: TheStore) -> None:
 
 @router.get(
     "/{scanner_id}/history",
+    summary="List which calibrations were active",
+    deprecated=True,
+    dependencies=[Depends(ACTIVATIONS)],
+    responses=OLD | refuses("scanner-not-found"),
+)
+def scanner_history(scanner_id: Identifier, store: TheStore) -> list[Activation]:
+    """The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has pages."""
+    return [Activation.of(entry) for entry in store.history.page(scanner_id, kind=HistoryKind.ACTIVATION).items]
+
+
+@router.get(
+    "/{scanner_id}/history/entries",
     summary="List what happened to a scanner, newest first",
     responses=refuses("scanner-not-found", "invalid-cursor"),
 )
-def scanner_history(
+def scanner_history_entries(
     scanner_id: Identifier, which: Annotated[HistoryPaging, Query()], store: TheStore
 ) -> Page[HistoryEntry]:
     """Each calibration, drift check, activation, alarm and change of settings, with who, why and what it measured.

@@ -2,7 +2,7 @@
 
 from datetime import datetime
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from pydantic import Field
 
@@ -66,6 +66,31 @@ class HistoryEntry(Contract):
     measured: Measurement | None = Field(
         description="What a calibration or a drift check that succeeded measured. Null: any other entry."
     )
+
+
+class Activation(Contract):
+    """An entry of kind `activation`, as version 0.1.0 had it: from then on this calibration was the active one."""
+
+    calibration_id: Identifier = Field(description="Id of the calibration.", examples=["example"])
+    activated_at: str = Field(
+        description="When it became the active one, RFC 3339, UTC.", examples=["2026-03-02T05:31:04Z"]
+    )
+    activated_by: str | None = Field(
+        None,
+        description="The name of the key; null: an entry from before there was an audit.",
+        examples=["scanner software of line 2"],
+    )
+    reason: str = Field(description="Who or what activated it.", examples=["checked by hand"])
+
+    @classmethod
+    def of(cls, entry: HistoryEntry) -> Self:
+        """That of an entry of its kind."""
+        return cls(
+            calibration_id=entry.subject_id,
+            activated_at=entry.at.isoformat(),
+            activated_by=entry.who,
+            reason=entry.why or "",
+        )
 
 
 class HistoryMark(NamedTuple):

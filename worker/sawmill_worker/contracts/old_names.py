@@ -1,4 +1,4 @@
-"""Fields that are out of use, and work until a later version refuses them (docs/http.md#old-names)."""
+"""Fields and routes that are out of use, and work until a later version refuses them (docs/http.md#old-names)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from pydantic_core import CoreSchema
 
 @dataclass(frozen=True)
 class OutOfUse:
-    """Marks a field: the OpenAPI document has it as deprecated, and answers to requests with it say so.
+    """Marks a field or a route: the OpenAPI document has it as deprecated, and answers to requests with it say so.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class OutOfUse:
     gone_in
         The version that refuses it, later by a minor version at least.
     instead
-        What to send, for people.
+        What to send or ask for, for people.
     """
 
     since: str

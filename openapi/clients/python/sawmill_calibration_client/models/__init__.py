@@ -1,6 +1,7 @@
 """Contains all the data models used in inputs/outputs"""
 
 from .activate import Activate
+from .activation import Activation
 from .adjustment import Adjustment
 from .agreement import Agreement
 from .air_correction import AirCorrection
@@ -183,6 +184,7 @@ from .witness_taken import WitnessTaken
 
 __all__ = (
     "Activate",
+    "Activation",
     "Adjustment",
     "Agreement",
     "AirCorrection",

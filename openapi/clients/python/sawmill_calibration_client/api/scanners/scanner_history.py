@@ -1,4 +1,3 @@
-import datetime
 from http import HTTPStatus
 from typing import Any
 from urllib.parse import quote
@@ -7,52 +6,20 @@ import httpx
 
 from ... import errors
 from ...client import AuthenticatedClient, Client
-from ...models.history_entry_page import HistoryEntryPage
-from ...models.history_kind import HistoryKind
+from ...models.activation import Activation
 from ...models.problem import Problem
-from ...types import UNSET, Response, Unset
+from ...types import Response
 
 
 def _get_kwargs(
     scanner_id: str,
-    *,
-    after: str | Unset = UNSET,
-    limit: int | Unset = 50,
-    kind: HistoryKind | Unset = UNSET,
-    since: datetime.datetime | Unset = UNSET,
-    until: datetime.datetime | Unset = UNSET,
 ) -> dict[str, Any]:
-
-    params: dict[str, Any] = {}
-
-    params["after"] = after
-
-    params["limit"] = limit
-
-    json_kind: str | Unset = UNSET
-    if not isinstance(kind, Unset):
-        json_kind = kind.value
-
-    params["kind"] = json_kind
-
-    json_since: str | Unset = UNSET
-    if not isinstance(since, Unset):
-        json_since = since.isoformat()
-    params["since"] = json_since
-
-    json_until: str | Unset = UNSET
-    if not isinstance(until, Unset):
-        json_until = until.isoformat()
-    params["until"] = json_until
-
-    params = {k: v for k, v in params.items() if v is not UNSET and v is not None}
 
     _kwargs: dict[str, Any] = {
         "method": "get",
         "url": "/v1/scanners/{scanner_id}/history".format(
             scanner_id=quote(str(scanner_id), safe=""),
         ),
-        "params": params,
     }
 
     return _kwargs
@@ -60,9 +27,14 @@ def _get_kwargs(
 
 def _parse_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> HistoryEntryPage | Problem | None:
+) -> Problem | list[Activation] | None:
     if response.status_code == 200:
-        response_200 = HistoryEntryPage.from_dict(response.json())
+        response_200 = []
+        _response_200 = response.json()
+        for response_200_item_data in _response_200:
+            response_200_item = Activation.from_dict(response_200_item_data)
+
+            response_200.append(response_200_item)
 
         return response_200
 
@@ -134,7 +106,7 @@ def _parse_response(
 
 def _build_response(
     *, client: AuthenticatedClient | Client, response: httpx.Response
-) -> Response[HistoryEntryPage | Problem]:
+) -> Response[Problem | list[Activation]]:
     return Response(
         status_code=HTTPStatus(response.status_code),
         content=response.content,
@@ -147,42 +119,25 @@ def sync_detailed(
     scanner_id: str,
     *,
     client: AuthenticatedClient,
-    after: str | Unset = UNSET,
-    limit: int | Unset = 50,
-    kind: HistoryKind | Unset = UNSET,
-    since: datetime.datetime | Unset = UNSET,
-    until: datetime.datetime | Unset = UNSET,
-) -> Response[HistoryEntryPage | Problem]:
-    """List what happened to a scanner, newest first
+) -> Response[Problem | list[Activation]]:
+    """List which calibrations were active
 
-     Each calibration, drift check, activation, alarm and change of settings, with who, why and what it
-    measured.
-
-    Entries stay when what they are about is deleted.
+     The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has
+    pages.
 
     Args:
         scanner_id (str): Lower-case letters, digits and hyphens.
-        after (str | Unset): The `next` of the page before; nothing: the newest.
-        limit (int | Unset): Items a page. Default: 50.
-        kind (HistoryKind | Unset): What an entry is about.
-        since (datetime.datetime | Unset): Leave out entries before; RFC 3339.
-        until (datetime.datetime | Unset): Leave out entries at this time and after; RFC 3339.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[HistoryEntryPage | Problem]
+        Response[Problem | list[Activation]]
     """
 
     kwargs = _get_kwargs(
         scanner_id=scanner_id,
-        after=after,
-        limit=limit,
-        kind=kind,
-        since=since,
-        until=until,
     )
 
     response = client.get_httpx_client().request(
@@ -196,43 +151,26 @@ def sync(
     scanner_id: str,
     *,
     client: AuthenticatedClient,
-    after: str | Unset = UNSET,
-    limit: int | Unset = 50,
-    kind: HistoryKind | Unset = UNSET,
-    since: datetime.datetime | Unset = UNSET,
-    until: datetime.datetime | Unset = UNSET,
-) -> HistoryEntryPage | Problem | None:
-    """List what happened to a scanner, newest first
+) -> Problem | list[Activation] | None:
+    """List which calibrations were active
 
-     Each calibration, drift check, activation, alarm and change of settings, with who, why and what it
-    measured.
-
-    Entries stay when what they are about is deleted.
+     The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has
+    pages.
 
     Args:
         scanner_id (str): Lower-case letters, digits and hyphens.
-        after (str | Unset): The `next` of the page before; nothing: the newest.
-        limit (int | Unset): Items a page. Default: 50.
-        kind (HistoryKind | Unset): What an entry is about.
-        since (datetime.datetime | Unset): Leave out entries before; RFC 3339.
-        until (datetime.datetime | Unset): Leave out entries at this time and after; RFC 3339.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        HistoryEntryPage | Problem
+        Problem | list[Activation]
     """
 
     return sync_detailed(
         scanner_id=scanner_id,
         client=client,
-        after=after,
-        limit=limit,
-        kind=kind,
-        since=since,
-        until=until,
     ).parsed
 
 
@@ -240,42 +178,25 @@ async def asyncio_detailed(
     scanner_id: str,
     *,
     client: AuthenticatedClient,
-    after: str | Unset = UNSET,
-    limit: int | Unset = 50,
-    kind: HistoryKind | Unset = UNSET,
-    since: datetime.datetime | Unset = UNSET,
-    until: datetime.datetime | Unset = UNSET,
-) -> Response[HistoryEntryPage | Problem]:
-    """List what happened to a scanner, newest first
+) -> Response[Problem | list[Activation]]:
+    """List which calibrations were active
 
-     Each calibration, drift check, activation, alarm and change of settings, with who, why and what it
-    measured.
-
-    Entries stay when what they are about is deleted.
+     The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has
+    pages.
 
     Args:
         scanner_id (str): Lower-case letters, digits and hyphens.
-        after (str | Unset): The `next` of the page before; nothing: the newest.
-        limit (int | Unset): Items a page. Default: 50.
-        kind (HistoryKind | Unset): What an entry is about.
-        since (datetime.datetime | Unset): Leave out entries before; RFC 3339.
-        until (datetime.datetime | Unset): Leave out entries at this time and after; RFC 3339.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        Response[HistoryEntryPage | Problem]
+        Response[Problem | list[Activation]]
     """
 
     kwargs = _get_kwargs(
         scanner_id=scanner_id,
-        after=after,
-        limit=limit,
-        kind=kind,
-        since=since,
-        until=until,
     )
 
     response = await client.get_async_httpx_client().request(**kwargs)
@@ -287,43 +208,26 @@ async def asyncio(
     scanner_id: str,
     *,
     client: AuthenticatedClient,
-    after: str | Unset = UNSET,
-    limit: int | Unset = 50,
-    kind: HistoryKind | Unset = UNSET,
-    since: datetime.datetime | Unset = UNSET,
-    until: datetime.datetime | Unset = UNSET,
-) -> HistoryEntryPage | Problem | None:
-    """List what happened to a scanner, newest first
+) -> Problem | list[Activation] | None:
+    """List which calibrations were active
 
-     Each calibration, drift check, activation, alarm and change of settings, with who, why and what it
-    measured.
-
-    Entries stay when what they are about is deleted.
+     The newest 50, newest first. Ask for `history/entries` of the kind `activation` instead, which has
+    pages.
 
     Args:
         scanner_id (str): Lower-case letters, digits and hyphens.
-        after (str | Unset): The `next` of the page before; nothing: the newest.
-        limit (int | Unset): Items a page. Default: 50.
-        kind (HistoryKind | Unset): What an entry is about.
-        since (datetime.datetime | Unset): Leave out entries before; RFC 3339.
-        until (datetime.datetime | Unset): Leave out entries at this time and after; RFC 3339.
 
     Raises:
         errors.UnexpectedStatus: If the server returns an undocumented status code and Client.raise_on_unexpected_status is True.
         httpx.TimeoutException: If the request takes longer than Client.timeout.
 
     Returns:
-        HistoryEntryPage | Problem
+        Problem | list[Activation]
     """
 
     return (
         await asyncio_detailed(
             scanner_id=scanner_id,
             client=client,
-            after=after,
-            limit=limit,
-            kind=kind,
-            since=since,
-            until=until,
         )
     ).parsed
