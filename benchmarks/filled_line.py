@@ -50,7 +50,7 @@ class Line:
         return self.store.jobs.counts()[JobState.QUEUED]
 
     def fill(self, length: int) -> None:
-        """Have so many wait: as many rows as are missing, like those of one that was asked for, a second apart."""
+        """Have that number wait: as many rows as are missing, like those of one that was asked for, a second apart."""
         missing = length - self.queued()
         if missing <= 0:
             return
