@@ -30,8 +30,9 @@ BEYOND_SCHEMAS = re.compile(
     r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
     r"|five fields, minute hour day month weekday in UTC, that come true at some time"
 )
-# The largest file is a setting; whether a part is the last one depends on the length that its upload was declared with.
-BEYOND_SCHEMAS_CODES = {"inconsistent-length", "two-files", "upload-too-large"}
+# The largest file and where webhooks may lead are settings; whether a part is the last one depends on the length that
+# its upload was declared with.
+BEYOND_SCHEMAS_CODES = {"destination-not-allowed", "inconsistent-length", "two-files", "upload-too-large"}
 
 
 @schemathesis.hook

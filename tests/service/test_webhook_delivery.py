@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import signal
+import socket
 import ssl
 import subprocess
 import sys
@@ -26,6 +27,7 @@ from sawmill_service.webhooks.sender import WebhookSender
 from sawmill_service.webhooks.sending import Sending
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.webhooks import WebhookAsk
+from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.outbox import LEASE
 from sawmill_worker.storage.settings import StorageSettings
@@ -168,8 +170,9 @@ def test_gone_pauses_at_once(store, receiver, hook):
         (status(503, Retry_After="1"), WAITS_S[0] * (1 + JITTER)),
         (status(503, Retry_After="999999999999"), 86400),
         (status(503, Retry_After="soon"), WAITS_S[0] * (1 + JITTER)),
+        (status(503, Retry_After=f"Mon, 01 Jan {10**20} 00:00:00 GMT"), WAITS_S[0] * (1 + JITTER)),
     ],
-    ids=["seconds", "less than the schedule", "too long", "garbled"],
+    ids=["seconds", "less than the schedule", "too long", "garbled", "no year"],
 )
 def test_a_receiver_says_when_to_come_back(store, receiver, hook, clock, answer, wait_s):
     receiver.usual = answer
@@ -265,6 +268,31 @@ def test_an_address_is_looked_up_once_an_attempt_and_checked_each_time(store, re
     assert len(receiver.messages) == 1
 
 
+def test_an_address_that_swallows_everything_leaves_time_for_the_next(store, receiver):
+    allowed = AllowedDestinations([f"mes.mill.example:{receiver.port}", "127.0.0.0/8"])
+    store.webhooks.create(WebhookAsk(url=f"http://mes.mill.example:{receiver.port}/"))
+
+    async def both(_host: str, _port: int) -> list[str]:
+        return ["127.0.0.2", "127.0.0.1"]
+
+    happen(store)
+    # One waits to be accepted, and nobody else gets in.
+    with (
+        socket.create_server(("127.0.0.2", receiver.port), backlog=0) as full,
+        socket.create_connection(full.getsockname()),
+    ):
+        send(store, Sending(allowed, resolve=both, limit_s=1.0))
+    assert len(receiver.messages) == 1
+
+
+def test_a_name_that_no_name_server_could_have_is_a_failure_with_its_reason(store):
+    host = f"{'a' * 64}.mill.example"
+    hook = store.webhooks.create(WebhookAsk(url=f"https://{host}/"))
+    happen(store)
+    send(store, Sending(AllowedDestinations([host])))
+    assert store.webhooks.get(hook.id).last_failure == f"the name {host!r} cannot be resolved: it is too long"
+
+
 def test_a_destination_that_is_no_longer_allowed_gets_nothing(store, receiver, hook):
     happen(store)
     send(store, Sending(AllowedDestinations(["127.0.0.2"])))
@@ -351,6 +379,26 @@ def test_the_thread_of_the_service_sends_and_ends(store, receiver, hook):
             time.sleep(0.005)
     assert store.webhooks.get(hook.id).waiting == 0
     assert store.outbox().hold()  # another process may send at once
+
+
+@pytest.mark.usefixtures("hook")
+def test_an_outage_of_the_database_is_a_line_of_the_log_and_not_one_a_second(store, receiver, log_lines):
+    outbox, looks = store.outbox(), []
+    asked = outbox.is_wanted
+
+    def away() -> bool:
+        looks.append(None)
+        if len(looks) < 4:
+            raise StorageUnavailable("the database does not answer")
+        return asked()
+
+    outbox.is_wanted = away
+    happen(store)
+    with WebhookSender(outbox, LOOPBACK, poll_s=0.01):
+        assert receiver.has(1)
+    assert [line["reason"] for line in log_lines() if line["event"] == "webhooks-put-off"] == [
+        "the database does not answer"
+    ]
 
 
 SENDING = """

@@ -80,6 +80,27 @@ def test_a_webhook_is_sent_what_it_asked_for_in_order_from_now_on(store, outbox)
     assert (now.after, now.waiting, now.waiting_since, now.state) == (last, 0, None, "active")
 
 
+def test_a_webhook_that_is_moved_or_asks_for_more_is_looked_at_again(store, outbox):
+    assert not outbox.is_wanted()
+    webhook = store.webhooks.create(WebhookAsk(url=URL))
+    assert outbox.is_wanted()
+    [first, refused] = happen(store, EventKind.ALARM_OPENED, EventKind.SCAN_REFUSED)
+    deliver(outbox, webhook)
+    assert [outbox.due(refused), outbox.due(refused)] == [[], []]
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, events=["scan-refused"]))
+    assert outbox.due(refused) == [webhook.id]
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL))
+    assert outbox.due(refused) == []
+    store.webhooks.update(webhook.id, WebhookAsk(url=URL, after=first - 1))
+    assert outbox.due(refused) == [webhook.id]
+    deliver(outbox, webhook)
+    assert outbox.due(refused) == []
+    [opened] = happen(store, EventKind.ALARM_OPENED)
+    assert outbox.due(opened) == [webhook.id]
+    store.webhooks.enable(webhook.id, enabled=False)
+    assert not outbox.is_wanted()
+
+
 def test_a_failure_holds_back_what_follows_until_it_is_delivered(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     first, second = happen(store, EventKind.ALARM_OPENED, EventKind.ALARM_CLOSED)
@@ -288,6 +309,7 @@ def test_a_url_has_the_parts_that_are_sent():
         "port": 443,
         "target": "/a?b=1%20c",
     }
+    assert destination_of("https://alarms.mill.example?line=2").target == "/?line=2"
     v6 = destination_of("http://[FD00::1]:8080")
     assert (v6.host, v6.port, v6.target, v6.authority) == ("fd00::1", 8080, "/", "[fd00::1]:8080")
 

@@ -16,6 +16,7 @@ from sawmill_service.webhooks.messages import body_of_event, headers_of
 from sawmill_service.webhooks.sending import Answer, Sending
 from sawmill_worker.contracts.events import Event
 from sawmill_worker.execution.logs import going_on
+from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.event_reader import EventReader
 from sawmill_worker.storage.outbox import Attempt, Outbox, Pending, message_id
 
@@ -57,6 +58,13 @@ class Couriers:
         StorageFull, StorageUnavailable
             The database does not answer; nothing is lost.
         """
+        if await asyncio.to_thread(self._outbox.is_wanted):
+            await self._begin()
+        if time.monotonic() - self._forgot_at_s > _FORGET_EVERY_S:
+            self._forgot_at_s = time.monotonic()
+            await asyncio.to_thread(self._outbox.forget_old)
+
+    async def _begin(self) -> None:
         if not await asyncio.to_thread(self._outbox.hold):
             await self._end()
             return
@@ -64,9 +72,6 @@ class Couriers:
         for webhook_id in await asyncio.to_thread(self._outbox.due, through):
             if webhook_id not in self._under_way:
                 self._under_way[webhook_id] = asyncio.create_task(self._send_to(webhook_id))
-        if time.monotonic() - self._forgot_at_s > _FORGET_EVERY_S:
-            self._forgot_at_s = time.monotonic()
-            await asyncio.to_thread(self._outbox.forget_old)
 
     async def finish(self) -> None:
         """Wait until everything is sent that was begun."""
@@ -97,11 +102,17 @@ class Couriers:
     async def _send_to(self, webhook_id: str) -> None:
         try:
             with going_on("webhook-put-off", webhook_id=webhook_id):
-                while pending := await asyncio.to_thread(self._pending, webhook_id):
-                    if not await self._send(pending):
-                        return
+                await self._send_pending(webhook_id)
         finally:
             self._under_way.pop(webhook_id, None)
+
+    async def _send_pending(self, webhook_id: str) -> None:
+        try:
+            while pending := await asyncio.to_thread(self._pending, webhook_id):
+                if not await self._send(pending):
+                    return
+        except StorageError as error:
+            structlog.get_logger().warning("webhook-put-off", webhook_id=webhook_id, reason=str(error))
 
     def _pending(self, webhook_id: str) -> Pending | None:
         assert self._reader is not None  # noqa: S101 - read before anything is sent

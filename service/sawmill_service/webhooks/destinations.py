@@ -15,8 +15,10 @@ from sawmill_worker.contracts.webhooks import LARGEST_PORT, Destination
 SETTING = "SAWMILL_WEBHOOK_DESTINATIONS"
 _NAME = re.compile(r"([A-Za-z0-9_-]+(?:\.[A-Za-z0-9_-]+)*)\.?(?::([0-9]{1,5}))?")
 STANDARD_PORTS = (443, 80)
-# An IPv4 address stands in them, behind a gateway that nobody sees here: 6to4, Teredo, NAT64 (RFC 3056, 4380, 6052).
-_TRANSLATED = tuple(ip_network(text) for text in ("2002::/16", "2001::/32", "64:ff9b::/96", "64:ff9b:1::/48"))
+# All public addresses of IPv6 lie in it (RFC 4291, 2.4): site-local ones, NAT64 and IPv4 in other clothes do not.
+_GLOBAL_UNICAST = IPv6Network("2000::/3")
+# In it, but an IPv4 address stands in them, behind a gateway that nobody sees here: 6to4, Teredo (RFC 3056, 4380).
+_TRANSLATED = (IPv6Network("2002::/16"), IPv6Network("2001::/32"))
 
 Address = IPv4Address | IPv6Address
 
@@ -141,6 +143,8 @@ def _address(text: str) -> Address | None:
 
 
 def _is_public(address: Address) -> bool:
+    if isinstance(address, IPv6Address) and address not in _GLOBAL_UNICAST:
+        return False
     translated = any(address in network for network in _TRANSLATED)
     return address.is_global and not address.is_multicast and not translated
 

@@ -6,8 +6,11 @@ import threading
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
+import structlog
+
 from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_worker.execution.logs import going_on
+from sawmill_worker.storage.errors import StorageError
 from sawmill_worker.storage.outbox import Outbox
 
 if TYPE_CHECKING:
@@ -61,9 +64,16 @@ class WebhookSender:
             runner.run(self._send_until_stopped(couriers))
 
     async def _send_until_stopped(self, couriers: "Couriers") -> None:
+        answers = True
         while not self._stop.is_set():
             with going_on("webhooks-put-off"):
-                await couriers.send_due()
+                try:
+                    await couriers.send_due()
+                    answers = True
+                except StorageError as error:
+                    if answers:  # one line for an outage
+                        structlog.get_logger().warning("webhooks-put-off", reason=str(error))
+                    answers = False
             try:
                 await asyncio.wait_for(self._stop.wait(), self._poll_s)
             except TimeoutError:

@@ -60,6 +60,8 @@ async def resolve(host: str, port: int) -> list[str]:
             tell = partial(_settle, found, addresses)
         except OSError as error:
             tell = partial(_settle, found, error)
+        except UnicodeError:  # a part of more than 63 letters, which no name of the DNS has
+            tell = partial(_settle, found, socket.gaierror(socket.EAI_NONAME, "it is too long"))
         with suppress(RuntimeError):  # the loop has ended meanwhile
             loop.call_soon_threadsafe(tell)
 
@@ -131,21 +133,32 @@ class Sending:
         self._allowed.check(destination)
         found = await self._resolve(destination.host, destination.port)
         addresses = self._allowed.check_addresses(found, destination)
+        # One that swallows what is sent there, as IPv6 does in many a network, leaves time for the others.
+        connect_s = self._limit_s / (len(addresses) + 1)
         for address in addresses[:-1]:
             try:
-                return await self._post_to(address, destination, headers, body)
-            except httpcore.ConnectError:
+                return await self._post_to(address, destination, headers, body, connect_s)
+            except (httpcore.ConnectError, httpcore.ConnectTimeout):
                 continue
         return await self._post_to(addresses[-1], destination, headers, body)
 
-    async def _post_to(self, address: str, destination: Destination, headers: Mapping[str, str], body: bytes) -> Answer:
+    async def _post_to(
+        self,
+        address: str,
+        destination: Destination,
+        headers: Mapping[str, str],
+        body: bytes,
+        connect_s: float | None = None,
+    ) -> Answer:
         """Connect to the address itself: the name is not looked up again."""
         secure = destination.scheme == "https"
         context = await asyncio.to_thread(self._certificates) if secure else None
         where = httpcore.URL(
             scheme=destination.scheme, host=address, port=destination.port, target=destination.target.encode()
         )
-        extensions = {"sni_hostname": destination.host} if secure else {}
+        extensions: dict[str, object] = {"timeout": {"connect": connect_s}}
+        if secure:
+            extensions["sni_hostname"] = destination.host
         async with (
             httpcore.AsyncConnectionPool(ssl_context=context, max_keepalive_connections=0) as pool,
             pool.stream("POST", where, headers=list(headers.items()), content=body, extensions=extensions) as answer,
@@ -171,7 +184,7 @@ def _wait_s(text: str) -> float:
         return float(text[:9])
     try:
         moment = parsedate_to_datetime(text)
-    except ValueError:
+    except (ValueError, OverflowError):
         return 0.0
     aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
     return max(0.0, (aware - datetime.now(UTC)).total_seconds())

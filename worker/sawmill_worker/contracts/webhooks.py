@@ -57,7 +57,9 @@ def destination_of(url: str) -> Destination:
         msg = f"must be as in https://alarms.mill.example/sawmill, without a user and a fragment, not {url!r}"
         raise ValueError(msg)
     host = found["host"].lower().strip("[]").rstrip(".")
-    return Destination(found["scheme"], host, int(found["port"] or _PORTS[found["scheme"]]), found["target"] or "/")
+    target = found["target"] or "/"
+    path = target if target.startswith("/") else f"/{target}"  # a query may follow the host at once
+    return Destination(found["scheme"], host, int(found["port"] or _PORTS[found["scheme"]]), path)
 
 
 def _check_url(url: str) -> str:

@@ -84,6 +84,8 @@ class Outbox:
     def __init__(self, database: Database) -> None:
         self._database = database
         self.holder = uuid4().hex
+        # Of webhooks that want none of the events so far: where they stood, and through which event that is known.
+        self._without: dict[str, tuple[int, list[str], int]] = {}
 
     def reader(self) -> EventReader:
         """Tells through which number all events are written."""
@@ -92,6 +94,11 @@ class Outbox:
     def now(self) -> datetime:
         """The time by which attempts are made."""
         return self._database.now()
+
+    def is_wanted(self) -> bool:
+        """Whether any webhook is enabled."""
+        with self._database.read() as session:
+            return session.scalar(select(WebhookRow.id).where(WebhookRow.enabled).limit(1)) is not None
 
     def hold(self) -> bool:
         """Whether this process may send from now on, for the time of a lease; no other one does meanwhile."""
@@ -130,7 +137,17 @@ class Outbox:
         with self._database.read() as session:
             rows = session.scalars(select(WebhookRow).where(WebhookRow.enabled).order_by(WebhookRow.id)).all()
             now = self._database.now()
-            return [row.id for row in rows if _is_due(row, now) and read_events(session, row, through, 1)]
+            return [row.id for row in rows if _is_due(row, now) and self._has_events(session, row, through)]
+
+    def _has_events(self, session: Session, row: WebhookRow, through: int) -> bool:
+        """Whether any is to be sent; asked again only once there are new ones: nothing appears among earlier ones."""
+        looked_through = row.after, row.events, through
+        if self._without.get(row.id) == looked_through:
+            return False
+        if read_events(session, row, through, 1):
+            return True
+        self._without[row.id] = looked_through
+        return False
 
     def pending(self, webhook_id: str, through: int) -> Pending | None:
         """What a webhook is sent next; None: nothing, or not now. `through` as for `due`."""
