@@ -31,6 +31,7 @@ def backup(
     Files that an earlier backup in the folder has are not copied again, where its file system has hard links.
     """
     from sawmill_worker.storage.backups.folders import remove_older
+    from sawmill_worker.storage.backups.newest import note_newest
     from sawmill_worker.storage.backups.taking import take_backup
 
     settings = storage_settings(data)
@@ -38,11 +39,13 @@ def backup(
         taken = take_backup(settings, folder, on_progress)
     typer.echo(taken.path)
     say(f"{_described(taken.manifest)} is there; {taken.copied_bytes / 1e9:.2f} GB were copied.")
+    with _reported("The backup is whole, but sawmill doctor will not know of it"):
+        note_newest(settings.data_folder, taken.path.absolute(), taken.manifest)
     if taken.manifest.lacking:
         _end_with(taken.manifest.lacking, "The backup lacks what rows name and could not be read")
     if keep is not None:
         with _reported("Older backups are still there"):
-            for path in remove_older(folder, keep):
+            for path in remove_older(folder, keep, taken.path):
                 say(f"{path} was removed.")
 
 
@@ -62,6 +65,7 @@ def restore(
         with _reported("This backup cannot be restored"), showing_progress("check") as on_progress:
             manifest, problems = check_backup(backup, on_progress)
         if problems:
+            say("Remove a damaged file from the newest backup: the next one copies it anew, from the data folder.")
             _end_with(problems, "The backup is damaged")
         say(f"{_described(manifest)} is whole.")
         return

@@ -48,9 +48,19 @@ def test_a_damaged_backup_is_named_and_not_restored(run, data, tmp_path):
     said = run("restore", backup, "--check", code=1).stderr
     assert "data/examples/complete is damaged: its SHA-256 is" in said
     assert "The backup is damaged: 1 in all." in said
+    assert "Remove a damaged file from the newest backup" in said
     said = run("restore", backup, "--data", tmp_path / "new", code=1).stderr
     assert said.startswith("Nothing was restored: data/examples/complete is damaged")
     assert sorted(path.name for path in (tmp_path / "new").iterdir()) == ["serve.lock"]
+    (backup / "data/examples/complete").unlink()
+    assert "is whole." in run("restore", run("backup", backup.parent, "--data", data).stdout.strip(), "--check").stderr
+
+
+def test_a_backup_that_cannot_be_noted_is_there_still(run, data, tmp_path):
+    (data / LAST_BACKUP).mkdir()
+    made = run("backup", tmp_path / "disk", "--data", data, code=1)
+    assert "The backup is whole, but sawmill doctor will not know of it: " in made.stderr
+    assert "is whole." in run("restore", made.stdout.strip(), "--check").stderr
 
 
 def test_a_folder_that_is_served_is_refused_with_who_serves_it(run, data, tmp_path):

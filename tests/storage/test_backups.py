@@ -33,9 +33,8 @@ from sawmill_worker.storage.backups.errors import Refused
 from sawmill_worker.storage.backups.folders import backups_in, remove_older
 from sawmill_worker.storage.backups.laying import Laying
 from sawmill_worker.storage.backups.manifest import FILES, MANIFEST, MANIFEST_SUM, read_entries, read_manifest
-from sawmill_worker.storage.backups.newest import newest_backup
 from sawmill_worker.storage.backups.restoring import check_empty, restore
-from sawmill_worker.storage.backups.rows import LEFT_OUT
+from sawmill_worker.storage.backups.rows import LEFT_OUT, read_rows
 from sawmill_worker.storage.backups.taking import take_backup
 from sawmill_worker.storage.database import Database, newest_revision
 from sawmill_worker.storage.engines import make_engine
@@ -193,9 +192,10 @@ def test_a_second_backup_copies_what_is_new_alone(store, settings, work, into):
     old = [entry.path for entry in read_entries(first.path)]
     both = [(taken.path / "data" / path).stat().st_ino for path in old for taken in (first, second)]
     assert len(set(both)) == 2, "an upload and a result, whatever their names"
-    assert newest_backup(settings.data_folder).path == str(second.path)
 
-    assert remove_older(into, 1) == [first.path]
+    of_a_wrong_clock = first.path.rename(into / "sawmill-20380119T031407Z")
+    assert remove_older(into, 2, second.path) == []
+    assert remove_older(into, 1, second.path) == [of_a_wrong_clock], "not the one that was just taken"
     assert backups_in(into) == [second.path]
     assert check_backup(second.path, silent)[1] == []
 
@@ -230,7 +230,6 @@ def test_a_file_that_is_really_missing_is_named_and_keeps_nothing_else_out(
     shutil.rmtree(store.files.results(JobKind.INGEST, lost))
     taken = take_backup(settings, into, silent)
     assert taken.manifest.lacking == [f"scans/{lost}"]
-    assert newest_backup(settings.data_folder).lacking == 1
     restore(taken.path, elsewhere, silent)
     assert (elsewhere.data_folder / "scans" / kept / "result").is_file()
 
@@ -243,12 +242,12 @@ def one_backup(tmp_path_factory: pytest.TempPathFactory, empty_data: Path) -> Pa
     shutil.copytree(empty_data, settings.data_folder)
     with closing(Store(settings)) as store:
         scanner = store.scanners.create(ScannerSpec(name="Line 2", constants=ScannerConstants(**CONSTANTS)))
-        for _ in range(2):
+        for number in range(2):
             spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
             store.scans.accept(spec, store.files.receive([b"scan"], max_bytes=10))
             claim = store.jobs.claim("test")
             output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
-            (output / "scan.h5").write_text("line integrals")
+            (output / "scan.h5").write_text(f"line integrals {number}")
             store.jobs.succeed(claim, RESULTS[JobKind.INGEST](), output)
     (folder / "disk").mkdir()
     return take_backup(settings, folder / "disk", silent).path
@@ -299,6 +298,14 @@ def test_damage_is_found_and_named_and_never_restored(backup, elsewhere, damage,
     with pytest.raises(Damaged):
         restore(backup, elsewhere, silent)
     assert list(elsewhere.data_folder.rglob("*")) == []
+
+
+def test_a_second_name_of_another_file_is_damage_too(backup, elsewhere):
+    first, second = sorted((backup / "data/scans").rglob("scan.h5"))
+    second.unlink()
+    second.hardlink_to(first)
+    with pytest.raises(Damaged, match=f"{second.relative_to(backup)} is damaged: its SHA-256 is"):
+        restore(backup, elsewhere, silent)
 
 
 @pytest.mark.parametrize("name", [MANIFEST, MANIFEST_SUM, FILES, "rows/jobs.jsonl"])
@@ -352,13 +359,17 @@ def test_a_path_that_leaves_the_data_folder_is_refused(backup, elsewhere, path):
     ],
     ids=["columns", "list", "time"],
 )
-def test_rows_that_are_none_are_refused_and_nothing_stays(backup, elsewhere, change, words):
+def test_rows_that_are_none_are_refused(backup, empty_data, tmp_path, change, words):
     rows = backup / "rows" / "scanners.jsonl"
     rows.write_text(change(rows.read_text()))
-    sign(backup)
-    with pytest.raises(Damaged, match=words):
-        restore(backup, elsewhere, silent)
-    assert list(elsewhere.data_folder.iterdir()) == []
+    tables = {"scanners": read_manifest(backup).tables["scanners"]}
+    database = Database(make_engine(f"sqlite:///{shutil.copytree(empty_data, tmp_path / 'empty')}/sawmill.db"))
+    with (
+        closing(SimpleNamespace(close=database.engine.dispose)),
+        pytest.raises(Damaged, match=words),
+        database.write() as session,
+    ):
+        read_rows(session.connection(), backup, tables)
 
 
 @to_each
@@ -369,6 +380,7 @@ def test_rows_that_the_database_refuses_leave_nothing(backup, target):
     with pytest.raises(Damaged, match=r"the database refuses a row of rows/scanners.jsonl: .*(UNIQUE|unique)"):
         restore(backup, target, silent)
     check_empty(target)
+    assert list(target.data_folder.iterdir()) == []
 
 
 def test_a_backup_of_a_later_version_is_refused(backup, elsewhere):
@@ -462,17 +474,12 @@ def dying(monkeypatch: pytest.MonkeyPatch, where: object, name: str, turn: int =
 @sqlite_alone
 def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into, monkeypatch):
     work()
-    for where, name, turn in (
-        (taking, "write_rows", 1),
-        (Laying, "_lay", 2),
-        (os, "fsync", 4),
-        (taking, "write_manifest", 0),
-    ):
+    for where, name, turn in ((Laying, "_lay", 2), (taking, "write_manifest", 0)):
         with dying(monkeypatch, where, name, turn):
             assert killed(lambda: take_backup(settings, into, silent)), name
         assert backups_in(into) == []
         assert list(into.glob(".*.partial")) != []
-    with dying(monkeypatch, taking, "note_newest"):
+    with dying(monkeypatch, taking, "flush_names"):
         assert killed(lambda: take_backup(settings, into, silent))
     (whole,) = backups_in(into)
     assert check_backup(whole, silent)[1] == []
@@ -483,14 +490,18 @@ def test_a_killed_backup_leaves_nothing_that_looks_like_one(settings, work, into
 @to_each
 def test_a_killed_restore_leaves_nothing_that_starts(one_backup, target, monkeypatch):
     source = StorageSettings(data_folder=one_backup.parents[1] / "data", database_url=None)
-    ends = [("_copy", 2), ("flush", 2)]
-    ends += [("read_rows", 1), ("_put_in_place", 1)] if target.database_url is None else []
-    for name, turn in (*ends, ("_restore", 0)):
+    placed = ("flush", 2) if target.database_file is None else ("_put_in_place", 1)
+    for name, turn in (("_copy", 2), placed, ("_restore", 0)):
         with dying(monkeypatch, restoring, name, turn):
             assert killed(lambda: restore(one_backup, target, silent)), name
         assert (target.data_folder / RESTORING).is_dir()
         with pytest.raises(StorageMisconfigured, match="was ended before its end: wait for it, or give it once more"):
             Store.open(target)
+        if name == "_copy" and target.database_file is not None:
+            target.database_file.touch()
+            with pytest.raises(Refused, match="is not empty: a backup is restored into an empty database alone"):
+                restore(one_backup, target, silent)
+            target.database_file.unlink()
     assert restore(one_backup, target, silent) is None, "what was killed last had only its mark left to take away"
     assert files_of(target) == files_of(source)
     assert not (target.data_folder / RESTORING).exists()

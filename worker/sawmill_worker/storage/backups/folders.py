@@ -54,16 +54,28 @@ def partial_of(path: Path) -> Path:
     return path.with_name(f".{path.name}{_PARTIAL}")
 
 
-def remove_older(into: Path, keep: int) -> list[Path]:
+def remove_older(into: Path, keep: int, taken: Path) -> list[Path]:
     """Remove all backups but the newest ones; what shares files with them stays whole.
+
+    Parameters
+    ----------
+    taken
+        The one that was just taken: it stays and counts, also where a wrong clock has named others by later times.
 
     Returns
     -------
     list of Path
         What was removed.
+
+    Raises
+    ------
+    Refused
+        Another backup is being written there.
     """
-    old = backups_in(into)[:-keep]
-    for path in old:
-        path.rename(partial_of(path))
-        shutil.rmtree(partial_of(path))
+    with alone_in(into):
+        others = [path for path in backups_in(into) if path.name != taken.name]
+        old = others[: max(len(others) + 1 - keep, 0)]
+        for path in old:
+            path.rename(partial_of(path))
+            shutil.rmtree(partial_of(path))
     return old

@@ -49,13 +49,12 @@ def check_empty(settings: StorageSettings) -> None:
         The database does not answer.
     """
     folder, file = settings.data_folder, settings.database_file
-    if (folder / RESTORING).exists():
-        return
-    more = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() else []
+    left = (folder / RESTORING).exists()
+    more = sorted({path.name for path in folder.iterdir()} - _NOTHING) if folder.is_dir() and not left else []
     if more:
         msg = f"{str(folder)!r} is not empty ({', '.join(more[:3])}): a backup is restored into an empty folder alone"
         raise Refused(msg)
-    if _is_filled(settings):
+    if _is_filled(settings) and not (left and _is_emptied(folder / RESTORING / DATA)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
         raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
 
@@ -158,6 +157,11 @@ def _is_filled(settings: StorageSettings) -> bool:
         database.engine.dispose()
 
 
+def _is_emptied(data: Path) -> bool:
+    """Whether all files have got their places, as they have before rows are committed; rows are another's otherwise."""
+    return not any(data.glob("*"))
+
+
 def _clear(folder: Path, settings: StorageSettings) -> None:
     """Remove what a restore has put together so far."""
     for path in (*(folder / name for name in FOLDERS), folder / RESTORING / DATA):
@@ -185,7 +189,7 @@ def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: Pr
     into.mkdir()
     check_room_for(into, sum(_sizes(backup).values()), "the restored service", reserve_bytes=reserve_bytes)
     report = Reporter(backup.entries, on_progress)
-    names = dict[int, Path]()
+    names = dict[tuple[int, str], Path]()
     for entry in backup.entries:
         target = into / entry.path
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -193,14 +197,14 @@ def _copy_files(backup: Checked, into: Path, reserve_bytes: int, on_progress: Pr
             target.mkdir()
             continue
         status = backup.statuses[f"{DATA}/{entry.path}"]
-        if (twin := names.get(status.st_ino)) is not None:
+        if (twin := names.get((status.st_ino, entry.sha256))) is not None:
             with suppress(OSError):  # no links: it is copied
                 target.hardlink_to(twin)
                 report(entry.size_bytes)
                 continue
         _copy(backup.folder, entry, target, report)
         if status.st_nlink > 1:
-            names[status.st_ino] = target
+            names[status.st_ino, entry.sha256] = target
     flush_folders(into)
 
 

@@ -12,8 +12,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import JSON, Connection, Date, DateTime, MetaData, event, insert, inspect, select, text
+from sqlalchemy import JSON, Column, Connection, Date, DateTime, MetaData, insert, inspect, select, text
 from sqlalchemy import Table as SqlTable
+from sqlalchemy.engine.interfaces import ReflectedColumn
 from sqlalchemy.exc import InterfaceError, OperationalError, StatementError
 from sqlalchemy.types import TypeEngine
 
@@ -69,16 +70,17 @@ def go_on_counting(connection: Connection) -> None:
 
 
 def _tables(connection: Connection) -> Sequence[SqlTable]:
-    """Ours that are there, those first that others refer to."""
-    names = set(inspect(connection).get_table_names()) & Base.metadata.tables.keys()
-    metadata = MetaData()
+    """Ours that are there, those first that others refer to; of columns alone, without indexes and constraints."""
+    inspector = inspect(connection)
+    keys, columns = inspector.get_multi_pk_constraint(), inspector.get_multi_columns()
+    ours = Base.metadata.tables.keys() - LEFT_OUT
+    names = [name for name, _ in inspector.get_sorted_table_and_fkc_names() if name is not None and name in ours]
 
-    @event.listens_for(metadata, "column_reflect")
-    def _(_inspector: object, _table: object, column: Any) -> None:  # noqa: ANN401 - SQLAlchemy's
-        column["type"] = _as_stored(column["type"])
+    def column(name: str, found: ReflectedColumn) -> Column[Any]:
+        is_key = found["name"] in keys[None, name]["constrained_columns"]
+        return Column(found["name"], _as_stored(found["type"]), primary_key=is_key)
 
-    metadata.reflect(connection, only=sorted(names))
-    return [table for table in metadata.sorted_tables if table.name in names - LEFT_OUT]
+    return [SqlTable(name, MetaData(), *(column(name, found) for found in columns[None, name])) for name in names]
 
 
 def _as_stored(kind: TypeEngine[Any]) -> TypeEngine[Any]:

@@ -33,7 +33,6 @@ from sawmill_worker.storage.backups.manifest import (
     write_manifest,
 )
 from sawmill_worker.storage.backups.named_files import Named, look_for, named_by
-from sawmill_worker.storage.backups.newest import note_newest
 from sawmill_worker.storage.backups.rows import write_rows
 from sawmill_worker.storage.database import Database, revision_of
 from sawmill_worker.storage.engines import make_engine
@@ -96,7 +95,6 @@ def take_backup(settings: StorageSettings, into: Path, on_progress: ProgressCall
             database.engine.dispose()
         part.rename(path)
         flush_names(into)
-    note_newest(folder, path.absolute(), manifest)
     return Taken(path, manifest, laying.copied_bytes)
 
 
