@@ -23,7 +23,7 @@ from sawmill_worker.storage.growth import Filling, growth_of
 from sawmill_worker.storage.leftovers import Leftovers
 from sawmill_worker.storage.retiring import RetentionKeeper
 from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import JobRow, ScanRow
+from sawmill_worker.storage.tables import JobRow, ReconstructionRow, ScanRow
 
 # All kinds, after a day; what protects needs no rule of its own.
 ALL = RetentionRules(**{name: 1 for name in RetentionRules.model_fields if name.endswith("_days")})
@@ -76,6 +76,7 @@ def ids(store):
     return {scan.id for scan in store.scans.page(limit=200).items}
 
 
+@sqlite_alone
 def test_without_rules_nothing_goes(mill, clock, upload, finish):
     kept = {log(mill, upload, finish) for _ in range(2)}
     clock.advance(days=4000)
@@ -86,6 +87,7 @@ def test_without_rules_nothing_goes(mill, clock, upload, finish):
     assert (known.changed_at, list(known.rules.kinds())) == (None, [])
 
 
+@sqlite_alone
 def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, upload, finish):
     old = log(mill, upload, finish)
     clock.advance(days=10)
@@ -109,6 +111,7 @@ def test_the_old_go_with_their_jobs_and_files_and_are_counted(mill, clock, uploa
     assert mill.audit.page().items[0].detail == {"log_scans_days": [None, 14]}
 
 
+@sqlite_alone
 def test_too_much_goes_oldest_first_and_rows_of_before_are_measured(mill, clock, upload, finish):
     logs = []
     for _ in range(5):
@@ -191,6 +194,7 @@ def test_each_protection_keeps_what_it_is_for_and_nothing_else_does(mill, full_m
     assert mill.jobs.claim("test") is not None, "what waits can still be done"
 
 
+@sqlite_alone
 def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upload, finish):
     schedule = mill.schedules.create(ScheduleSpec(scanner_id=scanner.id, cron="0 5 * * *"))
     upload(mill)
@@ -209,6 +213,7 @@ def test_calibrations_go_and_schedules_keep_their_runs(mill, clock, scanner, upl
     assert [(each.outcome, each.calibration_id) for each in mill.schedules.runs(schedule.id)] == [("queued", None)]
 
 
+@sqlite_alone
 def test_inspections_go_after_their_jobs(mill, clock):
     received = mill.files.receive([b"file"], max_bytes=10)
     waits = mill.inspections.accept_file(InspectionOptions(), received)
@@ -221,6 +226,7 @@ def test_inspections_go_after_their_jobs(mill, clock):
     assert not mill.files.upload(JobKind.INSPECT, waits.id).exists()
 
 
+@sqlite_alone
 def test_bytes_with_a_second_name_are_free_when_the_last_goes(mill, clock, upload, finish):
     scan_id, calibration_id = calibrated(mill, upload, finish, activate=True)
     ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
@@ -261,11 +267,12 @@ def test_old_events_go_but_for_the_last_scans_and_numbers_go_on(mill, clock, upl
     assert [(each.what, each.subject) for each in old] == [("queued", "scan")]
     assert old[0] in came
     assert left[-1].number == before + 1, "the newest stays, so that numbers go on from it"
-    clock.advance(days=60)
+    clock.advance(days=30)
     carried_out(mill)
     assert mill.events.newest_number() > before
 
 
+@sqlite_alone
 def test_rules_hold_only_with_what_was_shown(mill, clock, upload, finish):
     log(mill, upload, finish)
     log(mill, upload, finish)
@@ -292,6 +299,7 @@ def test_rules_hold_only_with_what_was_shown(mill, clock, upload, finish):
     assert carried_out(mill) == {}, "rules that remove nothing need no preview, and hold at once"
 
 
+@sqlite_alone
 def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finish, monkeypatch):
     logs = {log(mill, upload, finish) for _ in range(3)}
     clock.advance(days=3)
@@ -308,6 +316,7 @@ def test_rules_that_change_end_a_round_that_has_begun(mill, clock, upload, finis
     assert ids(mill) == logs
 
 
+@sqlite_alone
 def test_what_is_activated_after_it_was_chosen_stays_with_its_scan(mill, clock, upload, finish, monkeypatch):
     scan_id, chosen_one = calibrated(mill, upload, finish)
     for _ in range(2):
@@ -361,6 +370,60 @@ def test_an_activation_and_a_removal_at_one_time_wait_for_one_another(mill, sett
     other.close()
 
 
+@postgresql_alone
+def test_what_is_asked_of_a_scan_that_is_about_to_go_keeps_it(mill, settings, clock, upload, finish, monkeypatch):
+    scan_id, calibration_id = calibrated(mill, upload, finish)
+    calibrated(mill, upload, finish)
+    clock.advance(days=3)
+    assert carried_out(mill) == {}, "measured"
+    put(mill, RetentionRules(phantom_scans_days=1))
+    other = Store(settings, clock=clock)
+    has_locked, goes_on = threading.Event(), threading.Event()
+
+    def linger(*_):
+        has_locked.set()
+        goes_on.wait(10.0)
+
+    event.listen(ReconstructionRow, "before_insert", linger, once=True)
+    asked = []
+    ask = ReconstructionAsk(scan_id=scan_id, calibration_id=calibration_id)
+    asking = threading.Thread(target=lambda: asked.append(other.reconstructions.accept(ask)))
+    asking.start()
+    has_locked.wait(10.0)
+    lock = retiring._lock
+
+    def lock_both(*given):
+        threading.Timer(0.5, goes_on.set).start()
+        lock(*given)
+
+    monkeypatch.setattr(retiring, "_lock", lock_both)
+    assert carried_out(mill) == {}
+    asking.join()
+    assert [each.scan_id for each in asked] == [scan_id]
+    assert scan_id in ids(mill)
+    other.close()
+
+
+@sqlite_alone
+def test_a_leap_of_the_clock_removes_nothing_until_somebody_confirms(mill, clock, upload, finish):
+    logs = {log(mill, upload, finish) for _ in range(3)}
+    rules = RetentionRules(log_scans_days=60)
+    put(mill, rules)
+    clock.advance(days=25)
+    assert carried_out(mill) == {}
+    last = clock()
+    clock.advance(days=365)
+    assert carried_out(mill) == {}
+    assert ids(mill) == logs
+    assert mill.retention.get().days_wait_since == last
+    clock.advance(days=-364)
+    carried_out(mill)
+    assert mill.retention.get().days_wait_since is None, "the clock is right again"
+    clock.advance(days=365)
+    put(mill, rules)
+    assert carried_out(mill) == {RetentionKind.LOG_SCANS: 2}
+
+
 @sqlite_alone
 def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settings, clock, upload, finish):
     old = log(mill, upload, finish)
@@ -386,6 +449,7 @@ def test_a_kill_between_rows_and_files_leaves_what_leftovers_remove(mill, settin
     assert carried_out(mill) == {}
 
 
+@sqlite_alone
 def test_a_file_that_cannot_be_removed_keeps_no_other(mill, clock, upload, finish, monkeypatch):
     old = [log(mill, upload, finish) for _ in range(3)]
     clock.advance(days=3)
@@ -416,6 +480,7 @@ def a_month_of_logs(store, scanner_id, first, month):
         session.execute(insert(ScanRow), scans)
 
 
+@sqlite_alone
 def test_a_simulated_year_stays_within_its_rules(mill, clock, scanner, upload, finish):
     scan_id, calibration_id = calibrated(mill, upload, finish)
     mill.calibrations.activate(calibration_id, "the year's")

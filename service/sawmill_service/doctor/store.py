@@ -44,6 +44,7 @@ def database(storage: StorageSettings, settings: ServiceSettings) -> Iterator[Fi
                 yield _clock(store)
                 yield from webhooks(store, settings.webhook_destinations)
                 yield _growth(store)
+                yield from _retention(store)
     except StorageMisconfigured as error:
         cure = _RESTORE if storage.is_one_file else "mend SAWMILL_DATABASE_URL"
         yield Finding("database", State.BAD, str(error), cure)
@@ -132,3 +133,12 @@ def _growth(store: Store) -> Finding:
         return Finding("growth", State.GOOD, sentence)
     cure = "set rules of retention, or stricter ones (the page /retention shows what would go), or take a larger disk"
     return Finding("growth", State.WATCH, sentence, cure)
+
+
+def _retention(store: Store) -> Iterator[Finding]:
+    """Whether rules of days wait for somebody."""
+    since = store.retention.get().days_wait_since
+    if since is not None:
+        sentence = f"days were counted last at {since.isoformat(timespec='seconds')}: nothing goes by its age"
+        cure = "check the clock, then confirm the rules on the page /retention"
+        yield Finding("retention", State.WATCH, sentence, cure)

@@ -138,6 +138,11 @@ class Retention(Contract):
     changed_by: str | None = Field(
         description="Who changed them last: the name of the key. Null: there were none yet.", examples=["the mill"]
     )
+    days_wait_since: Time | None = Field(
+        description="Since when rules of days wait for a person to put rules into force anew, RFC 3339, UTC: days were "
+        "counted then, and not for 30 days after it. Null: they do not wait.",
+        examples=[None],
+    )
     removed: list[Removed] = Field(description="What has gone by rules since the beginning, by kind.")
 
 

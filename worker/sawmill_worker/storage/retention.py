@@ -38,6 +38,8 @@ THE_ROW = 1
 RULES = "rules"
 SUBJECT = "retention"
 SHOWN_FOR = timedelta(hours=1)
+# So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
+LONGEST_GAP = timedelta(days=30)
 _FIRST, _FIRST_IDS = 10, 3
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -52,13 +54,13 @@ class RetentionStore:
     def get(self) -> Retention:
         """The rules in force, and what has gone by rules so far."""
         with self._database.read() as session:
-            return _read(session.get(RetentionRow, THE_ROW))
+            return _read(session.get(RetentionRow, THE_ROW), self._database.now())
 
     def preview(self, rules: RetentionRules) -> RetentionPreview:
         """What would go by rules now, and what would stay although they reach it."""
         with self._database.read() as session:
-            in_force = _read(session.get(RetentionRow, THE_ROW))
-            return _preview(session, rules, in_force, self._database.now())
+            now = self._database.now()
+            return _preview(session, rules, _read(session.get(RetentionRow, THE_ROW), now), now)
 
     def growth(self, free_bytes: float) -> Growth:
         """How fast files come, and when they fill a disk with so much room under the rules in force."""
@@ -78,7 +80,8 @@ class RetentionStore:
         with self._database.read() as session:
             known = session.get(RetentionRow, THE_ROW)
             revision = 0 if known is None else known.revision
-            _check_shown(session, rules, _read(known), ask.confirmed, self._database.now())
+            now = self._database.now()
+            _check_shown(session, rules, _read(known, now), ask.confirmed, now)
         with self._database.write() as session:
             lock_for_setup(session)
             row = session.get(RetentionRow, THE_ROW, with_for_update=True)
@@ -90,10 +93,11 @@ class RetentionStore:
                 session.add(row)
             now = self._database.now()
             row.rules, row.revision, row.changed_at, row.changed_by = after, revision + 1, now, actor().name
+            row.followed_at = None
             difference = changed(before, after)
             write_audit(session, now, AuditAction.RETENTION_CHANGED, RULES, difference)
             announce(session, now, EventKind.RETENTION_CHANGED, SUBJECT, RULES)
-            return _read(row)
+            return _read(row, now)
 
 
 def rules_of(row: RetentionRow | None) -> RetentionRules:
@@ -101,12 +105,19 @@ def rules_of(row: RetentionRow | None) -> RetentionRules:
     return RetentionRules() if row is None else RetentionRules.model_validate(row.rules)
 
 
-def _read(row: RetentionRow | None) -> Retention:
+def waits_since(row: RetentionRow, now: datetime) -> datetime | None:
+    """When days were counted last, where that is so long ago that a person must confirm the rules; None: it is not."""
+    last = row.followed_at or row.changed_at
+    return last if now - last > LONGEST_GAP else None
+
+
+def _read(row: RetentionRow | None, now: datetime) -> Retention:
     removed = {} if row is None else row.removed
     return Retention(
         rules=rules_of(row),
         changed_at=None if row is None else row.changed_at,
         changed_by=None if row is None else row.changed_by,
+        days_wait_since=None if row is None else waits_since(row, now),
         removed=[
             Removed(kind=kind, number=number, freed_bytes=freed_bytes)
             for kind in RetentionKind

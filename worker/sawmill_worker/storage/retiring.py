@@ -10,18 +10,19 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
+import structlog
 from sqlalchemy import CursorResult, and_, delete, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.retention import Removed, RetentionKind
+from sawmill_worker.contracts.retention import Removed, RetentionKind, RetentionRules
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.measured_bytes import freed_bytes_of, measure_some, places_of
 from sawmill_worker.storage.protected import none_of, protections
 from sawmill_worker.storage.retained import STOCKS, Reach, Stock, last_old_event, reach_of
-from sawmill_worker.storage.retention import SUBJECT, THE_ROW, rules_of
+from sawmill_worker.storage.retention import SUBJECT, THE_ROW, rules_of, waits_since
 from sawmill_worker.storage.tables import (
     CalibrationRow,
     EventRow,
@@ -36,6 +37,8 @@ EVERY_S = 600.0
 # In a transaction and a round: files of 230 MB each are deleted within the time of a round.
 ITEMS_A_ROUND = 50
 EVENTS_A_ROUND = 2000
+_DAYS = [name for name in RetentionRules.model_fields if name.endswith("_days")]
+_log = structlog.get_logger()
 
 
 class _Task(NamedTuple):
@@ -103,11 +106,18 @@ class RetentionKeeper:
             row = session.get(RetentionRow, THE_ROW)
             if row is None:
                 return []
-            rules, tasks = rules_of(row), []
+            rules, tasks, waits = rules_of(row), [], waits_since(row, now)
+            if waits is not None:  # all that is stored may seem too old
+                _log.warning("retention-days-wait", since=waits.isoformat())
+                rules = rules.model_copy(update=dict.fromkeys(_DAYS))
             for kind in rules.kinds():
                 stock = STOCKS.get(kind)
                 reach = last_old_event(session, rules, now) if stock is None else reach_of(session, stock, rules, now)
                 tasks.append(_Task(kind, row.revision, reach))
+        if waits is None:
+            with self._database.write() as session:
+                same = RetentionRow.number == THE_ROW, RetentionRow.revision == row.revision
+                session.execute(update(RetentionRow).where(*same).values(followed_at=now))
         return tasks
 
     def _remove(self, task: _Task) -> tuple[Removed | None, bool]:
@@ -207,12 +217,13 @@ def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> Sequ
 def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
     """Wait for whoever is about to activate, use or delete one of these, and keep others from it; scanners first.
 
+    Who asks for something of one of these has locked it, and then refers to its scanner: that must not wait for us.
     SQLite has one writer at a time: it needs no locks, and takes none.
     """
     table = stock.table
     theirs = select(table.scanner_id).where(table.id.in_(identifiers))
     scanners = select(ScannerRow.id).where(ScannerRow.id.in_(theirs)).order_by(ScannerRow.id)
-    session.execute(scanners.with_for_update())
+    session.execute(scanners.with_for_update(key_share=True))
     session.execute(select(table.id).where(table.id.in_(identifiers)).order_by(table.id).with_for_update())
 
 

@@ -526,6 +526,8 @@ class RetentionRow(Base):
     revision: Mapped[int]
     changed_at: Mapped[datetime]
     changed_by: Mapped[str] = mapped_column(String(200))
+    # When days were counted last; null: not since the change.
+    followed_at: Mapped[datetime | None]
     removed: Mapped[Json]
 
 

@@ -22,6 +22,9 @@ class Retention:
     """ When they were changed last, RFC 3339, UTC. Null: there were none yet. """
     changed_by: None | str
     """ Who changed them last: the name of the key. Null: there were none yet. """
+    days_wait_since: datetime.datetime | None
+    """ Since when rules of days wait for a person to put rules into force anew, RFC 3339, UTC: days were counted
+    then, and not for 30 days after it. Null: they do not wait. """
     removed: list[Removed]
     """ What has gone by rules since the beginning, by kind. """
     rules: RetentionRules
@@ -37,6 +40,12 @@ class Retention:
         changed_by: None | str
         changed_by = self.changed_by
 
+        days_wait_since: None | str
+        if isinstance(self.days_wait_since, datetime.datetime):
+            days_wait_since = self.days_wait_since.isoformat()
+        else:
+            days_wait_since = self.days_wait_since
+
         removed = []
         for removed_item_data in self.removed:
             removed_item = removed_item_data.to_dict()
@@ -50,6 +59,7 @@ class Retention:
             {
                 "changed_at": changed_at,
                 "changed_by": changed_by,
+                "days_wait_since": days_wait_since,
                 "removed": removed,
                 "rules": rules,
             }
@@ -86,6 +96,21 @@ class Retention:
 
         changed_by = _parse_changed_by(d.pop("changed_by"))
 
+        def _parse_days_wait_since(data: object) -> datetime.datetime | None:
+            if data is None:
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                days_wait_since_type_0 = datetime.datetime.fromisoformat(data)
+
+                return days_wait_since_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(datetime.datetime | None, data)
+
+        days_wait_since = _parse_days_wait_since(d.pop("days_wait_since"))
+
         removed = []
         _removed = d.pop("removed")
         for removed_item_data in _removed:
@@ -98,6 +123,7 @@ class Retention:
         retention = cls(
             changed_at=changed_at,
             changed_by=changed_by,
+            days_wait_since=days_wait_since,
             removed=removed,
             rules=rules,
         )
