@@ -6,13 +6,13 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 
+from sawmill_worker.watching.backoff import Backoff
 from sawmill_worker.watching.durable import move
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.service import Refusal, Service, ServiceWaits
+from sawmill_worker.watching.service import Refusal, RequestFails, Service, ServiceWaits
 from sawmill_worker.watching.settings import Watching
 from sawmill_worker.watching.stopping import Stop
-from sawmill_worker.watching.watcher import Backoff
 
 
 def described(folder="/srv/scanner-2", service="http://127.0.0.1:8000", **changes):
@@ -93,6 +93,14 @@ def test_marks_without_a_file_go_after_a_while(tmp_path, looks, clock):
     assert sorted(path.name for path in tmp_path.iterdir()) == [".done", "log.npy", "log.npy.done"]
 
 
+def test_a_suffix_of_marks_that_is_that_of_scans_removes_none(tmp_path, clock):
+    looks = Looks(described(tmp_path, done_suffix=".npy").folders[0], News(), clock)
+    (tmp_path / "log.npy").write_bytes(b"log")
+    for clock.now_s in (0.0, 1000.0):
+        looks.look()
+    assert (tmp_path / "log.npy").exists()
+
+
 @pytest.fixture
 def answering():
     """A server with one answer to everything."""
@@ -141,6 +149,17 @@ def test_what_passes_is_waited_for(answering, status, body, headers, code, retry
         with pytest.raises(ServiceWaits) as waits:
             service.get("/v1/scans/x")
         assert (waits.value.code, waits.value.retry_after_s) == (code, retry_after_s)
+
+
+@pytest.mark.parametrize(
+    ("status", "body", "code"),
+    [(500, b'{"code": "internal", "detail": "a defect"}', "internal"), (413, b"<html>a proxy", "no-service")],
+)
+def test_what_fails_at_one_request_says_nothing_of_others(answering, status, body, code):
+    with Service(described(service=answering(status, body)), Stop()) as service:
+        with pytest.raises(RequestFails) as fails:
+            service.get("/v1/scans/x")
+        assert fails.value.code == code
 
 
 @pytest.mark.parametrize(("status", "is_of_file"), [(413, True), (415, True), (404, False), (422, False)])

@@ -1,5 +1,6 @@
 """`sawmill watch` against a service that answers over HTTP: each file once, each at its end, each trouble said once."""
 
+import errno
 import hashlib
 import json
 import os
@@ -205,6 +206,21 @@ def test_a_file_that_is_written_to_after_its_scan_was_made_is_for_somebody_to_lo
     assert f"scan {scan.id} has what it was then" in watched.reason("early.npy")
 
 
+def test_a_file_that_became_shorter_after_it_was_summed_up_is_sent_as_it_is(watched):
+    """As after a kill between the record of its sum and the answer to its upload."""
+    identifier, content = "0" * 32, b"shorter"
+    taking = watched.folder / "taken" / identifier
+    taking.mkdir(parents=True)
+    (taking / "log.npy").write_bytes(content)
+    record = {"id": identifier, "name": "log.npy", "signature": [50, 0], "taken_at": "2026-11-23T00:00:00+00:00"}
+    record["sha256"] = hashlib.sha256(b"x" * 50).hexdigest()
+    taking.with_suffix(".json").write_text(json.dumps(record))
+    with stepping(watched) as step:
+        step(20)
+    assert watched.ended("done") == {"log.npy": content}
+    assert watched.contents() == {"log.npy": content}
+
+
 def test_a_touched_file_of_equal_bytes_has_not_changed(watched):
     watched.running.reads.clear()
     watched.put("log.npy", b"log")
@@ -285,12 +301,17 @@ def test_a_deleted_scan_and_a_cancelled_job_are_for_somebody_to_look_at(watched)
     watched.running.reads.set()
 
 
-def test_other_folders_on_another_file_system_get_whole_files(watched, tmp_path):
+def test_other_folders_on_another_file_system_get_whole_files(watched, tmp_path, monkeypatch):
     if tmp_path.stat().st_dev == watched.folder.stat().st_dev:
         pytest.skip("there is one file system here")
     for name in ("done", "refused"):
         (tmp_path / name).mkdir()
     watched.describe(done=str(tmp_path / "done"), refused=str(tmp_path / "refused"))
+
+    def not_owner(*_, **__):
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    monkeypatch.setattr(os, "utime", not_owner)  # as on a share whose files belong to another user
     content = bytes(range(256)) * 300
     watched.put("log.npy", content)
     watched.put("bad.npy", BAD)
@@ -321,7 +342,19 @@ def test_a_link_in_place_of_a_folder_is_refused(watched, tmp_path):
         watched.once()
 
 
-@pytest.mark.parametrize("forged", ["name", "id", "link"])
+FORGED = {
+    "name": {"name": "../../elsewhere/secret.npy"},
+    "id": {"id": "/elsewhere"},
+    "link": {},
+    "day": {"taken_at": "../../../x"},
+    "upload": {"upload_id": "../scans/example"},
+    "scan": {"scan_id": "../keys"},
+    "kind": {"name": 5},
+    "signature": {"signature": []},
+}
+
+
+@pytest.mark.parametrize("forged", FORGED)
 def test_a_forged_record_leads_nowhere(watched, tmp_path, log, forged):
     (tmp_path / "secret.npy").write_bytes(b"secret")
     taken = watched.folder / "taken"
@@ -330,15 +363,15 @@ def test_a_forged_record_leads_nowhere(watched, tmp_path, log, forged):
     path = taken / f"{record['id']}.json"
     if forged == "link":
         path.with_suffix("").symlink_to(tmp_path)
-    elsewhere = {"name": {"name": f"../../{tmp_path}/secret.npy"}, "id": {"id": str(tmp_path)}, "link": {}}
-    path.write_text(json.dumps(record | elsewhere[forged]))
+    path.write_text(json.dumps(record | FORGED[forged]))
     assert not watched.once()
     assert "is no record of a file that was taken" in log("waits")[0]["reason"]
     assert watched.scans() == []
 
 
-def test_certificates_that_cannot_be_read_are_named(watched):
-    watched.document |= {"service": "https://127.0.0.1:9", "ca_file": "/nowhere/ca.pem"}
+@pytest.mark.parametrize("scheme", ["https", "HTTPS"])
+def test_certificates_that_cannot_be_read_are_named(watched, scheme):
+    watched.document |= {"service": f"{scheme}://127.0.0.1:9", "ca_file": "/nowhere/ca.pem"}
     watched.describe()
     with pytest.raises(CannotWatch, match=r"no certificates \(PEM\) can be read: No such file.*'/nowhere/ca.pem'"):
         watched.once()
@@ -360,6 +393,26 @@ def test_an_absent_service_is_waited_for_and_said_once(watched, log):
     watched.describe()
     assert watched.once()
     assert watched.contents() == {"log.npy": b"log"}
+
+
+def test_files_at_which_the_service_fails_keep_no_other_waiting(watched, log, monkeypatch):
+    accept = watched.running.store.scans.accept
+
+    def fail(spec, *given, **options):
+        if spec.name.startswith("poison"):
+            raise RuntimeError("a defect")
+        return accept(spec, *given, **options)
+
+    monkeypatch.setattr(watched.running.store.scans, "accept", fail)
+    for number in range(3):
+        os.utime(watched.put(f"poison {number}.npy", b"%d" % number), (0, 0))
+    watched.put("log.npy", b"log")
+    assert not watched.once()
+    assert watched.contents() == {"log.npy": b"log"}
+    assert [line["code"] for line in log("waits")] == ["internal"] * 3
+    monkeypatch.undo()
+    assert watched.once()
+    assert len(watched.contents()) == 4
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")

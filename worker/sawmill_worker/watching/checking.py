@@ -8,7 +8,7 @@ from sawmill_worker.execution.kernel_lock import holder_of
 from sawmill_worker.watching.folder import LOCK
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
-from sawmill_worker.watching.service import Json, Refusal, Service, ServiceWaits, speaks_openly
+from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service, ServiceWaits, speaks_openly
 from sawmill_worker.watching.settings import WatchedFolder, Watching
 
 Finding = tuple[bool, str]
@@ -18,7 +18,7 @@ def findings(watching: Watching, service: Service) -> Iterator[Finding]:
     """Sentences, each with whether all is well."""
     try:
         yield from _of_service(watching, service)
-    except (ServiceWaits, Refusal) as trouble:
+    except (ServiceWaits, Refusal, RequestFails) as trouble:
         yield False, f"{watching.service}: {trouble}"
     for folder in watching.folders:
         try:

@@ -5,6 +5,7 @@ import hashlib
 import os
 import shutil
 import stat
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
@@ -120,7 +121,9 @@ def _copy(source: Path, target: Path) -> None:
             shutil.copyfileobj(original, copy, _CHUNK_BYTES)
             copy.flush()
             os.fsync(copy.fileno())
-        shutil.copystat(source, part)
+        # Shares whose files all belong to another user take neither times nor rights.
+        with suppress(PermissionError):
+            shutil.copystat(source, part)
         part.rename(target)
     except BaseException:
         part.unlink(missing_ok=True)

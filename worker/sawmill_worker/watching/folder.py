@@ -1,18 +1,19 @@
 """One watched folder: takes what is whole, and brings each taken file to its end."""
 
 import errno
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TextIO
 
 from sawmill_worker.execution.kernel_lock import HeldByAnother, kernel_lock
+from sawmill_worker.watching.backoff import Backoff
 from sawmill_worker.watching.durable import FileChanged, make_folder, signature
 from sawmill_worker.watching.fates import Fates
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
 from sawmill_worker.watching.sending import Sending, ShowProgress
-from sawmill_worker.watching.service import Json, Refusal, Service
+from sawmill_worker.watching.service import Json, Refusal, RequestFails, Service
 from sawmill_worker.watching.settings import WatchedFolder
 from sawmill_worker.watching.stopping import Stop
 from sawmill_worker.watching.takings import Taking, Takings
@@ -65,6 +66,8 @@ class Folder:
         self._fates = Fates(settings, self._takings)
         self._looking = False
         self._on_way: list[Taking] = []
+        # Of takings at which the service fails.
+        self._backoffs: defaultdict[str, Backoff] = defaultdict(Backoff)
 
     @property
     def name(self) -> str:
@@ -107,7 +110,7 @@ class Folder:
     def is_busy(self) -> bool:
         """Whether files go on that nothing holds up."""
         taken = {self._takings.path(taking) for taking in self._on_way}
-        whole = {self.settings.path / name for name in self.looks.whole}
+        whole = {self.settings.path / name for name in self.looks.whole if len(taken) < MOST_TAKEN}
         return bool({str(path) for path in taken | whole} - self._news.troubles.keys())
 
     def go_on(self, *, look: bool) -> list[Taking]:
@@ -125,6 +128,8 @@ class Folder:
         """
         self._looking = look
         self._on_way = on_way = [taking for taking in self._takings.all() if not self._bring_on(taking)]
+        for ended in self._backoffs.keys() - {taking.id for taking in on_way}:
+            del self._backoffs[ended]
         if look:
             self.looks.look()
         for name, seen in sorted(self.looks.whole.items(), key=lambda item: (item[1][1], item[0])):
@@ -160,6 +165,8 @@ class Folder:
         if not self._takings.is_there(taking):
             self._takings.forget(taking)
             return True
+        if taking.id in self._backoffs and not self._backoffs[taking.id].is_due:
+            return False
         try:
             return self._advance(taking)
         except _FileRefused as refused:
@@ -167,6 +174,9 @@ class Folder:
             return True
         except _FileWaits as waits:
             code, reason = waits.code, str(waits)
+        except RequestFails as failure:
+            self._backoffs[taking.id].put_off()
+            code, reason = failure.code, str(failure)
         except FileChanged as change:
             code, reason = "file-changed", f"{change}: it is sent once it stands still"
         except OSError as error:
@@ -179,8 +189,8 @@ class Folder:
     def _advance(self, taking: Taking) -> bool:
         if taking.scan_id is None:
             taking = self._sent(taking)
-            self._news.over(str(self._takings.path(taking)))
         scan = self._service.found(f"/v1/scans/{taking.scan_id}", "scan-not-found")
+        self._news.over(str(self._takings.path(taking)))
         if scan is None:
             raise _FileRefused("scan-not-found", f"scan {taking.scan_id} was deleted before it was read")
         if scan["state"] == "ingesting":

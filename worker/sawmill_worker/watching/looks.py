@@ -143,6 +143,8 @@ class Looks:
         if suffix is None:
             return
         alone = {name for name in names if name.endswith(suffix) and name.removesuffix(suffix) not in {"", *names}}
+        # Nothing but marks of files that are watched: a suffix like `.h5` would be that of scans.
+        alone = {name for name in alone if self._settings.files_named(name.removesuffix(suffix)) is not None}
         now_s = self._now_s()
         self._orphans = {name: self._orphans.get(name, now_s) for name in alone}
         for name, since_s in self._orphans.items():

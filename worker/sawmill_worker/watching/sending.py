@@ -76,6 +76,7 @@ class Sending:
                 if taking.scan_id is not None:
                     return taking
         if upload["state"] == "receiving":
+            self._check_unchanged(taking)
             upload = self._sent(taking, upload)
         if upload["state"] == "used":
             scan_id = upload["used_by"].removeprefix(_SCANS)

@@ -44,6 +44,14 @@ class Refusal(Exception):  # noqa: N818 - the service's answer
         return self.status in {413, 415}
 
 
+class RequestFails(Exception):  # noqa: N818 - it passes, once somebody has looked
+    """The service, or what stands before it, fails at this request, and may do well with others."""
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+
 class Service:
     """Sends requests, one at a time.
 
@@ -66,7 +74,8 @@ class Service:
         self._client = httpx.Client(
             base_url=watching.service,
             timeout=httpx.Timeout(ANSWER_S, connect=CONNECT_S),
-            verify=watching.service.startswith("https:") and _trusted(watching.ca_file),
+            # `HTTPS:` is https too.
+            verify=urlsplit(watching.service).scheme == "https" and _trusted(watching.ca_file),
             # No proxy and no netrc of the environment: nothing but what the file says.
             trust_env=False,
         )
@@ -82,7 +91,7 @@ class Service:
 
         Raises
         ------
-        ServiceWaits, Refusal
+        ServiceWaits, Refusal, RequestFails
             As for every request.
         """
         return self._ask("GET", path, params=query)
@@ -186,8 +195,12 @@ class Service:
             return document
         if not isinstance(document, dict) or "code" not in document:
             sentence = f"{answer.request.url} is answered with {answer.status_code}, and not by the service"
+            if answer.status_code == httpx.codes.REQUEST_ENTITY_TOO_LARGE:  # a proxy takes no file of this size
+                raise RequestFails("no-service", sentence)
             raise ServiceWaits(sentence, code="no-service", retry_after_s=_retry_after_s(answer))
         code, detail = str(document["code"]), str(document.get("detail", ""))
+        if answer.status_code == httpx.codes.INTERNAL_SERVER_ERROR:
+            raise RequestFails(code, detail)
         if answer.status_code in _WAITING or answer.status_code >= httpx.codes.INTERNAL_SERVER_ERROR or code in _PASSES:
             raise ServiceWaits(detail, code=code, retry_after_s=_retry_after_s(answer))
         raise Refusal(answer.status_code, code, detail)

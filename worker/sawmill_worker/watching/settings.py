@@ -29,6 +29,7 @@ def _absolute(text: str) -> str:
 
 def _url(text: str) -> str:
     parts = urlsplit(text)
+    _ = parts.port  # which refuses what is no port
     if parts.scheme not in {"http", "https"} or not parts.hostname or parts.query or parts.fragment or parts.username:
         msg = f"must be the service's address, as in https://sawmill.example or http://127.0.0.1:8000, not {text!r}"
         raise ValueError(msg)

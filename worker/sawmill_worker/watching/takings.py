@@ -13,6 +13,7 @@ The record goes last, when the file is in `done/` or `refused/`.
 import errno
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
@@ -33,6 +34,10 @@ from sawmill_worker.watching.durable import (
 )
 
 _RECORD = ".json"
+_IDENTIFIER = r"[a-z0-9][a-z0-9-]{0,63}"
+_TIME = r"\d{4}-\d\d-\d\dT[\d:.+Z-]+"
+_MAY_BE_NULL = {"sha256": r"[0-9a-f]{64}", "upload_id": _IDENTIFIER, "upload_began": _TIME, "scan_id": _IDENTIFIER}
+_SHAPES = {"id": r"[0-9a-f]{32}", "name": r"[^/\0]+", "taken_at": _TIME, **_MAY_BE_NULL}
 
 
 @dataclass(frozen=True)
@@ -91,9 +96,15 @@ class Taking:
 
     @classmethod
     def read(cls, text: str) -> Self:
-        """From a record."""
+        """From a record, with nothing in it that leads elsewhere as a path or in an address."""
         fields: dict[str, Any] = json.loads(text)
-        return cls(**fields | {"signature": tuple(fields["signature"])})
+        size, changed = (int(number) for number in fields["signature"])
+        taking = cls(**fields | {"signature": (size, changed), "tries": int(fields.get("tries", 0))})
+        for name, shape in _SHAPES.items():
+            value = getattr(taking, name)
+            if not (re.fullmatch(shape, value) if value is not None else name in _MAY_BE_NULL):
+                raise ValueError(name)
+        return taking
 
 
 class Takings:
@@ -178,7 +189,7 @@ class Takings:
             except (ValueError, TypeError, KeyError) as error:
                 raise _no_record(path) from error
             # Whoever writes into the folder could write one that leads elsewhere.
-            if taking.id != path.stem or "/" in taking.name or self.path(taking).parent.is_symlink():
+            if taking.id != path.stem or self.path(taking).parent.is_symlink():
                 raise _no_record(path)
             yield taking
 

@@ -7,39 +7,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TextIO
 
+from sawmill_worker.watching.backoff import LONGEST_WAIT_S, Backoff
 from sawmill_worker.watching.folder import Folder, FolderWaits
 from sawmill_worker.watching.news import News
 from sawmill_worker.watching.sending import ShowProgress
-from sawmill_worker.watching.service import Refusal, Service, ServiceWaits
+from sawmill_worker.watching.service import Refusal, RequestFails, Service, ServiceWaits
 from sawmill_worker.watching.settings import Watching
 from sawmill_worker.watching.stopping import Stop, Stopped
 
-FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
 # A request that waits for the service holds up an end in order for that long.
 READ_WAIT_S = 2.0
 SERVICE = "service"
-
-
-@dataclass
-class Backoff:
-    """Waits longer after each failure."""
-
-    until_s: float = 0.0
-    wait_s: float = FIRST_WAIT_S
-
-    def put_off(self, retry_after_s: float | None = None) -> None:
-        """After a failure: at least for as long as was asked for."""
-        self.until_s = time.monotonic() + max(self.wait_s, retry_after_s or 0.0)
-        self.wait_s = min(2.0 * self.wait_s, LONGEST_WAIT_S)
-
-    def over(self) -> None:
-        """After a success."""
-        self.wait_s = FIRST_WAIT_S
-
-    @property
-    def is_due(self) -> bool:
-        """Whether it may be tried again."""
-        return time.monotonic() >= self.until_s
 
 
 @dataclass
@@ -175,7 +153,7 @@ class Watcher:
         except ServiceWaits as waits:
             self._backoff.put_off(waits.retry_after_s)
             self._news.trouble(SERVICE, waits.code, str(waits))
-        except Refusal:  # the next round meets it too, and says so
+        except (Refusal, RequestFails):  # the next round meets it too, and says so
             self._stop.sleep(self._poll_s)
 
     def _is_over(self, moved_s: float) -> bool:
