@@ -3,16 +3,19 @@
 import os
 import threading
 from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
 
 import pytest
 
 from sawmill_worker.watching.backoff import Backoff
-from sawmill_worker.watching.durable import move
+from sawmill_worker.watching.durable import move, signature
+from sawmill_worker.watching.fates import Fates
 from sawmill_worker.watching.looks import Looks
 from sawmill_worker.watching.news import News
 from sawmill_worker.watching.service import Refusal, RequestFails, Service, ServiceWaits
 from sawmill_worker.watching.settings import Watching
 from sawmill_worker.watching.stopping import Stop
+from sawmill_worker.watching.takings import Takings
 
 
 def described(folder="/srv/scanner-2", service="http://127.0.0.1:8000", **changes):
@@ -180,6 +183,22 @@ def test_waits_grow_and_keep_to_what_was_asked_for():
     backoff.over()
     backoff.put_off(retry_after_s=0.0)
     assert backoff.wait_s == 2.0
+
+
+def test_files_of_one_name_find_their_places_without_a_look_at_all_before(tmp_path, monkeypatch):
+    folder = described(tmp_path).folders[0]
+    for path in (folder.taken_folder, folder.done_folder):
+        path.mkdir()
+    takings = Takings(folder.path, folder.taken_folder)
+    fates, looked, exists = Fates(folder, takings), [], Path.exists
+    monkeypatch.setattr(Path, "exists", lambda path: looked.append(path) or exists(path))
+    for number in range(30):
+        path = tmp_path / "log.npy"
+        path.write_bytes(b"%d" % number)
+        fates.done(takings.take("log.npy", signature(path)))
+    assert len(looked) < 4 * 30
+    contents = {path.read_bytes() for path in folder.done_folder.glob("*/*.npy")}
+    assert contents == {b"%d" % number for number in range(30)}
 
 
 def test_a_move_that_fails_leaves_the_file_where_it_was(tmp_path):

@@ -23,6 +23,8 @@ class Fates:
     def __init__(self, settings: WatchedFolder, takings: Takings) -> None:
         self._settings = settings
         self._takings = takings
+        # Where the next file of a name may find its place: a scanner may give all of a day the same one.
+        self._first_free: dict[Path, int] = {}
 
     def done(self, taking: Taking, **known: object) -> Path:
         """The service has read it; its place, and beside it `NAME.json`."""
@@ -50,23 +52,26 @@ class Fates:
 
     def _end(self, taking: Taking, folder: Path, suffix: str, text: str) -> Path:
         make_folder(folder / taking.day)
-        target, sidecar = next(
-            (target, sidecar)
-            for target, sidecar in _places(folder / taking.day / taking.name, suffix)
+        path = folder / taking.day / taking.name
+        number, target, sidecar = next(
+            (number, target, sidecar)
+            for number, target, sidecar in _places(path, suffix, self._first_free.get(path, 1))
             if not (target.exists() or sidecar.exists()) or _is_of(sidecar, taking)
         )
         write_durably(sidecar, text)
         move(self._takings.path(taking), target)
         self._takings.forget(taking)
+        if number > 1:
+            self._first_free = {other: free for other, free in self._first_free.items() if other.parent == path.parent}
+            self._first_free[path] = number + 1
         return target
 
 
-def _places(path: Path, suffix: str) -> Iterator[tuple[Path, Path]]:
-    """`scan.h5`, `scan-2.h5` and so on, each with its sidecar."""
-    number = 1
+def _places(path: Path, suffix: str, number: int) -> Iterator[tuple[int, Path, Path]]:
+    """`scan.h5`, `scan-2.h5` and so on, from a number on, each with its sidecar."""
     while True:
         target = path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
-        yield target, target.with_name(target.name + suffix)
+        yield number, target, target.with_name(target.name + suffix)
         number += 1
 
 

@@ -118,7 +118,8 @@ class _Reading:
 
     def _scalar(self, node: yaml.ScalarNode) -> object:
         text, kind = node.value, node.tag.rpartition(":")[2]
-        if kind != "str" and self.loader.resolve(yaml.ScalarNode, text, (True, False)) != node.tag:
+        plain = self.loader.resolve(yaml.ScalarNode, text, (True, False))  # type: ignore[no-untyped-call]
+        if kind != "str" and plain != node.tag:
             _refuse(node, f"{text!r} is given the tag {node.tag!r}, which is not read here")
         if kind == "null":
             return None
