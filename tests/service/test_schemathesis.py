@@ -27,6 +27,7 @@ BEYOND_SCHEMAS = re.compile(
     r"|window_low must be below window_high"
     r"|standard_uncertainty_mm \S+ of measured_mm \S+ must be less than 10% of it"
     r"|give a length within 10% of the drawing"
+    r"|has density \S+: give 0 or one of at least "
     r"|log_radius_mm \S+ must be less than constants.source_to_cor_mm"
     r"|five fields, minute hour day month weekday in UTC, that come true at some time"
 )

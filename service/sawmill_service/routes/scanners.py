@@ -14,6 +14,7 @@ from sawmill_service.old_names import ACTIVATIONS, OLD
 from sawmill_service.openapi_document import trying
 from sawmill_service.refusals import refuses
 from sawmill_service.repeats import repeatable
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import GivenTime, Queried
 from sawmill_worker.contracts.history import Activation, HistoryEntry, HistoryKind
@@ -49,6 +50,14 @@ class HistoryFilter(Queried):
 
 class HistoryPaging(HistoryFilter, Paging):
     """Which entries of a history, and which page of them."""
+
+    after: str | None = Field(
+        None,
+        max_length=200,
+        description="The `next` of the page before; nothing: the newest.",
+        examples=["1772429400000000.12"],
+        json_schema_extra={"pattern": patterns.HISTORY_CURSOR},
+    )
 
 
 class Csv(StreamingResponse):
