@@ -123,7 +123,7 @@ def install_service(
         ),
     ] = None,
 ) -> None:
-    """Make systemd units for this installation: sawmill.service, and sawmill-worker@.service for more workers.
+    """Make systemd units for this installation: the service, and more workers, watched folders and nightly backups.
 
     Nothing is started. What to do next is written to standard error.
     """

@@ -29,13 +29,15 @@ STOP_S = 30
 # systemd starts no program with one of these in its path.
 _QUOTING = re.compile(r"[\"'\\]")
 
-_COMMON = f"""\
+_LASTING = f"""\
 KillMode=mixed
 TimeoutStopSec={STOP_S}
 Restart=on-failure
 RestartSec=5
 # A setting that is wrong stays wrong.
 RestartPreventExitStatus=2
+"""
+_BOUNDED = f"""\
 # A job's process that takes too much is ended alone, and the job is tried again or fails.
 MemoryMax=80%
 OOMPolicy=continue
@@ -47,7 +49,6 @@ NoNewPrivileges=yes
 CapabilityBoundingSet=
 PrivateDevices=yes
 PrivateTmp=yes
-ProtectSystem=strict
 ProtectClock=yes
 ProtectControlGroups=yes
 ProtectHostname=yes
@@ -65,6 +66,8 @@ SystemCallErrorNumber=EPERM
 SystemCallFilter=@system-service
 SystemCallFilter=landlock_create_ruleset landlock_add_rule landlock_restrict_self seccomp
 """
+_STRICT = "ProtectSystem=strict\n"
+_COMMON = _LASTING + _BOUNDED + _STRICT
 
 
 @dataclass(frozen=True)
@@ -120,7 +123,13 @@ class Installation:
 
     def units(self) -> dict[str, str]:
         """The units' text by the names of their files."""
-        return {"sawmill.service": self._service(), "sawmill-worker@.service": self._worker()}
+        return {
+            "sawmill.service": self._service(),
+            "sawmill-worker@.service": self._worker(),
+            "sawmill-watch@.service": self._watch(),
+            "sawmill-backup@.service": self._backup(),
+            "sawmill-backup@.timer": _NIGHTLY,
+        }
 
     def write(self, folder: Path) -> list[Path]:
         """Write the units, all of them or none; older ones of these names are replaced.
@@ -197,6 +206,37 @@ TimeoutStartSec=infinity
 WantedBy=multi-user.target
 """
 
+    def _watch(self) -> str:
+        return f"""\
+# A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.yaml. What it names may lie anywhere but in
+# homes, so that the whole system is not read-only for it; its user must be allowed to write there.
+[Unit]
+Description=Sawmill calibration, watched folder %i
+{self._unit()}
+[Service]
+Type=exec
+ExecStart={self._command("watch")} /etc/sawmill/%i.yaml
+{self._environment()}{_LASTING}{_BOUNDED}ProtectSystem=full
+
+[Install]
+WantedBy=multi-user.target
+"""
+
+    def _backup(self) -> str:
+        return f"""\
+# A backup into the folder of its name: systemd-escape --path --template=sawmill-backup@.timer /mnt/backup says it.
+[Unit]
+Description=Backup of Sawmill calibration to %f
+After=network.target
+RequiresMountsFor={_word(self.program)} {_word(self.data)} %f
+[Service]
+Type=oneshot
+ExecStart={self._command("backup")} %f --keep 30
+TimeoutStartSec=infinity
+Nice=10
+ReadWritePaths=%f
+{self._environment()}{_BOUNDED}{_STRICT}"""
+
     def _command(self, name: str) -> str:
         return f"{_word(self.program)} {name}"
 
@@ -233,6 +273,19 @@ Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
             yield f"ReadWritePaths={_word(self.data)}"
         in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
         yield f"ProtectHome={'read-only' if in_homes else 'yes'}"
+
+
+# Each night, or after the next start where the machine was off.
+_NIGHTLY = """\
+[Unit]
+Description=Nightly backup of Sawmill calibration to %f
+[Timer]
+OnCalendar=*-*-* 02:30:00
+RandomizedDelaySec=600
+Persistent=yes
+[Install]
+WantedBy=timers.target
+"""
 
 
 def program() -> Path:
