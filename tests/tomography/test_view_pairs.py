@@ -30,11 +30,11 @@ def random_theta(rng):
     return Theta(*rng.uniform([0, 600, -200, -60, -0.3], [6.28, 850, 200, 60, 0.3]))
 
 
-def averaged(angles, *, theta=THETA, seed=1, rows=4):
+def averaged(angles, *, theta=THETA, seed=1, rows=4, moved_mm=0.0):
     """The rays of several rows of a log off centre, averaged, and the geometry."""
     rng = np.random.default_rng(seed)
     log = LogModel.random(seed, radius_mm=rng.uniform(90, 140))
-    off_mm = rng.uniform(-14, 14, 2)
+    off_mm = rng.uniform(-14, 14, 2) + moved_mm
     fan = FanBeamGeometry(MILL, theta, angles)
     slices = [log.slice_at(height).moved(*off_mm) for height in rng.uniform(30, 370, rows)]
     return np.mean([project(each, DetectorCells.of(MILL), fan.frame, angles) for each in slices], axis=0), fan.frame
@@ -43,7 +43,7 @@ def averaged(angles, *, theta=THETA, seed=1, rows=4):
 def noisy(rays, rng, *, rows, noise=0.02, slope=0.0, gain=0.0):
     """Rows averaged: noise, each view's level and gain, and a flat field that slopes and bends over the detector."""
     across = np.linspace(-1.0, 1.0, rays.shape[1])
-    bent = slope * (rng.standard_normal() * across + rng.standard_normal() * across**2 / 3.0)
+    bent = slope * (rng.standard_normal(3) / [1.0, 3.0, 3.0]) @ [across, across**2, across**3]
     level, gains = (size * rng.standard_normal((len(rays), 1)) for size in (0.02, gain))
     scatter = noise * np.sqrt(np.mean(rays**2) / rows) * rng.standard_normal(rays.shape)
     return rays * (1.0 + gains) + scatter + level + bent
@@ -63,17 +63,18 @@ def test_the_sums_of_any_two_views_agree(angles):
 
 
 @pytest.mark.parametrize(
-    ("views", "rows", "hardened", "worst_mm"), [(8, 100, 0.0, 0.1), (12, 60, 0.05, 0.1), (20, 60, 0.05, 0.05)]
+    ("views", "rows", "hardened", "gain", "worst_mm"),
+    [(8, 2500, 0.0, 0.0, 0.03), (12, 60, 0.05, 0.02, 0.1), (20, 60, 0.05, 0.005, 0.05)],
 )
-def test_intervals_hold_and_are_narrow(views, rows, hardened, worst_mm):
-    """Logs and scanners at random, 2 % noise a row, flat fields that slope by 3 %, gains that scatter by 0.5 %."""
+def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
+    """Logs and scanners at random, 2 % noise a row, flat fields that slope by 3 %, gains that scatter."""
     shares, errors = [], []
     for seed in range(16):
         rng = np.random.default_rng(1000 * views + seed)
         rays, frame = averaged(turn(views), theta=random_theta(rng), seed=seed)
         hard = rays * (1.0 - hardened * rays / rays.max())
         start = replace(frame, cor_column_mm=frame.cor_column_mm + 1.0, tilt_rad=frame.tilt_rad - 0.003)
-        scan = noisy(hard, rng, rows=rows, slope=0.03, gain=0.005)
+        scan = noisy(hard, rng, rows=rows, slope=0.03, gain=gain)
         fit = view_pair_fit(MILL, scan, turn(views), start, Rotation.AS_GIVEN)
         errors.append(error_of(fit, frame))
         shares.append(errors[-1] / fit.deviation[:2])
@@ -134,6 +135,40 @@ def test_dense_scans_all_round_keep_their_opposite_rays(scanner, theta, full_tur
     part = detector_fit(scanner, log_sinogram[:220:4], full_turn(360)[:220:4], start, Rotation.AS_GIVEN)
     assert (isinstance(dense, ConjugateFit), isinstance(part, ConjugateFit)) == (True, False)
     assert abs(error_of(part, start)[0]) < 3.0 * part.deviation[0]
+
+
+def test_a_log_that_moved_in_its_scan_is_no_drift():
+    rays, frame = averaged(turn(20), rows=2)
+    later, _ = averaged(turn(20), rows=2, moved_mm=1.0)
+    scan = noisy(np.concatenate([rays[:9], later[9:]]), np.random.default_rng(1), rows=100)
+    with pytest.raises(DriftError, match="times more than noise and gains of the views explain") as refusal:
+        view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
+    assert refusal.value.code == "moved-too-far"
+
+
+def test_a_far_calibration_makes_nothing_less_certain():
+    rays, frame = averaged(turn(20), rows=1)
+    scan = noisy(rays, np.random.default_rng(1), rows=2500)
+    starts = [replace(frame, cor_column_mm=frame.cor_column_mm + away) for away in (0.0, 20.0)]
+    near, far = (view_pair_fit(MILL, scan, turn(20), start, Rotation.AS_GIVEN) for start in starts)
+    assert far.cor_column_mm == pytest.approx(near.cor_column_mm, abs=0.5 * near.deviation[0])
+    assert far.deviation[0] == pytest.approx(near.deviation[0], rel=0.3)
+
+
+def test_a_scan_without_a_log_is_refused():
+    _, frame = averaged(turn(20), rows=1)
+    air = np.random.default_rng(1).standard_normal((20, 768))
+    with pytest.raises(DriftError, match="air in every cell and no log") as refusal:
+        view_pair_fit(MILL, air, turn(20), frame, Rotation.AS_GIVEN)
+    assert refusal.value.code == "nothing-seen"
+
+
+def test_views_close_together_are_not_called_a_scanner_that_moved():
+    angles = np.linspace(0.0, 0.2, 20)
+    rays, frame = averaged(angles, rows=1)
+    with pytest.raises(DriftError, match="spread the views over more of the turn") as refusal:
+        view_pair_fit(MILL, noisy(rays, np.random.default_rng(1), rows=60), angles, frame, Rotation.AS_GIVEN)
+    assert refusal.value.code == "nothing-seen"
 
 
 def cut_off(rays):

@@ -37,7 +37,7 @@ GAIN = 0.005
 # and what is left there is rounding.
 MODEL = 3e-7
 # Of a ray in air, as a share of the largest, where a scan shows less: of noise-free data.
-LEAST_NOISE = 1e-6
+LEAST_NOISE = 1e-4
 # How far u_c (share of the detector) and tau (rad) may have moved and are still followed: less than EDGE_RAD allows.
 REACH = (0.03, 0.2)
 # The sense of rotation is known where the other leaves this many times the residual.
@@ -46,6 +46,15 @@ STEPS = 8
 SMALL_STEP = 1e-2
 # Of u_c (mm), tau (rad) and SDD (mm), for derivatives of sums that are smooth in them.
 DIFFERENCES = (0.05, 1e-4, 1.0)
+# Decimals of delta (rad) beyond which separations of views are the same.
+SAME = 9
+# Below this share of the largest a direction in the space of gains is rounding.
+RANK = 1e-6
+# Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
+# less certain than this share of a cell.
+UNREST, UNREST_CELLS = 25.0, 0.03
+# So many comparisons that no gain explains tell the noise to a third.
+FEWEST_FREE = 4
 
 
 class _Lines(NamedTuple):
@@ -53,9 +62,9 @@ class _Lines(NamedTuple):
 
     Attributes
     ----------
-    air_patterns : (2, cells) float64
-        A slope and a curvature over the detector.
-    air_covariance : (views + 2, views + 2) float64
+    air_patterns : (3, cells) float64
+        A slope, a curvature and a cubic over the detector.
+    air_covariance : (views + 3, views + 3) float64
         Of each view's level and of the amplitudes of those patterns, as the air gives them.
     """
 
@@ -143,19 +152,21 @@ def view_pair_fit(
 
 
 def _lines(sinogram: FloatArray) -> _Lines:
-    """The log's rays less each view's level and a slope and a curvature of all, as the air on both sides has them."""
+    """The log's rays less each view's level and the patterns of all views, as the air on both sides has them."""
     air = find_air(sinogram.astype(np.float32))
     if air is None or not (air.cells[0] and air.cells[-1]):
         raise DriftError(
             "log-cut-off",
             "the log reaches an end of the detector: pairs of views need air on both sides of it in every view",
         )
+    if air.cells.all():
+        raise DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
     views, cells = sinogram.shape
     across = np.linspace(-1.0, 1.0, cells)
-    patterns = np.stack([across, across**2])
+    patterns = np.stack([across, across**2, across**3])
     own = air.cells
     count, means = int(own.sum()), patterns[:, own].mean(axis=1)
-    # Least squares with a level of each view: slope and curvature come from what is left without the levels.
+    # Least squares with a level of each view: the patterns come from what is left without the levels.
     centred = patterns[:, own] - means[:, None]
     of_patterns = np.linalg.inv(centred @ centred.T) / views
     amplitudes = of_patterns @ (centred @ sinogram[:, own].sum(axis=0))
@@ -190,6 +201,8 @@ class _Fit(NamedTuple):
     covariance : (2, 2) float64
     distance_sensitivity : (2,) float64
         Their change per mm of SDD.
+    unrest : float
+        Variance of what no gain explains, against that of the rays' noise.
     settled : bool
         Whether they came to rest inside the reach.
     """
@@ -198,6 +211,7 @@ class _Fit(NamedTuple):
     covariance: FloatArray
     distance_sensitivity: FloatArray
     chi_squared: float
+    unrest: float
     relative_residual: float
     settled: bool
 
@@ -226,36 +240,34 @@ class _Comparison:
         """By generalised least squares of the pairs' differences, with Gauss-Newton from the start."""
         width = self.scanner.num_detector_pixels * self.scanner.detector_pitch_mm
         low, high = (start[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
-        white = self._whitening(start)
+        white, gains = self._whitening(start)
         vector, settled = start, False
         for _ in range(STEPS):
-            slopes, differences = white @ self._slopes(vector), white @ self._differences(vector)
-            covariance = np.linalg.inv(slopes[:, :2].T @ slopes[:, :2])
-            step, sensitivity = (
-                -covariance @ slopes[:, :2].T @ differences,
-                -covariance @ slopes[:, :2].T @ slopes[:, 2],
-            )
-            moved = np.clip(vector[:2] + step, low, high)
+            differences = self._differences(vector)
+            slopes = white @ self._slopes(vector, differences, 2)
+            covariance = np.linalg.inv(slopes.T @ slopes)
+            moved = np.clip(vector[:2] - covariance @ slopes.T @ (white @ differences), low, high)
             small = np.abs(moved - vector[:2]) <= SMALL_STEP * np.sqrt(np.diag(covariance))
             vector = np.append(moved, start[2])
             if small.all():
                 settled = bool(((low < moved) & (moved < high)).all())
                 break
         left, right = self._sums(vector)
-        chi_squared = float(np.sum((white @ (left - right)) ** 2))
-        # As wide as what is left asks for; its own uncertainty by Student's t, as for a normal distribution.
-        freedom = len(white) - 2
-        widened = chi_squared / freedom * (stdtrit(freedom, 0.975) / ndtri(0.975)) ** 2
+        slopes = white @ self._slopes(vector, left - right, 3)
+        scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains)
+        sensitivity: FloatArray = -np.linalg.pinv(slopes[:, :2]) @ slopes[:, 2]
         residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-        return _Fit(vector[:2], widened * covariance, sensitivity, chi_squared, residual, settled)
+        return _Fit(vector[:2], scaled, sensitivity, chi_squared, unrest, residual, settled)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of the rays of the log's cells in the first and in the second view of each pair, (pairs, cells) each."""
         fan, covered = (each[self.lines.cells] for each in fan_angles(self.scanner, vector))
+        # Views at even steps have few separations.
+        delta, of_pair = np.unique(self.pairs.delta.round(SAME), return_inverse=True)
         # 1 / cos(gamma + delta) = 1 / (cos gamma cos delta (1 - tan gamma tan delta))
-        shared = np.outer(1.0 / np.cos(self.pairs.delta), covered / np.cos(fan))
-        product = np.outer(np.tan(self.pairs.delta), np.tan(fan))
-        return shared / (1.0 - product), shared / (1.0 + product)
+        shared = np.outer(1.0 / np.cos(delta), covered / np.cos(fan))
+        product = np.outer(np.tan(delta), np.tan(fan))
+        return (shared / (1.0 - product))[of_pair], (shared / (1.0 + product))[of_pair]
 
     def _sums(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What each pair's first and second view sum up to, (pairs,) each."""
@@ -268,38 +280,77 @@ class _Comparison:
         left, right = self._sums(vector)
         return left - right
 
-    def _slopes(self, vector: FloatArray) -> FloatArray:
-        """Derivatives of the differences by u_c, tau and SDD, (pairs, 3)."""
-        steps = np.diag(DIFFERENCES)
-        slopes = [(self._differences(vector + step) - self._differences(vector - step)) / 2.0 for step in steps]
-        return np.stack(slopes, axis=1) / DIFFERENCES
+    def _slopes(self, vector: FloatArray, differences: FloatArray, unknowns: int) -> FloatArray:
+        """Derivatives of the differences, which stand at the vector, by the first of u_c, tau and SDD."""
+        steps = np.diag(DIFFERENCES)[:unknowns]
+        slopes = [(self._differences(vector + step) - differences) / step.sum() for step in steps]
+        return np.stack(slopes, axis=1)
 
-    def _whitening(self, vector: FloatArray) -> FloatArray:
-        """What makes the differences independent and of variance 1, (at most pairs, pairs)."""
+    def _whitening(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
+
+        The gains are what a gain of `GAIN` of each view adds to the differences.
+        """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)
         rays, variance = (each[:, lines.cells] for each in (lines.rays, lines.variance))
         size, views, every = pairs.first.size, len(rays), np.arange(pairs.first.size)
-        # What moves the differences with a view's gain, with its level, and with a slope and a curvature of all views.
+        # What moves the differences with a view's gain, with its level, and with the patterns of all views.
         gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
         for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
             gains[every, view] += sign * np.einsum("pc,pc->p", own, rays[view])
             air[every, view] += sign * own.sum(axis=1)
             air[:, views:] += sign * own @ lines.air_patterns[:, lines.cells].T
-        covariance = GAIN**2 * gains @ gains.T + air @ lines.air_covariance @ air.T
+        # A gain of all views changes nothing; what it would add are the differences themselves.
+        gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
+        covariance = gains @ gains.T + air @ lines.air_covariance @ air.T
         for at in range(views):
             first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
             touched, own = np.append(first, second), np.concatenate([weights[0][first], -weights[1][second]])
             covariance[np.ix_(touched, touched)] += (own * variance[at]) @ own.T
-        model = (MODEL * float(np.abs(gains).max())) ** 2
+        model = (MODEL / GAIN * float(np.abs(gains).max())) ** 2
         spread, directions = np.linalg.eigh(covariance)
         new = spread > model
         whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
-        return whitening
+        return whitening, gains
+
+
+def _scaled(left: FloatArray, slopes: FloatArray, gains: FloatArray) -> tuple[FloatArray, float, float]:
+    """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
+
+    Noise and gains have a scale each: what gains of another size than `GAIN` leave says nothing of the noise, which
+    shows in what no gain explains. How well each scale is known counts by Student's t.
+    """
+    covariance = np.linalg.inv(slopes.T @ slopes)
+    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
+    explained = space[:, size > RANK * size[0]]
+    free, of_gains = len(left) - explained.shape[1], explained.shape[1] - slopes.shape[1]
+    if free < FEWEST_FREE:
+        raise DriftError(
+            "sparse-views",
+            f"the views' pairs leave {max(free, 0)} comparisons that no gain of a view explains, and {FEWEST_FREE} are "
+            "needed to tell how sure they are: take more views",
+        )
+    chi_squared = float(left @ left)
+    noise = chi_squared - float(np.sum((explained.T @ left) ** 2))
+    through = covariance @ slopes.T @ gains
+    by_gains = through @ through.T
+    widths = [
+        chi / number * (stdtrit(number, 0.975) / ndtri(0.975)) ** 2
+        for chi, number in ((noise, free), (chi_squared - noise, of_gains))
+    ]
+    return widths[0] * (covariance - by_gains) + widths[1] * by_gains, chi_squared, noise / free
 
 
 def _check_found(scanner: Scanner, fit: _Fit, start: SourceFrame) -> None:
     pitch_mm, deviation_mm = scanner.detector_pitch_mm, math.sqrt(fit.covariance[0, 0])
+    if not deviation_mm < pitch_mm * max(1.0, math.sqrt(fit.unrest)):
+        raise DriftError(
+            "nothing-seen",
+            f"pairs of views place the centre of rotation to {deviation_mm:.2g} mm on the detector, which is more than "
+            f"a cell of {pitch_mm:.3g} mm: average more rows, spread the views over more of the turn, or calibrate "
+            "with the phantom",
+        )
     if not fit.settled:
         raise DriftError(
             "moved-too-far",
@@ -307,9 +358,9 @@ def _check_found(scanner: Scanner, fit: _Fit, start: SourceFrame) -> None:
             "moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
             f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
         )
-    if not deviation_mm < pitch_mm:
+    if fit.unrest > UNREST and deviation_mm > UNREST_CELLS * pitch_mm:
         raise DriftError(
-            "nothing-seen",
-            f"pairs of views place the centre of rotation to {deviation_mm:.2g} mm on the detector, which is more than "
-            f"a cell of {pitch_mm:.3g} mm: average more rows, or calibrate with the phantom",
+            "moved-too-far",
+            f"the views differ {math.sqrt(fit.unrest):.2g} times more than noise and gains of the views explain: the "
+            "log moved while it was scanned, or the angles are not those of the views; secure the log and scan again",
         )
