@@ -29,8 +29,9 @@ from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 
 # Between L's normal and the farthest ray through the log, rad short of a right angle: there a weight is 1 / 0.06.
 EDGE_RAD = 0.06
-# More pairs cost time and say nothing new: their sums are smooth in delta.
+# More pairs cost time. Of too many, those far apart are kept: u_c moves their sums most, by tan(delta).
 MOST_PAIRS = 400
+FARTHEST = 0.5
 # What a view's rays may be too large or too small by, as a share, after the air has been evened out.
 GAIN = 0.005
 # Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
@@ -90,6 +91,8 @@ class _Pairs:
         first, second = np.nonzero((apart > 1e-6) & (apart < math.pi - 2.0 * (farthest_rad + EDGE_RAD)))
         delta = 0.5 * apart[first, second]
         if first.size > MOST_PAIRS:
+            far = delta >= np.sort(delta)[-max(MOST_PAIRS, int(FARTHEST * delta.size))]
+            first, second, delta = first[far], second[far], delta[far]
             # Each view keeps as many partners, spread over all separations.
             order = np.lexsort((delta, first))
             kept = order[np.linspace(0, order.size - 1, MOST_PAIRS).astype(int)]
