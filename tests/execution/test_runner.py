@@ -61,8 +61,13 @@ def test_every_line_about_an_attempt_names_its_job_and_who_asked_for_it(runner, 
     with capture_logs(processors=[merge_contextvars]) as log:
         runner.run_next()
     named = {"job_id": job.id, "kind": "ingest", "attempt": 1, "request_id": "request-7", "key_id": "key-7"}
-    assert [line["event"] for line in log] == ["attempt-started", "attempt-ended"]
-    assert all(named.items() <= line.items() for line in log)
+    about = [line for line in log if line["event"] != "event"]
+    assert [line["event"] for line in about] == ["attempt-started", "attempt-ended"]
+    assert all(named.items() <= line.items() for line in about)
+    events = [line for line in log if line["event"] == "event"]
+    assert [(line["what"], line["job_id"]) for line in events] == [
+        (what, job.id) for what in ("started", "failed", "scan-refused")
+    ]
     (failed,) = [line for line in capfd.readouterr().err.splitlines() if "job-failed" in line]
     assert all(f"{name}={value}" in failed for name, value in named.items())
 
