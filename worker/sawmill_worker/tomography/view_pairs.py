@@ -54,7 +54,7 @@ RANK = 1e-6
 # Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
 # less certain than this share of a cell.
 UNREST, UNREST_CELLS = 25.0, 0.03
-# So many comparisons that no gain explains tell the noise to a third.
+# As few comparisons that no gain explains tell the noise to a third.
 FEWEST_FREE = 4
 
 
