@@ -135,7 +135,7 @@ def choices_in(shell: str, answered: str) -> set[str]:
 @pytest.mark.parametrize(
     ("line", "choices"),
     [
-        ("sawmill re", {"reconstruct", "repeatability", "report"}),
+        ("sawmill re", {"reconstruct", "repeatability", "report", "restore"}),
         ("sawmill phantom ", {"plan", "draw"}),
         ("sawmill calibrate scan.h5 --paper-o", {"--paper-objective"}),
         ("sawmill reconstruct --filter ha", {"hamming", "hann"}),
