@@ -106,7 +106,9 @@ class Watcher:
             look = time.monotonic() >= looks_s
             if look:
                 looks_s = time.monotonic() + self._poll_s
+            began_s = time.monotonic()
             reading = self._round(look=look)
+            moved_s += time.monotonic() - began_s  # files stand still between rounds, however long those take
             now_ended = sum(held.folder.counts.total() for held in self._folders)
             if now_ended != ended:
                 moved_s, ended = time.monotonic(), now_ended
