@@ -1,0 +1,86 @@
+"""A log's rays less what the air beside it says of them: each view's level, and the flat field's slope and bend."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.air import find_air
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.geometry import FloatArray
+from sawmill_worker.tomography.robust import noise_of_differences
+
+# Of a ray in air, as a share of the largest, where a scan shows less: of noise-free data.
+LEAST_NOISE = 1e-4
+
+
+class LevelledRays(NamedTuple):
+    """Line integrals (views, cells), 0 beside the log, their variance, the log's cells and what the air's fit leaves.
+
+    Attributes
+    ----------
+    air_patterns : (3, cells) float64
+        A slope, a curvature and a cubic over the detector.
+    air_covariance : (views + 3, views + 3) float64
+        Of each view's level and of the amplitudes of those patterns, as the air gives them.
+    """
+
+    rays: FloatArray
+    variance: FloatArray
+    cells: NDArray[np.bool_]
+    air_patterns: FloatArray
+    air_covariance: FloatArray
+
+
+def levelled_rays(sinogram: FloatArray) -> LevelledRays:
+    """The log's rays less each view's level and the patterns of all views, as the air on both sides has them.
+
+    Parameters
+    ----------
+    sinogram : (views, cells) float64
+        Line integrals without faulty cells and corrupt views.
+
+    Raises
+    ------
+    DriftError
+        If the log reaches an end of the detector, or there is no log.
+    """
+    air = find_air(sinogram.astype(np.float32))
+    if air is None or not (air.cells[0] and air.cells[-1]):
+        raise DriftError(
+            "log-cut-off",
+            "the log reaches an end of the detector: pairs of views need air on both sides of it in every view",
+        )
+    if air.cells.all():
+        raise DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
+    views, cells = sinogram.shape
+    across = np.linspace(-1.0, 1.0, cells)
+    patterns = np.stack([across, across**2, across**3])
+    own = air.cells
+    count, means = int(own.sum()), patterns[:, own].mean(axis=1)
+    # Least squares with a level of each view: the patterns come from what is left without the levels.
+    centred = patterns[:, own] - means[:, None]
+    of_patterns = np.linalg.inv(centred @ centred.T) / views
+    amplitudes = of_patterns @ (centred @ sinogram[:, own].sum(axis=0))
+    levels = sinogram[:, own].mean(axis=1) - amplitudes @ means
+    # The levels share the error of the patterns.
+    crossed = np.tile(-(of_patterns @ means)[:, None], views)
+    of_levels = np.eye(views) / count + means @ of_patterns @ means
+    noise = max(air.noise, LEAST_NOISE * float(sinogram.max()))
+    covariance = noise**2 * np.block([[of_levels, crossed.T], [crossed, of_patterns]])
+    rays = np.where(own, 0.0, sinogram - levels[:, None] - amplitudes @ patterns)
+    return LevelledRays(rays, _variance(rays, ~own, noise), ~own, patterns, covariance)
+
+
+def _variance(rays: FloatArray, cells: NDArray[np.bool_], air_noise: float) -> FloatArray:
+    """Of each ray: the air's times exp(k p), k from 0 (the same noise everywhere) to 1 (photons) as differences say.
+
+    Structure of the log passes for noise in them, so k is a bound; what is fitted with it is as wide as its residuals.
+    """
+    inside = rays[:, cells]
+    seen = noise_of_differences(np.diff(inside, 2, axis=1), 2)
+    mean = max(float(np.median(inside)), 1e-6)
+    k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
+    variance: FloatArray = air_noise**2 * np.exp(k * np.clip(rays, 0.0, None))
+    return variance

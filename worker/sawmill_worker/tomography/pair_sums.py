@@ -1,0 +1,139 @@
+"""Sums over rays that any two views of one body have in common, and what noise, gains and air leave of them unknown.
+
+The identity and its source stand in `view_pairs`.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner
+from sawmill_worker.tomography.levelled_rays import LevelledRays
+from sawmill_worker.tomography.paired_rays import fan_angles
+from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
+
+# Between L's normal and the farthest ray through the log, rad short of a right angle: there a weight is 1 / 0.06.
+EDGE_RAD = 0.06
+# More pairs cost time. Of too many, those far apart are kept: u_c moves their sums most, by tan(delta).
+MOST_PAIRS = 400
+FARTHEST = 0.5
+# What a view's rays may be too large or too small by, as a share, after the air has been evened out.
+GAIN = 0.005
+# Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
+# and what is left there is rounding.
+MODEL = 3e-7
+# Of u_c (mm), tau (rad) and SDD (mm), for derivatives of sums that are smooth in them.
+DIFFERENCES = (0.05, 1e-4, 1.0)
+# Decimals of delta (rad) beyond which separations of views are the same.
+SAME = 9
+
+
+@dataclass(frozen=True, eq=False)
+class ViewPairs:
+    """First and second view of each pair, and delta, half the angle between them; each (pairs,)."""
+
+    first: NDArray[np.intp]
+    second: NDArray[np.intp]
+    delta: FloatArray
+
+    @classmethod
+    def of(cls, angles_rad: FloatArray, farthest_rad: float) -> "ViewPairs":
+        """Those whose line misses a log of this half fan angle, evenly thinned to `MOST_PAIRS`."""
+        apart = np.mod(angles_rad - angles_rad[:, None], TAU)
+        first, second = np.nonzero((apart > 1e-6) & (apart < math.pi - 2.0 * (farthest_rad + EDGE_RAD)))
+        delta = 0.5 * apart[first, second]
+        if first.size > MOST_PAIRS:
+            far = delta >= np.sort(delta)[-max(MOST_PAIRS, int(FARTHEST * delta.size))]
+            first, second, delta = first[far], second[far], delta[far]
+            # Each view keeps as many partners, spread over all separations.
+            order = np.lexsort((delta, first))
+            kept = order[np.linspace(0, order.size - 1, MOST_PAIRS).astype(int)]
+            first, second, delta = first[kept], second[kept], delta[kept]
+        return cls(first, second, delta)
+
+
+@dataclass(frozen=True, eq=False)
+class PairSums:
+    """The sums of a scan's pairs of views as functions of (u_c, tau, SDD)."""
+
+    scanner: Scanner
+    lines: LevelledRays
+    pairs: ViewPairs
+
+    @classmethod
+    def of(cls, scanner: Scanner, lines: LevelledRays, angles_rad: FloatArray, start: FloatArray) -> "PairSums":
+        """Of all pairs whose line misses the log, as (u_c, tau, SDD) has it at the start.
+
+        Raises
+        ------
+        DriftError
+            If those are too few.
+        """
+        fan, _ = fan_angles(scanner, start)
+        pairs = ViewPairs.of(angles_rad, float(np.abs(fan[lines.cells]).max()))
+        if pairs.first.size < FEWEST_PAIRED_VIEWS:
+            raise DriftError(
+                "sparse-views",
+                f"of the views only {pairs.first.size} pairs stand far enough apart and not opposite each other: "
+                "spread them over the turn",
+            )
+        return cls(scanner, lines, pairs)
+
+    def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of the rays of the log's cells in the first and in the second view of each pair, (pairs, cells) each."""
+        fan, covered = (each[self.lines.cells] for each in fan_angles(self.scanner, vector))
+        # Views at even steps have few separations.
+        delta, of_pair = np.unique(self.pairs.delta.round(SAME), return_inverse=True)
+        # 1 / cos(gamma + delta) = 1 / (cos gamma cos delta (1 - tan gamma tan delta))
+        shared = np.outer(1.0 / np.cos(delta), covered / np.cos(fan))
+        product = np.outer(np.tan(delta), np.tan(fan))
+        return (shared / (1.0 - product))[of_pair], (shared / (1.0 + product))[of_pair]
+
+    def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What each pair's first and second view sum up to, (pairs,) each."""
+        rays, (first, second) = self.lines.rays[:, self.lines.cells], self._weights(vector)
+        left: FloatArray = np.einsum("pc,pc->p", first, rays[self.pairs.first])
+        right: FloatArray = np.einsum("pc,pc->p", second, rays[self.pairs.second])
+        return left, right
+
+    def differences(self, vector: FloatArray) -> FloatArray:
+        """The first view's sum less the second's, (pairs,)."""
+        left, right = self.at(vector)
+        return left - right
+
+    def slopes(self, vector: FloatArray, differences: FloatArray, unknowns: int) -> FloatArray:
+        """Derivatives, (pairs, unknowns), of the differences, given at the vector, by the first of u_c, tau and SDD."""
+        steps = np.diag(DIFFERENCES)[:unknowns]
+        slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
+        return np.stack(slopes, axis=1)
+
+    def whitening(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
+
+        The gains are what a gain of `GAIN` of each view adds to the differences.
+        """
+        lines, pairs = self.lines, self.pairs
+        weights = self._weights(vector)
+        rays, variance = (each[:, lines.cells] for each in (lines.rays, lines.variance))
+        size, views, every = pairs.first.size, len(rays), np.arange(pairs.first.size)
+        # What moves the differences with a view's gain, with its level, and with the patterns of all views.
+        gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
+        for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
+            gains[every, view] += sign * np.einsum("pc,pc->p", own, rays[view])
+            air[every, view] += sign * own.sum(axis=1)
+            air[:, views:] += sign * own @ lines.air_patterns[:, lines.cells].T
+        # A gain of all views changes nothing; what it would add are the differences themselves.
+        gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
+        covariance = gains @ gains.T + air @ lines.air_covariance @ air.T
+        for at in range(views):
+            first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
+            touched, own = np.append(first, second), np.concatenate([weights[0][first], -weights[1][second]])
+            covariance[np.ix_(touched, touched)] += (own * variance[at]) @ own.T
+        model = (MODEL / GAIN * float(np.abs(gains).max())) ** 2
+        spread, directions = np.linalg.eigh(covariance)
+        new = spread > model
+        whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
+        return whitening, gains
