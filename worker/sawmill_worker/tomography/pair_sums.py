@@ -33,10 +33,17 @@ SAME = 9
 
 @dataclass(frozen=True, eq=False)
 class ViewPairs:
-    """First and second view of each pair, and delta, half the angle between them; each (pairs,)."""
+    """First and second view of each pair, each (pairs,), and which of the separations theirs is.
+
+    Attributes
+    ----------
+    delta : (separations,) float64
+        Half the angle between two views. Views at even steps have few separations.
+    """
 
     first: NDArray[np.intp]
     second: NDArray[np.intp]
+    separation: NDArray[np.intp]
     delta: FloatArray
 
     @classmethod
@@ -52,7 +59,8 @@ class ViewPairs:
             order = np.lexsort((delta, first))
             kept = order[np.linspace(0, order.size - 1, MOST_PAIRS).astype(int)]
             first, second, delta = first[kept], second[kept], delta[kept]
-        return cls(first, second, delta)
+        separations, separation = np.unique(delta.round(SAME), return_inverse=True)
+        return cls(first, second, separation, separations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,20 +91,20 @@ class PairSums:
         return cls(scanner, lines, pairs)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of the rays of the log's cells in the first and in the second view of each pair, (pairs, cells) each."""
+        """Of the rays of the log's cells in first and in second views, (separations, cells) each."""
         fan, covered = (each[self.lines.cells] for each in fan_angles(self.scanner, vector))
-        # Views at even steps have few separations.
-        delta, of_pair = np.unique(self.pairs.delta.round(SAME), return_inverse=True)
+        delta = self.pairs.delta
         # 1 / cos(gamma + delta) = 1 / (cos gamma cos delta (1 - tan gamma tan delta))
         shared = np.outer(1.0 / np.cos(delta), covered / np.cos(fan))
         product = np.outer(np.tan(delta), np.tan(fan))
-        return (shared / (1.0 - product))[of_pair], (shared / (1.0 + product))[of_pair]
+        return shared / (1.0 - product), shared / (1.0 + product)
 
     def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What each pair's first and second view sum up to, (pairs,) each."""
-        rays, (first, second) = self.lines.rays[:, self.lines.cells], self._weights(vector)
-        left: FloatArray = np.einsum("pc,pc->p", first, rays[self.pairs.first])
-        right: FloatArray = np.einsum("pc,pc->p", second, rays[self.pairs.second])
+        rays, (first, second) = self.lines.rays[:, self.lines.cells].T, self._weights(vector)
+        # Every separation's weights with every view: a product of matrices, of which the pairs are picked.
+        left: FloatArray = (first @ rays)[self.pairs.separation, self.pairs.first]
+        right: FloatArray = (second @ rays)[self.pairs.separation, self.pairs.second]
         return left, right
 
     def differences(self, vector: FloatArray) -> FloatArray:
@@ -122,15 +130,16 @@ class PairSums:
         # What moves the differences with a view's gain, with its level, and with the patterns of all views.
         gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
         for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
-            gains[every, view] += sign * np.einsum("pc,pc->p", own, rays[view])
-            air[every, view] += sign * own.sum(axis=1)
-            air[:, views:] += sign * own @ lines.air_patterns[:, lines.cells].T
+            gains[every, view] += sign * (own @ rays.T)[pairs.separation, view]
+            air[every, view] += sign * own.sum(axis=1)[pairs.separation]
+            air[:, views:] += sign * (own @ lines.air_patterns[:, lines.cells].T)[pairs.separation]
         # A gain of all views changes nothing; what it would add are the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
         covariance = gains @ gains.T + air @ lines.air_covariance @ air.T
         for at in range(views):
             first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
-            touched, own = np.append(first, second), np.concatenate([weights[0][first], -weights[1][second]])
+            touched = np.append(first, second)
+            own = np.concatenate([weights[0][pairs.separation[first]], -weights[1][pairs.separation[second]]])
             covariance[np.ix_(touched, touched)] += (own * variance[at]) @ own.T
         model = (MODEL / GAIN * float(np.abs(gains).max())) ** 2
         spread, directions = np.linalg.eigh(covariance)
