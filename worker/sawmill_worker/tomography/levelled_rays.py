@@ -16,12 +16,16 @@ LEAST_NOISE = 1e-4
 
 
 class LevelledRays(NamedTuple):
-    """Line integrals (views, cells), 0 beside the log, their variance, the log's cells and what the air's fit leaves.
+    """Line integrals through the log, their variance, where on the detector they are, and what the air's fit leaves.
 
     Attributes
     ----------
+    rays, variance : (views, cells) float64
+        In the log's cells alone.
+    cells : (detector,) bool
+        Those that are not air.
     air_patterns : (3, cells) float64
-        A slope, a curvature and a cubic over the detector.
+        A slope, a curvature and a cubic over the detector, in the log's cells.
     air_covariance : (views + 3, views + 3) float64
         Of each view's level and of the amplitudes of those patterns, as the air gives them.
     """
@@ -38,7 +42,7 @@ def levelled_rays(sinogram: FloatArray) -> LevelledRays:
 
     Parameters
     ----------
-    sinogram : (views, cells) float64
+    sinogram : (views, detector) float64
         Line integrals without faulty cells and corrupt views.
 
     Raises
@@ -54,33 +58,32 @@ def levelled_rays(sinogram: FloatArray) -> LevelledRays:
         )
     if air.cells.all():
         raise DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
-    views, cells = sinogram.shape
-    across = np.linspace(-1.0, 1.0, cells)
+    views, log = len(sinogram), ~air.cells
+    across = np.linspace(-1.0, 1.0, log.size)
     patterns = np.stack([across, across**2, across**3])
-    own = air.cells
-    count, means = int(own.sum()), patterns[:, own].mean(axis=1)
+    means = patterns[:, air.cells].mean(axis=1)
     # Least squares with a level of each view: the patterns come from what is left without the levels.
-    centred = patterns[:, own] - means[:, None]
+    centred = patterns[:, air.cells] - means[:, None]
     of_patterns = np.linalg.inv(centred @ centred.T) / views
-    amplitudes = of_patterns @ (centred @ sinogram[:, own].sum(axis=0))
-    levels = sinogram[:, own].mean(axis=1) - amplitudes @ means
+    amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
+    levels = air.level - amplitudes @ means
     # The levels share the error of the patterns.
     crossed = np.tile(-(of_patterns @ means)[:, None], views)
-    of_levels = np.eye(views) / count + means @ of_patterns @ means
+    of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
     noise = max(air.noise, LEAST_NOISE * float(sinogram.max()))
     covariance = noise**2 * np.block([[of_levels, crossed.T], [crossed, of_patterns]])
-    rays = np.where(own, 0.0, sinogram - levels[:, None] - amplitudes @ patterns)
-    return LevelledRays(rays, _variance(rays, ~own, noise), ~own, patterns, covariance)
+    patterns = patterns[:, log]
+    rays = sinogram[:, log] - levels[:, None] - amplitudes @ patterns
+    return LevelledRays(rays, _variance(rays, noise), log, patterns, covariance)
 
 
-def _variance(rays: FloatArray, cells: NDArray[np.bool_], air_noise: float) -> FloatArray:
+def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     """Of each ray: the air's times exp(k p), k from 0 (the same noise everywhere) to 1 (photons) as differences say.
 
     Structure of the log passes for noise in them, so k is a bound; what is fitted with it is as wide as its residuals.
     """
-    inside = rays[:, cells]
-    seen = noise_of_differences(np.diff(inside, 2, axis=1), 2)
-    mean = max(float(np.median(inside)), 1e-6)
+    seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
+    mean = max(float(np.median(rays)), 1e-6)
     k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
     variance: FloatArray = air_noise**2 * np.exp(k * np.clip(rays, 0.0, None))
     return variance

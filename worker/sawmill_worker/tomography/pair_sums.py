@@ -101,7 +101,7 @@ class PairSums:
 
     def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What each pair's first and second view sum up to, (pairs,) each."""
-        rays, (first, second) = self.lines.rays[:, self.lines.cells].T, self._weights(vector)
+        rays, (first, second) = self.lines.rays.T, self._weights(vector)
         # Every separation's weights with every view: a product of matrices, of which the pairs are picked.
         left: FloatArray = (first @ rays)[self.pairs.separation, self.pairs.first]
         right: FloatArray = (second @ rays)[self.pairs.separation, self.pairs.second]
@@ -125,14 +125,13 @@ class PairSums:
         """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)
-        rays, variance = (each[:, lines.cells] for each in (lines.rays, lines.variance))
-        size, views, every = pairs.first.size, len(rays), np.arange(pairs.first.size)
+        size, views, every = pairs.first.size, len(lines.rays), np.arange(pairs.first.size)
         # What moves the differences with a view's gain, with its level, and with the patterns of all views.
         gains, air = np.zeros((size, views)), np.zeros((size, views + len(lines.air_patterns)))
         for sign, view, own in zip((1.0, -1.0), (pairs.first, pairs.second), weights, strict=True):
-            gains[every, view] += sign * (own @ rays.T)[pairs.separation, view]
+            gains[every, view] += sign * (own @ lines.rays.T)[pairs.separation, view]
             air[every, view] += sign * own.sum(axis=1)[pairs.separation]
-            air[:, views:] += sign * (own @ lines.air_patterns[:, lines.cells].T)[pairs.separation]
+            air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
         # A gain of all views changes nothing; what it would add are the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
         covariance = gains @ gains.T + air @ lines.air_covariance @ air.T
@@ -140,7 +139,7 @@ class PairSums:
             first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
             touched = np.append(first, second)
             own = np.concatenate([weights[0][pairs.separation[first]], -weights[1][pairs.separation[second]]])
-            covariance[np.ix_(touched, touched)] += (own * variance[at]) @ own.T
+            covariance[np.ix_(touched, touched)] += (own * lines.variance[at]) @ own.T
         model = (MODEL / GAIN * float(np.abs(gains).max())) ** 2
         spread, directions = np.linalg.eigh(covariance)
         new = spread > model
