@@ -23,7 +23,7 @@ from sawmill_worker.tomography.disturbances import (
     undetected_covariance,
     undisturbed,
 )
-from sawmill_worker.tomography.drift import DECISIVE_RATIO, ConjugateFit, DriftError, LogMovement, seen_vector
+from sawmill_worker.tomography.drift import ConjugateFit, DriftError, LogMovement, better_sense, seen_vector
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.log_movement import log_movement
 from sawmill_worker.tomography.metal import MetalSearch
@@ -44,6 +44,8 @@ from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG,
 # allows finds the minimum.
 COARSE = (4.0, 8.0)
 FINE = ((1.0, 1.5), (1.5, 2.5), (2.0, 4.0), (3.0, 6.0))
+# From this ratio to the better residual on, the other sense of rotation is ruled out.
+DECISIVE_RATIO = 1.1
 # How far u_c (share of the detector), tau (rad) and SDD (share) may have moved and are still followed.
 REACH = (0.05, 0.2, 0.2)
 # An SDD less certain than this share of itself is not seen: it is held at the calibrated one.
@@ -235,11 +237,9 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
     """Of the views that are usable."""
     even, first = _even_views(scan.sinogram, scan.angles_rad, scan.usable)
     turn = _turn(scan, even, first)
-    other = next(sense for sense in Rotation if sense is not rotation)
-    basins = {sense: _basin(scan.scanner, turn.read(sense), start) for sense in (rotation, other)}
-    ratio = basins[other].rays.relative_residual / basins[rotation].rays.relative_residual
-    if ratio < 1.0 / DECISIVE_RATIO:
-        rotation, ratio = other, 1.0 / ratio
+    basins = {sense: _basin(scan.scanner, turn.read(sense), start) for sense in Rotation}
+    residuals = {sense: basin.rays.relative_residual for sense, basin in basins.items()}
+    rotation, ratio = better_sense(residuals, rotation, DECISIVE_RATIO)
     vector, done = basins[rotation].vector, scan.done
     for _ in range(GAIN_ROUNDS):
         fan, _ = fan_angles(scan.scanner, vector)

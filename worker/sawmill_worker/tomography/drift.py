@@ -18,8 +18,6 @@ from sawmill_worker.vocabulary import Rotation
 
 # What a log's rays see of the geometry, in the order of their vectors.
 SEEN = [Parameter.U_C, Parameter.TILT, Parameter.SDD]
-# From this ratio to the better residual on, the other sense of rotation is ruled out.
-DECISIVE_RATIO = 1.1
 # A change beyond this many standard deviations is significant.
 SIGNIFICANT = 3.0
 # A jump that is shorter is no finding (mm). An exact scan shows 0.001: tests/tomography/test_log_movement.py.
@@ -197,6 +195,16 @@ class DriftChange:
 def seen_vector(value: "SourceFrame | DetectorFit") -> FloatArray:
     """What a log's rays see, (3,): u_c, tau, SDD, in the order of `SEEN`."""
     return np.array([value.cor_column_mm, value.tilt_rad, value.source_to_detector_mm])
+
+
+def better_sense(residual: Mapping[Rotation, float], calibrated: Rotation, decisive: float) -> tuple[Rotation, float]:
+    """The sense of rotation in which a scan agrees better, and how many times the other one's residual is larger.
+
+    The calibrated one is kept, with a ratio below 1 perhaps, where the other's residual is not that many times smaller.
+    """
+    other = next(sense for sense in Rotation if sense is not calibrated)
+    ratio = residual[other] / residual[calibrated]
+    return (other, 1.0 / ratio) if ratio < 1.0 / decisive else (calibrated, ratio)
 
 
 def drift_change(

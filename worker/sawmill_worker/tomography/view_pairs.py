@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtri, stdtrit
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
-from sawmill_worker.tomography.drift import DetectorFit, DriftError, seen_vector
+from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import levelled_rays
 from sawmill_worker.tomography.pair_sums import PairSums
@@ -46,14 +46,8 @@ def view_pair_fit(
 
     Parameters
     ----------
-    sinogram : (views, detector) float
-        Line integrals of anything that turned as one body, with air on both sides of it in every view.
-    angles_rad : (views,) float64
-        As the scan gives them, any.
-    start : SourceFrame
-        The calibrated geometry.
-    rotation : Rotation
-        The calibrated sense; it is kept where the scan does not tell the two apart.
+    sinogram, angles_rad, start, rotation
+        As of `conjugate_fit`, but the views are any, and there is air on both sides of the body in every one.
 
     Raises
     ------
@@ -72,10 +66,8 @@ def view_pair_fit(
     rays = levelled_rays(screening.bridged(sinogram)[screening.views])
     vector = seen_vector(start)
     fits = {sense: _fit(PairSums.of(scanner, rays, sense.apply(angles_rad), vector), vector) for sense in Rotation}
-    other = next(sense for sense in Rotation if sense is not rotation)
-    ratio = math.sqrt(fits[other].chi_squared / fits[rotation].chi_squared)
-    if ratio < 1.0 / DECISIVE:
-        rotation, ratio = other, 1.0 / ratio
+    residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
+    rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
     _check_found(scanner, fit, start)
     return DetectorFit(
