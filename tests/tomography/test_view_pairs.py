@@ -9,7 +9,7 @@ import pytest
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.drift import ConjugateFit, DriftError, drift_change
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, GeometryError, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.simulate import simulate_stack
@@ -82,6 +82,37 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
     # The RMS of 16 standard normal numbers is below 1.5 in 99.7 % of draws; Student's t widens those of 8 views.
     assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) < 1.5)
     assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) > 0.4)
+
+
+def test_known_deviations_weigh_the_rays():
+    """Every other view scatters five times more behind the log: who knows that places the centre closer."""
+    rays, frame = averaged(turn(20))
+    deviations = np.where((rays > 0.1) & (np.arange(20)[:, None] % 2 == 0), 0.025, 0.005)
+    shares, closer = [], []
+    for seed in range(8):
+        scan = rays + deviations * np.random.default_rng(seed).standard_normal(rays.shape)
+        plain, fit = (
+            detector_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN, deviations=known)
+            for known in (None, deviations)
+        )
+        shares.append(error_of(fit, frame) / fit.deviation[:2])
+        closer.append(plain.deviation[0] / fit.deviation[0])
+    # Bounds of the RMS of 8 standard normal numbers, 99.9 % on either side.
+    assert np.all((np.array([0.35]) < (rms := np.sqrt(np.mean(np.square(shares), axis=0)))) & (rms < 1.75))
+    assert min(closer) > 1.5
+
+
+@pytest.mark.parametrize(
+    ("deviations", "sentence"),
+    [
+        (np.ones((20, 767)), r"have shape \(20, 767\), but the line integrals \(20, 768\)"),
+        (np.zeros((20, 768)), "must be positive and finite"),
+    ],
+)
+def test_deviations_that_cannot_be_are_refused(deviations, sentence):
+    rays, frame = averaged(turn(20), rows=1)
+    with pytest.raises(GeometryError, match=sentence):
+        detector_fit(MILL, rays, turn(20), frame, Rotation.AS_GIVEN, deviations=deviations)
 
 
 def test_a_mill_s_counts_show_a_turntable_that_moved_by_half_a_millimetre():

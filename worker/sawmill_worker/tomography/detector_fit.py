@@ -8,14 +8,28 @@ from sawmill_worker.vocabulary import Rotation
 
 
 def detector_fit(
-    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame, rotation: Rotation
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    rotation: Rotation,
+    *,
+    deviations: FloatArray | None = None,
 ) -> DetectorFit:
     """As `conjugate_fit` or `view_pair_fit`; opposite rays are finer, and see how far the detector stands.
+
+    Parameters
+    ----------
+    deviations : (views, detector) float64, optional
+        As of `view_pair_fit`. Opposite rays need none: their errors follow from how the rays differ.
 
     Raises
     ------
     DriftError
         As theirs.
+    GeometryError
+        As of `view_pair_fit`.
     """
-    fit = conjugate_fit if opposite_rays_pair(angles_rad) else view_pair_fit
-    return fit(scanner, sinogram, angles_rad, start, rotation)
+    if opposite_rays_pair(angles_rad):
+        return conjugate_fit(scanner, sinogram, angles_rad, start, rotation)
+    return view_pair_fit(scanner, sinogram, angles_rad, start, rotation, deviations=deviations)

@@ -37,20 +37,24 @@ class LevelledRays(NamedTuple):
     air_covariance: FloatArray
 
 
-def levelled_rays(sinogram: FloatArray) -> LevelledRays:
+def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
     """The log's rays less each view's level and the patterns of all views, as the air on both sides has them.
 
     Parameters
     ----------
     sinogram : (views, detector) float64
         Line integrals without faulty cells and corrupt views.
+    deviations : (views, detector) float64, optional
+        Their standard deviations; None estimates them.
 
     Raises
     ------
     DriftError
         If the log reaches an end of the detector, or there is no log.
     """
-    air = find_air(sinogram.astype(np.float32))
+    # Air is found by how it scatters, alike in every view.
+    scale = 1.0 if deviations is None else np.median(deviations, axis=1, keepdims=True) / np.median(deviations)
+    air = find_air((sinogram / scale).astype(np.float32))
     if air is None or not (air.cells[0] and air.cells[-1]):
         raise DriftError(
             "log-cut-off",
@@ -66,15 +70,17 @@ def levelled_rays(sinogram: FloatArray) -> LevelledRays:
     centred = patterns[:, air.cells] - means[:, None]
     of_patterns = np.linalg.inv(centred @ centred.T) / views
     amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
-    levels = air.level - amplitudes @ means
+    levels = sinogram[:, air.cells].mean(axis=1) - amplitudes @ means
     # The levels share the error of the patterns.
     crossed = np.tile(-(of_patterns @ means)[:, None], views)
     of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
-    noise = max(air.noise, LEAST_NOISE * float(sinogram.max()))
+    in_air = air.noise if deviations is None else float(np.sqrt(np.mean(deviations[:, air.cells] ** 2)))
+    noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     covariance = noise**2 * np.block([[of_levels, crossed.T], [crossed, of_patterns]])
     patterns = patterns[:, log]
     rays = sinogram[:, log] - levels[:, None] - amplitudes @ patterns
-    return LevelledRays(rays, _variance(rays, noise), log, patterns, covariance)
+    variance = _variance(rays, noise) if deviations is None else deviations[:, log] ** 2
+    return LevelledRays(rays, variance, log, patterns, covariance)
 
 
 def _variance(rays: FloatArray, air_noise: float) -> FloatArray:

@@ -19,7 +19,7 @@ from scipy.special import ndtri, stdtrit
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
-from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import levelled_rays
 from sawmill_worker.tomography.pair_sums import PairSums
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS, Rotation
@@ -40,7 +40,13 @@ FEWEST_FREE = 4
 
 
 def view_pair_fit(
-    scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, start: SourceFrame, rotation: Rotation
+    scanner: Scanner,
+    sinogram: FloatArray,
+    angles_rad: FloatArray,
+    start: SourceFrame,
+    rotation: Rotation,
+    *,
+    deviations: FloatArray | None = None,
 ) -> DetectorFit:
     """Fit u_c and tau to what pairs of views have in common, SDD held.
 
@@ -48,11 +54,15 @@ def view_pair_fit(
     ----------
     sinogram, angles_rad, start, rotation
         As of `conjugate_fit`, but the views are any, and there is air on both sides of the body in every one.
+    deviations : (views, detector) float64, optional
+        Standard deviations of the line integrals, which weigh them; None estimates them from the air.
 
     Raises
     ------
     DriftError
         If the views are too few, the log reaches an end of the detector, or the pairs do not show u_c.
+    GeometryError
+        If the deviations have another shape than the sinogram, or are not positive and finite.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     screening = screen(sinogram)
@@ -63,7 +73,8 @@ def view_pair_fit(
             f"{usable} usable views are too few to be compared: {FEWEST_PAIRED_VIEWS} are needed, all round or not",
         )
     angles_rad = angles_rad[screening.views]
-    rays = levelled_rays(screening.bridged(sinogram)[screening.views])
+    known = None if deviations is None else _checked(deviations, sinogram)[screening.views]
+    rays = levelled_rays(screening.bridged(sinogram)[screening.views], known)
     vector = seen_vector(start)
     fits = {sense: _fit(PairSums.of(scanner, rays, sense.apply(angles_rad), vector), vector) for sense in Rotation}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
@@ -83,6 +94,18 @@ def view_pair_fit(
         rotation_decided=ratio > DECISIVE,
         adjustments=screening.adjustments,
     )
+
+
+def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
+    deviations = np.asarray(deviations, np.float64)
+    if deviations.shape != sinogram.shape:
+        raise GeometryError(
+            f"the standard deviations have shape {deviations.shape}, but the line integrals {sinogram.shape}: give one "
+            "of each line integral"
+        )
+    if not ((deviations > 0.0) & np.isfinite(deviations)).all():
+        raise GeometryError("the standard deviations of line integrals must be positive and finite")
+    return deviations
 
 
 class _Fit(NamedTuple):
