@@ -1,0 +1,308 @@
+"""Simulated logs that change along the axis as real ones do, with the truth in hand: `WholeLog.random(seed)`.
+
+A log is a `LogModel` whose pith wanders, whose centre bends and whose radius tapers from row to row, in a bark of
+uneven thickness, a little elliptic. Whorls of knots rise as cones from the pith. Its rings are thin and bright, broad
+zones or smooth, by the seed. Wet zones, cracks that turn with the grain, a nail of 8 mm and a knot of 12 mm along the
+axis begin and end between the rows. The nail is below six times the wood's attenuation, from which metal is treated
+apart: the method itself must keep it. The rows lie 2 to 4 mm apart.
+
+- **The truth** is each pixel's area mean, 4 x 4 points a pixel, in the plane of the row: (rows, size, size), 1/mm.
+- **The data** are line integrals of the shapes themselves, polygons and discs, the mean of 8 rays a cell, in the plane
+  of the row: no pixels are projected, and none of the projectors that reconstruct are used. Noise is Gaussian, relative
+  to the RMS of each row.
+
+Seeds from 4000 are for tuning, those from 4100 for tables (docs/reconstruction.md, docs/performance.md).
+
+    python benchmarks/whole_logs.py --seed 4100 --out FOLDER     the rows of a log side by side, as PNG
+"""
+
+import argparse
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from choosing import ellipse
+from numpy.typing import NDArray
+from scans import GRID
+from skimage.io import imsave
+
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import KNOT_PER_MM, SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_worker.tomography.simulate import simulate_rows
+
+TUNING_SEED, TABLE_SEED = 4000, 4100
+ROWS, ROW_PITCHES_MM = 32, (2.0, 2.5, 3.0, 4.0)
+NAIL_MM, NAIL_PER_MM = 8.0, 0.08
+SMALL_KNOT_MM = 12.0
+BARK_PER_MM = 0.011
+# Densities of a crack, and of what the water adds to a wet zone, 1/mm.
+CRACK_PER_MM, WET_PER_MM = -0.0105, 0.004
+# Where the whorl that the rows are around starts (`LogModel.random`).
+WHORL_MM = 180.0
+RING_KINDS = ("thin rings", "broad zones", "smooth rings")
+Rows = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Wander:
+    """A position in the plane that changes slowly along the axis: two waves in each direction."""
+
+    waves: tuple[tuple[float, float, float, float], ...]
+
+    @classmethod
+    def random(cls, rng: np.random.Generator, most_mm: float) -> "Wander":
+        """Wave lengths of 120 to 500 mm; `most_mm` off the mean at most."""
+        return cls(
+            tuple(
+                (direction, 0.5 * most_mm * rng.uniform(0.3, 1.0), TAU / rng.uniform(120.0, 500.0), rng.uniform(0, TAU))
+                for direction in (0.0, 0.0, 1.0, 1.0)
+            )
+        )
+
+    def at(self, height_mm: float) -> tuple[float, float]:
+        """Millimetres in x and in y."""
+        found = [0.0, 0.0]
+        for direction, size, frequency, phase in self.waves:
+            found[int(direction)] += size * math.sin(frequency * height_mm + phase)
+        return found[0], found[1]
+
+
+@dataclass(frozen=True)
+class Inclusion:
+    """A body of finite length along the axis whose cross-section is a wavy ellipse that turns with the grain.
+
+    Attributes
+    ----------
+    at_mm : (x, y)
+        Its middle, from the log's centre.
+    half_mm : (x, y, z)
+        Half its length along its own two axes in the plane, and along the log's axis.
+    rounded : bool, bool
+        Whether its first and second half-length shrink towards its ends along the axis as an ellipsoid's do.
+    """
+
+    name: str
+    height_mm: float
+    at_mm: tuple[float, float]
+    half_mm: tuple[float, float, float]
+    rounded: tuple[bool, bool]
+    turn_rad: float
+    density: float
+    grain_rad_per_mm: float = 0.0
+    waves: float = 0.0
+
+    def cut(self, height_mm: float) -> Shape | None:
+        """Its cross-section at a height; None beyond its ends."""
+        above = height_mm - self.height_mm
+        share = 1.0 - (above / self.half_mm[2]) ** 2
+        if share <= 0.0:
+            return None
+        long, short = (
+            half * (math.sqrt(share) if round_ else 1.0)
+            for half, round_ in zip(self.half_mm[:2], self.rounded, strict=True)
+        )
+        if not self.waves:
+            return ellipse(*self.at_mm, long, short, self.turn_rad + self.grain_rad_per_mm * above, self.density)
+        turned = self.turn_rad + self.grain_rad_per_mm * above
+        wavy = []
+        for x, y in ellipse(0.0, 0.0, long, short, turned, self.density).vertices_mm:
+            around = math.atan2(y, x)
+            factor = 1.0 + self.waves * (math.cos(3.0 * around + self.turn_rad) + 0.6 * math.cos(5.0 * around))
+            wavy.append((self.at_mm[0] + factor * x, self.at_mm[1] + factor * y))
+        return Polygon(tuple(wavy), self.density)
+
+
+@dataclass(frozen=True)
+class WholeLog:
+    """One log; equal seeds give equal logs.
+
+    Attributes
+    ----------
+    heights_mm : tuple of float
+        Of the rows.
+    rings : tuple of (share of the radius, density)
+        Discs around the pith, beyond those of `wood`.
+    inclusions : tuple of Inclusion
+        The last two are the nail and the small knot.
+    """
+
+    seed: int
+    heights_mm: tuple[float, ...]
+    wood: LogModel
+    taper: float
+    centre: Wander
+    pith: Wander
+    bark_mm: float
+    bark: Wander
+    aspect: tuple[float, float]
+    rings: tuple[tuple[float, float], ...]
+    inclusions: tuple[Inclusion, ...]
+
+    @classmethod
+    def random(cls, seed: int, *, rows: int = ROWS, row_pitch_mm: float | None = None) -> "WholeLog":
+        """A log of a kind of rings by the seed, its rows around a whorl; the pitch by default drawn."""
+        rng = np.random.default_rng(seed)
+        pitch = float(rng.choice(ROW_PITCHES_MM)) if row_pitch_mm is None else row_pitch_mm
+        radius = float(rng.uniform(95.0, 150.0))
+        middle = WHORL_MM + float(rng.uniform(-12.0, 25.0))
+        heights = tuple(middle + pitch * (row - 0.5 * (rows - 1)) for row in range(rows))
+        wood = LogModel.random(seed, radius_mm=radius)
+        kind = RING_KINDS[seed % len(RING_KINDS)]
+        # No metal but the nail below, and no thin rings in logs of another kind.
+        wood = replace(wood, metal_height_mm=math.inf, rings=wood.rings if kind == RING_KINDS[0] else 0)
+        span = rows * pitch
+        return cls(
+            seed=seed,
+            heights_mm=heights,
+            wood=wood,
+            taper=float(rng.uniform(0.004, 0.012)),
+            centre=Wander.random(rng, 12.0),
+            pith=Wander.random(rng, 0.06 * radius),
+            bark_mm=float(rng.uniform(4.0, 10.0)),
+            bark=Wander.random(rng, 2.5),
+            aspect=(float(rng.uniform(-0.06, 0.06)), float(rng.uniform(-0.06, 0.06))),
+            rings=_rings(rng, kind),
+            inclusions=(
+                *(_wet_zone(rng, radius, middle, span) for _ in range(rng.integers(1, 4))),
+                *_cracks(rng, radius, middle, span),
+                _nail(rng, radius, middle - 0.25 * span),
+                _small_knot(rng, radius, middle + 0.25 * span),
+            ),
+        )
+
+    @property
+    def row_pitch_mm(self) -> float:
+        """From row to row."""
+        return self.heights_mm[1] - self.heights_mm[0] if len(self.heights_mm) > 1 else ROW_PITCHES_MM[0]
+
+    def slice_at(self, height_mm: float) -> Phantom:
+        """The cross-section at a height, densities in attenuation per mm."""
+        radius = self.wood.radius_mm * (1.0 - self.taper * (height_mm - self.heights_mm[0]) / 100.0)
+        wander = self.pith.at(height_mm)
+        pith = self.wood.pith_mm[0] + wander[0], self.wood.pith_mm[1] + wander[1]
+        wood = replace(self.wood, radius_mm=radius, pith_mm=pith).slice_at(height_mm)
+        shapes: list[Shape] = [
+            Disc(self.bark.at(height_mm), radius + self.bark_mm, BARK_PER_MM),
+            Disc((0.0, 0.0), radius, -BARK_PER_MM),
+            *wood.shapes,
+        ]
+        for share, density in self.rings:
+            shapes.append(Disc(((1.0 - share) * pith[0], (1.0 - share) * pith[1]), share * radius, density))
+        cuts = (inclusion.cut(height_mm) for inclusion in self.inclusions)
+        shapes += [cut for cut in cuts if cut is not None]
+        body = Phantom(f"log {self.seed} at {height_mm:.1f} mm", tuple(shapes))
+        return body.deformed(*self.aspect).moved(*self.centre.at(height_mm))
+
+    @property
+    def slices(self) -> list[Phantom]:
+        """The cross-sections of all rows."""
+        return [self.slice_at(height) for height in self.heights_mm]
+
+    def truth(self, grid: ImageGrid = GRID) -> Rows:
+        """(rows, size, size) float32, each pixel its area mean, in attenuation per mm."""
+        return np.stack([body.rasterise(grid.size, grid.field_mm) for body in self.slices])
+
+    def sinograms(self, geometry: FanBeamGeometry, *, noise: float) -> Rows:
+        """(rows, views, detector) float32, line integrals; the noise relative to the RMS of each row."""
+        found = simulate_rows(self.slices, geometry, noise=noise, seed=1000 * self.seed)
+        return np.ascontiguousarray(found.transpose(1, 0, 2))
+
+    def inclusion_alone(self, name: str, grid: ImageGrid = GRID) -> Rows:
+        """The share of each pixel that the nail, or the small knot, takes: (rows, size, size) float32."""
+        found = np.zeros((len(self.heights_mm), grid.size, grid.size), np.float32)
+        only = next(inclusion for inclusion in self.inclusions if inclusion.name == name)
+        for row, height in enumerate(self.heights_mm):
+            cut = replace(only, density=1.0).cut(height)
+            if cut is not None:
+                body = Phantom(name, (cut,)).deformed(*self.aspect).moved(*self.centre.at(height))
+                found[row] = body.rasterise(grid.size, grid.field_mm)
+        return found
+
+
+def _rings(rng: np.random.Generator, kind: str) -> tuple[tuple[float, float], ...]:
+    """Zones, or rings whose density swings smoothly, in small steps; none beside thin rings."""
+    if kind == "broad zones":
+        shares = np.sort(rng.uniform(0.2, 0.95, rng.integers(3, 6)))
+        return tuple((float(share), float(rng.choice((-1.0, 1.0)) * rng.uniform(0.0006, 0.0015))) for share in shares)
+    if kind == "smooth rings":
+        rings, swing = int(rng.integers(6, 12)), rng.uniform(0.001, 0.002)
+        shares = np.linspace(0.97, 0.06, 6 * rings)
+        levels = swing * np.cos(TAU * rings * shares)
+        return tuple(zip(shares.tolist(), np.diff(levels, prepend=0.0).tolist(), strict=True))
+    return ()
+
+
+def _place(rng: np.random.Generator, low_mm: float, high_mm: float) -> tuple[float, tuple[float, float]]:
+    """A direction, and a point that far out in it."""
+    turn, out = rng.uniform(0.0, TAU), rng.uniform(low_mm, high_mm)
+    return float(turn), (float(out * math.cos(turn)), float(out * math.sin(turn)))
+
+
+def _wet_zone(rng: np.random.Generator, radius: float, middle: float, span: float) -> Inclusion:
+    turn, at = _place(rng, 0.1 * radius, 0.5 * radius)
+    half = rng.uniform(0.12, 0.25) * radius, rng.uniform(0.06, 0.12) * radius, rng.uniform(0.2, 0.8) * span
+    height = middle + span * float(rng.uniform(-0.5, 0.5))
+    density = WET_PER_MM * float(rng.uniform(0.6, 1.4))
+    return Inclusion(
+        "wet zone", height, at, half, (True, True), turn + TAU / 4.0, density, rng.uniform(-0.002, 0.002), 0.12
+    )
+
+
+def _cracks(rng: np.random.Generator, radius: float, middle: float, span: float) -> Iterator[Inclusion]:
+    """One to three, radial, 1 to 3 mm wide; none reaches the pith, where another one would be."""
+    count, first = int(rng.integers(1, 4)), rng.uniform(0.0, TAU)
+    for number in range(count):
+        half = rng.uniform(0.1, 0.25) * radius, rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.0) * span
+        out = half[0] + rng.uniform(0.06, 0.2) * radius
+        turn = first + TAU * number / count + rng.uniform(-0.5, 0.5)
+        yield Inclusion(
+            "crack",
+            middle + span * float(rng.uniform(-0.5, 0.5)),
+            (float(out * math.cos(turn)), float(out * math.sin(turn))),
+            half,
+            (True, False),
+            float(turn),
+            CRACK_PER_MM,
+            rng.uniform(-0.003, 0.003),
+        )
+
+
+def _nail(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
+    """As wide at its ends as in its middle."""
+    turn, at = _place(rng, 0.35 * radius, 0.75 * radius)
+    half = rng.uniform(2.4, 3.2), rng.uniform(1.8, 2.4), 0.5 * NAIL_MM
+    height = height_mm + float(rng.uniform(-2.0, 2.0))
+    return Inclusion("nail", height, at, half, (False, False), turn, NAIL_PER_MM - SAPWOOD_PER_MM)
+
+
+def _small_knot(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
+    """A branch across the axis, round as seen from its tip."""
+    turn, at = _place(rng, 0.4 * radius, 0.65 * radius)
+    half = rng.uniform(15.0, 25.0), 0.5 * SMALL_KNOT_MM, 0.5 * SMALL_KNOT_MM
+    height = height_mm + float(rng.uniform(-2.0, 2.0))
+    return Inclusion("knot", height, at, half, (False, True), turn, KNOT_PER_MM - 0.012)
+
+
+def main() -> None:
+    """Draw the rows of a log side by side."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=TABLE_SEED)
+    parser.add_argument("--rows", type=int, default=ROWS)
+    parser.add_argument("--shown", type=int, default=8)
+    parser.add_argument("--out", type=Path, required=True)
+    asked = parser.parse_args()
+    log = WholeLog.random(asked.seed, rows=asked.rows)
+    shown = [log.heights_mm[row] for row in np.linspace(0, asked.rows - 1, asked.shown).round().astype(int)]
+    images = np.stack([log.slice_at(height).rasterise(GRID.size, GRID.field_mm) for height in shown])
+    halves: list[FloatArray] = [np.hstack(half) for half in np.array_split(images, 2)]
+    picture = np.clip(np.vstack(halves) / (1.5 * SAPWOOD_PER_MM), 0.0, 1.0)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    imsave(asked.out / f"log-{asked.seed}.png", (255.0 * picture).astype(np.uint8), check_contrast=False)
+
+
+if __name__ == "__main__":
+    main()
