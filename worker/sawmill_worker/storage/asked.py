@@ -80,11 +80,8 @@ class Asked(Generic[Ask, Answer]):
             As many jobs wait as may.
         """
         with self._database.write() as session:
-            row = queue_asked(
+            row = self.queue(
                 session,
-                self._files,
-                self._places,
-                self._declared,
                 ask,
                 self._database.now(),
                 identifier=identifier,
@@ -94,6 +91,52 @@ class Asked(Generic[Ask, Answer]):
             )
             refuse_beyond_scan(session, row, ask)
             return self._read(row)
+
+    def queue(
+        self,
+        session: Session,
+        ask: Ask,
+        now: datetime,
+        *,
+        identifier: str | None = None,
+        job_id: str | None = None,
+        priority: Priority = Priority.WAITED_FOR,
+        given: Mapping[str, str] = NOTHING,
+    ) -> Answered:
+        """Write a row and its job inside the caller's transaction, or answer it; the rest as in `accept`."""
+        declared = self._declared
+        table, identifier = table_of(declared.kind), identifier or new_id()
+        refuse_taken(session, table, declared.noun, identifier)
+        known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
+        options = declared.options.model_validate(
+            {name: known[name] for name in declared.options.model_fields if name in known}
+        )
+        job = queue_job(
+            session,
+            declared.kind,
+            identifier,
+            now,
+            short=declared.is_short(options),
+            scanner_id=known.get("scanner_id"),
+            needs=needs,
+            job_id=job_id,
+            priority=priority,
+            fresh=known.get("fresh", False),
+        )
+        row = table(
+            id=identifier,
+            created_at=now,
+            options=options.model_dump(mode="json"),
+            job_id=job.id,
+            **{name: known[name] for name in table.own_columns() if name in known},
+        )
+        session.add(row)
+        session.flush()
+        session.refresh(row, ["job"])
+        if not needs and not job.fresh:
+            answer_at_once(session, self._files, job, now)
+        self._places.take(session, job)
+        return row
 
     def get(self, identifier: str) -> Answer:
         """One of them, or `NotFound`."""
@@ -126,54 +169,6 @@ class Asked(Generic[Ask, Answer]):
 
     def _read(self, row: Answered) -> Answer:
         return read_asked(self._declared, row)
-
-
-def queue_asked(
-    session: Session,
-    files: FileStore,
-    places: Places,
-    declared: AskedKind[Ask, Answer],
-    ask: Ask,
-    now: datetime,
-    *,
-    identifier: str | None = None,
-    job_id: str | None = None,
-    priority: Priority = Priority.WAITED_FOR,
-    given: Mapping[str, str] = NOTHING,
-) -> Answered:
-    """Write a row and its job inside the caller's transaction, or answer it; the rest as in `Asked.accept`."""
-    table, identifier = table_of(declared.kind), identifier or new_id()
-    refuse_taken(session, table, declared.noun, identifier)
-    known, needs = looked_up(session, declared.references, ask.model_dump(mode="json") | dict(given))
-    options = declared.options.model_validate(
-        {name: known[name] for name in declared.options.model_fields if name in known}
-    )
-    job = queue_job(
-        session,
-        declared.kind,
-        identifier,
-        now,
-        short=declared.is_short(options),
-        scanner_id=known.get("scanner_id"),
-        needs=needs,
-        job_id=job_id,
-        priority=priority,
-        fresh=known.get("fresh", False),
-    )
-    row = table(
-        id=identifier,
-        created_at=now,
-        options=options.model_dump(mode="json"),
-        job_id=job.id,
-        **{name: known[name] for name in table.own_columns() if name in known},
-    )
-    session.add(row)
-    session.flush()
-    session.refresh(row, ["job"])
-    if not needs and not job.fresh:
-        answer_at_once(session, files, job, now)
-    places.take(session, job)
-    return row
 
 
 def _rows(declared: AskedKind[Any, Any], *states: JobState | None) -> Select[Any]:

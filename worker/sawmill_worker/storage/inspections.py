@@ -5,7 +5,7 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.inspections import DECLARATION, Inspection, InspectionAsk, InspectionOptions
 from sawmill_worker.contracts.jobs import JobKind, Priority
 from sawmill_worker.storage.arriving import Received
-from sawmill_worker.storage.asked import Asked, queue_asked
+from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.asked_rows import found_asked, read_asked
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database
@@ -67,16 +67,7 @@ class Inspections(Asked[InspectionAsk, Inspection]):
         identifier = identifier or new_id()
         with kept_upload(self._files, received, JobKind.INSPECT, identifier) as keep, self._database.write() as session:
             now = self._database.now()
-            row = queue_asked(
-                session,
-                self._files,
-                self._places,
-                self._declared,
-                file,
-                now,
-                identifier=identifier,
-                priority=priority,
-            )
+            row = self.queue(session, file, now, identifier=identifier, priority=priority)
             keep(session, now)
             return read_asked(self._declared, row)
 

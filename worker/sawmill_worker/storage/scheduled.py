@@ -1,21 +1,18 @@
 """What a schedule asks for at a due time: which scan is new to it, and the job that is queued for it."""
 
 from datetime import datetime
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from sqlalchemy import Select, exists, select
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
-from sawmill_worker.contracts import calibrations, drifts
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.choices import ScheduleOutcome
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
-from sawmill_worker.storage.asked import queue_asked
-from sawmill_worker.storage.files import FileStore
-from sawmill_worker.storage.places import Places
+from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.scanners import active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
@@ -34,10 +31,17 @@ class Outcome(NamedTuple):
     drift_id: str | None = None
 
 
-def queue_due(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
+def queue_due(
+    session: Session,
+    calibrations: Asked[CalibrationAsk, Any],
+    drifts: Asked[DriftAsk, Any],
+    row: ScheduleRow,
+    now: datetime,
+) -> Outcome:
     """Queue what a schedule is for, where there is a scan for it."""
-    do = _check_drift if row.kind == "check-drift" else _recalibrate
-    return do(session, files, places, row, now)
+    if row.kind == "check-drift":
+        return _check_drift(session, drifts, row, now)
+    return _recalibrate(session, calibrations, row, now)
 
 
 def newest_phantom_scan(scanner_id: ScannerId) -> Select[str]:
@@ -82,7 +86,9 @@ def next_log(session: Session, scanner_id: str) -> str | None:
     )
 
 
-def _recalibrate(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
+def _recalibrate(
+    session: Session, calibrations: Asked[CalibrationAsk, Any], row: ScheduleRow, now: datetime
+) -> Outcome:
     """With the scanner's newest usable phantom scan, unless a schedule has used it: an older one shows the past."""
     newest = session.scalar(newest_phantom_scan(row.scanner_id))
     if newest is None:
@@ -91,13 +97,11 @@ def _recalibrate(session: Session, files: FileStore, places: Places, row: Schedu
     if session.scalar(select(used)):
         return Outcome("no-new-phantom-scan")
     ask = CalibrationAsk.model_validate({**row.options, "scan_id": newest, "activate": row.on_pass == "activate"})  # noqa: S105 - no password
-    given = {"schedule_id": row.id}
-    declared = calibrations.DECLARATION
-    queued = queue_asked(session, files, places, declared, ask, now, given=given, priority=Priority.BATCH)
+    queued = calibrations.queue(session, ask, now, given={"schedule_id": row.id}, priority=Priority.BATCH)
     return Outcome("queued", calibration_id=queued.id)
 
 
-def _check_drift(session: Session, files: FileStore, places: Places, row: ScheduleRow, now: datetime) -> Outcome:
+def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRow, now: datetime) -> Outcome:
     """On the newest log scan that is new to all drift checks and fit for one."""
     if active_calibration_id(session, row.scanner_id) is None:
         return Outcome("no-active-calibration")
@@ -105,5 +109,5 @@ def _check_drift(session: Session, files: FileStore, places: Places, row: Schedu
     if newest is None:
         return Outcome("no-new-log-scan")
     ask = DriftAsk(scan_id=newest, **row.drift_options)
-    queued = queue_asked(session, files, places, drifts.DECLARATION, ask, now, priority=Priority.BATCH)
+    queued = drifts.queue(session, ask, now, priority=Priority.BATCH)
     return Outcome("queued", drift_id=queued.id)

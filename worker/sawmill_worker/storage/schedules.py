@@ -11,18 +11,19 @@ from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page, placed_complaint
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.schedules import Schedule, ScheduleRun, ScheduleSpec
 from sawmill_worker.storage.acting import Actor, acting_as
+from sawmill_worker.storage.asked import Asked
 from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.due_times import latest_due, next_due
 from sawmill_worker.storage.entering import changes_in_words
 from sawmill_worker.storage.errors import Invalid, StorageError, StorageFull, StorageUnavailable
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.paging import found, narrowed, new_id, read_page, refuse_taken
-from sawmill_worker.storage.places import Places
 from sawmill_worker.storage.scheduled import queue_due
 from sawmill_worker.storage.tables import EventRow, ScannerRow, ScheduleRow, ScheduleRunRow
 
@@ -35,12 +36,22 @@ _WHY_NOT = {
 
 
 class Schedules:
-    """Every method is one transaction, `run_due` one for each due schedule."""
+    """Every method is one transaction, `run_due` one for each due schedule.
 
-    def __init__(self, database: Database, files: FileStore, places: Places) -> None:
+    Parameters
+    ----------
+    database
+        Where the rows are.
+    calibrations, drifts
+        Where due schedules ask.
+    """
+
+    def __init__(
+        self, database: Database, calibrations: Asked[CalibrationAsk, Any], drifts: Asked[DriftAsk, Any]
+    ) -> None:
         self._database = database
-        self._files = files
-        self._places = places
+        self._calibrations = calibrations
+        self._drifts = drifts
         self._looked_at: datetime | None = None
 
     def create(self, spec: ScheduleSpec, *, schedule_id: str | None = None) -> Schedule:
@@ -162,7 +173,8 @@ class Schedules:
             due_at = latest_due(row.cron, row.time_zone, now)
             if _ran_already(session, schedule_id, due_at):
                 return None
-            run = ScheduleRun(due_at=due_at, **queue_due(session, self._files, self._places, row, now)._asdict())
+            outcome = queue_due(session, self._calibrations, self._drifts, row, now)
+            run = ScheduleRun(due_at=due_at, **outcome._asdict())
             session.add(ScheduleRunRow(schedule_id=schedule_id, **run.model_dump()))
             if first_due_at < due_at:
                 _announce_missed(session, row, now, first_due_at, "nothing ran schedules then")

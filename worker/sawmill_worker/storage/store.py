@@ -82,7 +82,7 @@ class Store:
         self.history = Histories(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)
-        self.schedules = Schedules(self._database, self.files, self.places)
+        self.schedules = Schedules(self._database, self.calibrations, self.drifts)
         self.alarms = Alarms(self._database)
         self.events = Events(self._database)
         self.overviews = Overviews(self._database)
