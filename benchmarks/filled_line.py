@@ -1,7 +1,6 @@
 """A running service whose queue is filled beside it, and what is asked of it meanwhile (`benchmarks/load.py`)."""
 
 import time
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import timedelta
 from itertools import count
@@ -9,8 +8,9 @@ from statistics import median
 from urllib.parse import urlencode
 
 import httpx
-from log_price import THETA
+from queue_depth import milliseconds
 from scanners import SCANNER
+from scans import TRUE_THETA
 from sqlalchemy import func, insert, select
 
 from sawmill_worker import demo_client
@@ -42,7 +42,7 @@ class Line:
 
     def ask(self) -> str:
         """Ask for a plan that nobody has asked for; the id of its job."""
-        body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(THETA), "fresh": True}
+        body = {"scanner_id": self.scanner_id, "views": 20, "theta": vars(TRUE_THETA), "fresh": True}
         return str(demo_client.post(self.client, "/v1/phantoms/l-shape/plans", json=body)["job_id"])
 
     def queued(self) -> int:
@@ -119,14 +119,3 @@ class Line:
             after = {"after": f"{round(at.timestamp() * 1e6)}.{name}"}
         path = f"/v1/jobs?{urlencode({'limit': PAGE_JOBS, **after})}"
         return milliseconds(lambda: demo_client.get(self.client, path), asks)
-
-
-def milliseconds(ask: Callable[[], object], times: int) -> float:
-    """The median of some times, after one that fills caches."""
-    ask()
-    taken = []
-    for _ in range(times):
-        started = time.perf_counter()
-        ask()
-        taken.append(time.perf_counter() - started)
-    return 1e3 * median(taken)

@@ -13,6 +13,7 @@ from typing import Any
 from line_day import VIEWS
 from memory import make_counts
 from scanners import SCANNER
+from scans import TRUE_THETA
 
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import JobKind
@@ -23,15 +24,8 @@ from sawmill_worker.jobs.attempt import Attempt
 from sawmill_worker.jobs.running import run, warm_up
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
-from sawmill_worker.vocabulary import DataKind, ReconstructionMethod, Theta
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
 
-THETA = Theta(
-    initial_angle_rad=2.55023549,
-    detector_to_cor_mm=714.683839,
-    source_shift_mm=319.943788,
-    detector_shift_mm=43.6514375,
-    detector_tilt=0.280799451,
-)
 FEW = ReconstructionMethod.TOTAL_VARIATION
 FEW_ROWS = (32, 96)
 UNLIMITED = 2**40
@@ -83,7 +77,7 @@ def _scan(store: Store, file: Path, rows: int) -> tuple[str, float, int]:
 
 
 def _reconstructed(store: Store, scan_id: str, method: ReconstructionMethod, rows: int) -> tuple[str, float]:
-    ask = ReconstructionAsk(scan_id=scan_id, theta=THETA, method=method, rows=f"0:{rows}")
+    ask = ReconstructionAsk(scan_id=scan_id, theta=TRUE_THETA, method=method, rows=f"0:{rows}")
     return store.reconstructions.accept(ask).id, _done(store)
 
 

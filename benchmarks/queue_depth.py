@@ -89,14 +89,19 @@ def _events(job: dict[str, object]) -> list[dict[str, object]]:
 
 
 def report(question: str, ask: Callable[[], object]) -> None:
+    """A line."""
+    print(f"{question:30s} {milliseconds(ask, REPEATS):8.1f} ms")
+
+
+def milliseconds(ask: Callable[[], object], times: int) -> float:
     """The median of some times, after one that fills caches."""
     ask()
-    seconds = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
+    taken = []
+    for _ in range(times):
+        started = time.perf_counter()
         ask()
-        seconds.append(time.perf_counter() - start)
-    print(f"{question:30s} {1e3 * median(seconds):8.1f} ms")
+        taken.append(time.perf_counter() - started)
+    return 1e3 * median(taken)
 
 
 if __name__ == "__main__":
