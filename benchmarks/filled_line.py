@@ -37,7 +37,6 @@ class Line:
         self.scanner_id = demo_client.post(client, "/v1/scanners", json={"name": "line", "constants": vars(SCANNER)})[
             "id"
         ]
-        self._views = count(20)
         self._numbers = count()
 
     def ask(self) -> str:
