@@ -95,14 +95,6 @@ def arriving(composed: Composed) -> Iterator[bytes]:
     yield bytes(MIB)
 
 
-def ended(mill: httpx.Client, asked: dict[str, str]) -> str:
-    """The state of what was asked for, when its job has ended: an answer that comes after seconds of silence."""
-    job = mill.get(f"/v1/jobs/{asked['job_id']}", params={"wait": 55}).json()
-    assert job["state"] == "succeeded", job
-    assert job["losses"] == 0
-    return job["id"]
-
-
 def test_what_compose_starts_does_a_mill_s_work(composed, mill, mill_scan):
     address = f"http://127.0.0.1:{composed.place.ports['api']}"
     assert httpx.get(f"{address}/v1/scans", trust_env=False).status_code == 401
