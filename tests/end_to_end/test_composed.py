@@ -17,9 +17,10 @@ import psycopg
 import pytest
 from compose_file import COMPOSE, PROGRAMS, ROOT, Place, read_compose
 from composed import Composed, wait_until
-from live_service import descendants
+from live_service import SCANNER, descendants
 
 from sawmill_worker.execution import landlock
+from sawmill_worker.tomography.geometry import Theta
 
 pytestmark = pytest.mark.slow
 
@@ -95,16 +96,18 @@ def arriving(composed: Composed) -> Iterator[bytes]:
     yield bytes(MIB)
 
 
-def test_what_compose_starts_does_a_mill_s_work(composed, mill, mill_scan):
+def test_what_compose_starts_does_a_mill_s_work(composed, mill, write_phantom_scan):
     address = f"http://127.0.0.1:{composed.place.ports['api']}"
     assert httpx.get(f"{address}/v1/scans", trust_env=False).status_code == 401
     health = composed.check("worker")
     assert mill.post("/v1/inspections", content=arriving(composed)).status_code == 202
-    described = {"name": "Line 2", "constants": vars(mill_scan.scanner)}
+    described = {"name": "Line 2", "constants": vars(SCANNER)}
     scanner = mill.post("/v1/scanners", json=described, headers={"X-Forwarded-For": "10.1.2.3"})
     assert scanner.headers["Strict-Transport-Security"] == "max-age=31536000"
-    spec = {"scanner_id": scanner.json()["id"], "data": "counts", "phantom_id": "l-shape", "phantom_rows": "0:2"}
-    scan = mill.post("/v1/scans", params=spec, content=mill_scan.path.read_bytes()).json()
+    stack = composed.place.folder / "stack.h5"
+    write_phantom_scan(stack, Theta(0.7, 728.0, -254.0, -37.0, -0.21), views=20)
+    spec = {"scanner_id": scanner.json()["id"], "data": "counts", "phantom_id": "l-shape", "phantom_rows": "0:1"}
+    scan = mill.post("/v1/scans", params=spec, content=stack.read_bytes()).json()
     calibration = mill.post("/v1/calibrations", json={"scan_id": scan["id"], "activate": True}).json()
     wait_for_end(mill, calibration["job_id"])
     at = f"/v1/calibrations/{calibration['id']}"
