@@ -5,7 +5,6 @@ JSON of what they were computed from. What a kill or a lost power left behind do
 """
 
 import json
-import os
 import struct
 import zlib
 from collections.abc import Mapping
@@ -14,6 +13,8 @@ from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sawmill_worker.whole_files import whole_file
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -44,21 +45,13 @@ def write_checkpoint(path: Path, origin: Mapping[str, Any], arrays: Arrays) -> N
     ValueError
         An array holds Python objects.
     """
-    temporary = path.with_name(f".{path.name}.part")
-    try:
-        with temporary.open("w+b") as file:
-            file.write(bytes(_SEAL.size))
-            np.savez(file, allow_pickle=False, **{_ORIGIN: _packed(origin)}, **arrays)
-            length = file.tell() - _SEAL.size
-            checksum = _checksum(file)
-            file.seek(0)
-            file.write(_SEAL.pack(_MARK, checksum, length))
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    with whole_file(path) as file:
+        file.write(bytes(_SEAL.size))
+        np.savez(file, allow_pickle=False, **{_ORIGIN: _packed(origin)}, **arrays)
+        length = file.tell() - _SEAL.size
+        checksum = _checksum(file)
+        file.seek(0)
+        file.write(_SEAL.pack(_MARK, checksum, length))
 
 
 def read_checkpoint(path: Path, origin: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -1,7 +1,6 @@
 """How our HDF5 files are opened: for writing, whole or not at all; for reading, on shared folders too."""
 
 import io
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import TYPE_CHECKING
 from uuid import uuid4
 
 import h5py
+
+from sawmill_worker.whole_files import flush_names, flushed, renamed
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -29,22 +30,16 @@ def whole_hdf5(path: Path) -> Iterator[h5py.File]:
         When it cannot be written, as on a full disk; then nothing is left behind and an older file stays as it was.
     """
     temporary = path.with_name(f".{path.name}.{uuid4().hex}.part")
-    try:
-        with _DeafFile(temporary, "x+") as disk:
-            try:
-                with h5py.File(disk, "w") as file:
-                    yield file
-            except Exception:
-                # What was read back after a failed write is wrong: the write is what there is to tell of.
-                disk.complain(path.name)
-                raise
+    with renamed(temporary, path), flushed(_DeafFile(temporary, "x+")) as disk:
+        try:
+            with h5py.File(disk, "w") as file:
+                yield file
+        except Exception:
+            # What was read back after a failed write is wrong: the write is what there is to tell of.
             disk.complain(path.name)
-            os.fsync(disk.fileno())
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
-    _flush_folder(path.parent)
+            raise
+        disk.complain(path.name)
+    flush_names(path.parent)
 
 
 class _DeafFile(io.FileIO):
@@ -77,11 +72,3 @@ class _DeafFile(io.FileIO):
         """Speak up about the failure, if there was one."""
         if self.failure is not None:
             raise OSError(self.failure.errno, f"{name} could not be written: {self.failure.strerror}")
-
-
-def _flush_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -25,7 +25,6 @@ What is in none of the rows goes with time (`leftovers`).
 
 import asyncio
 import fcntl
-import os
 import re
 import shutil
 import threading
@@ -49,6 +48,7 @@ from sawmill_worker.storage.errors import (
     disk_full_reported,
     means_disk_full,
 )
+from sawmill_worker.whole_files import flush
 
 SCAN_FILE = "scan.h5"
 _TEMPORARY = ("incoming", "removed")
@@ -429,15 +429,6 @@ def flush_tree(folder: Path) -> None:
 def note_of(path: Path) -> Path:
     """Where a large file's digest is noted (`noted_digests`)."""
     return path.with_name(f".{path.name}.sha256")
-
-
-def flush(path: Path) -> None:
-    """Make a file durable, or of a folder the names in it."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _checked(identifier: str) -> str:

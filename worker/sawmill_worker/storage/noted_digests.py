@@ -12,6 +12,7 @@ from pathlib import Path
 
 from sawmill_worker.storage.errors import StorageUnavailable, disk_full_reported
 from sawmill_worker.storage.files import SCAN_FILE, note_of
+from sawmill_worker.whole_files import renamed
 
 # Smaller files are read within some 30 ms.
 NOTED_FROM_BYTES = 8 * 1024**2
@@ -49,12 +50,8 @@ def note_digest(path: Path, status: os.stat_result, digest: bytes) -> None:
     """Keep a digest beside its file; a note is there whole or not at all."""
     note = note_of(path)
     new = note.with_name(f"{note.name}.{os.getpid()}-{threading.get_ident()}")
-    try:
+    with renamed(new, note):
         new.write_text(f"{digest.hex()} {_stamp(status)}")
-        new.replace(note)
-    except OSError:
-        new.unlink(missing_ok=True)
-        raise
 
 
 def compute_digest(path: Path, status: os.stat_result) -> bytes:

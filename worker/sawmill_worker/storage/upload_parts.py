@@ -19,8 +19,8 @@ from sawmill_worker.storage.arriving import STEP_BYTES, Content, check_free
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Busy, Conflict, Damaged, NotFound, disk_full_reported
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.files import flush
 from sawmill_worker.storage.tables import UploadRow
+from sawmill_worker.whole_files import flush
 
 # A service that is killed loses what came in this time, or `STEP_BYTES`, whichever is less.
 _STEP_S = 1.0

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from sawmill_worker.watching.stopping import Stop
+from sawmill_worker.whole_files import flush_names, flushed, open_regular, renamed, whole_file
 
 _CHUNK_BYTES = 2**20
 
@@ -18,21 +19,6 @@ Signature = tuple[int, int]
 
 class FileChanged(Exception):  # noqa: N818 - its writer's doing
     """Somebody wrote to a file that was whole; the message says when."""
-
-
-def open_regular(path: Path) -> BinaryIO:
-    """Open a file to read, and nothing else: no link is followed and no pipe waited for.
-
-    Raises
-    ------
-    OSError
-        It cannot be opened, or is no file.
-    """
-    descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(errno.EINVAL, "is no ordinary file", str(path))
-    return os.fdopen(descriptor, "rb")
 
 
 def signature(path: Path) -> Signature:
@@ -77,22 +63,14 @@ def make_folder(path: Path) -> None:
         if not stat.S_ISDIR(path.lstat().st_mode):
             raise NotADirectoryError(errno.ENOTDIR, "must be a folder and no link", str(path)) from None
     else:
-        sync_folder(path.parent)
+        flush_names(path.parent)
 
 
 def write_durably(path: Path, text: str) -> None:
     """Write a file that is there whole, or not at all."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        with part.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    sync_folder(path.parent)
+    with whole_file(path) as file:
+        file.write(text.encode())
+    flush_names(path.parent)
 
 
 def move(source: Path, target: Path) -> None:
@@ -110,35 +88,16 @@ def move(source: Path, target: Path) -> None:
             raise
         _copy(source, target)
         source.unlink()
-    sync_folder(target.parent)
-    sync_folder(source.parent)
+    flush_names(target.parent)
+    flush_names(source.parent)
 
 
 def _copy(source: Path, target: Path) -> None:
     part = target.with_name(f".{target.name}.part"[:255])
-    try:
-        with open_regular(source) as original, part.open("wb") as copy:
+    with renamed(part, target):
+        with open_regular(source) as original, flushed(part.open("wb")) as copy:
             shutil.copyfileobj(original, copy, _CHUNK_BYTES)
-            copy.flush()
-            os.fsync(copy.fileno())
         # Shares whose files all belong to another user take neither times nor rights.
         with suppress(PermissionError):
             shutil.copystat(source, part)
-        part.rename(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
-    sync_folder(target.parent)
-
-
-def sync_folder(path: Path) -> None:
-    """Have the names in a folder survive a power cut."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    except OSError as error:
-        # Some network shares have no such thing for folders: their server writes names as it sees fit.
-        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
-            raise
-    finally:
-        os.close(descriptor)
+    flush_names(target.parent)

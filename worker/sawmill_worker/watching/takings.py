@@ -27,11 +27,10 @@ from sawmill_worker.watching.durable import (
     Signature,
     make_folder,
     move,
-    open_regular,
     signature_of,
-    sync_folder,
     write_durably,
 )
+from sawmill_worker.whole_files import flush_names, open_regular
 
 _RECORD = ".json"
 _IDENTIFIER = r"[a-z0-9][a-z0-9-]{0,63}"
@@ -171,7 +170,7 @@ class Takings:
         with suppress(FileNotFoundError):
             self.path(taking).parent.rmdir()
         self._record(taking).unlink(missing_ok=True)
-        sync_folder(self._taken)
+        flush_names(self._taken)
 
     def tidy(self) -> None:
         """Remove what a killed process had begun to write."""

@@ -1,6 +1,5 @@
 """Files copied into a backup and out of one: whole, summed and durable."""
 
-import errno
 import hashlib
 import os
 import shutil
@@ -9,7 +8,7 @@ from typing import BinaryIO
 
 from sawmill_worker.storage.backups.manifest import Counted, Summed, blocks_of
 from sawmill_worker.storage.errors import StorageFull
-from sawmill_worker.storage.files import flush
+from sawmill_worker.whole_files import flush_names, flushed
 
 
 def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, most_bytes: int | None = None) -> Summed:
@@ -21,7 +20,7 @@ def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, mo
         What is open cannot be read.
     """
     computed, size_bytes = hashlib.sha256(), 0
-    with target.open("xb") as writing:
+    with flushed(target.open("xb")) as writing:
         for block in blocks_of(reading, most_bytes):
             writing.write(block)
             computed.update(block)
@@ -29,7 +28,6 @@ def copy(reading: BinaryIO, target: Path, counted: Counted, *, mtime_ns: int, mo
             counted(len(block))
         writing.flush()
         os.utime(writing.fileno(), ns=(mtime_ns, mtime_ns))
-        os.fsync(writing.fileno())
     return Summed(size_bytes=size_bytes, sha256=computed.hexdigest())
 
 
@@ -51,15 +49,6 @@ def flush_folders(folder: Path) -> None:
     """Make the names in a folder and all below it durable."""
     for path, _, _ in os.walk(folder):
         flush_names(Path(path))
-
-
-def flush_names(folder: Path) -> None:
-    """Make the names in a folder durable, where its file system knows how to: some network ones do not."""
-    try:
-        flush(folder)
-    except OSError as error:
-        if error.errno != errno.EINVAL:
-            raise
 
 
 def has_links(folder: Path) -> bool:

@@ -2,9 +2,7 @@
 
 import hashlib
 import json
-import os
 import re
-import stat
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, NamedTuple
@@ -15,6 +13,7 @@ from sawmill_worker.contracts.base import Contract, Time
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.files import EXAMPLES, UNFINISHED
+from sawmill_worker.whole_files import flushed, open_regular
 
 MANIFEST, MANIFEST_SUM, FILES, ROWS, DATA = "manifest.json", "manifest.sha256", "files.jsonl", "rows", "data"
 FORMAT = 1
@@ -97,10 +96,8 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
     """Write it and its sum, and make them durable."""
     content = manifest.model_dump_json(indent=1).encode() + b"\n"
     for name, part in ((MANIFEST, content), (MANIFEST_SUM, f"{_sum_of(content)}  {MANIFEST}\n".encode())):
-        with (folder / name).open("xb") as file:
+        with flushed((folder / name).open("xb")) as file:
             file.write(part)
-            file.flush()
-            os.fsync(file.fileno())
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -158,15 +155,11 @@ def open_plain(path: Path) -> BinaryIO:
         It is something else, or is not there.
     """
     try:
-        file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
+        return open_regular(path)
     except FileNotFoundError as error:
         raise Damaged(f"{path} is missing") from error
     except OSError as error:
         raise Damaged(f"{path} cannot be read as a file: {error.strerror}") from error
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise Damaged(f"{path} is no file")
-    return file
 
 
 def blocks_of(file: BinaryIO, most_bytes: int | None = None) -> Iterator[bytes]:
@@ -204,10 +197,6 @@ def summed(path: Path, counted: Counted = lambda _: None) -> Summed:
             size_bytes += len(block)
             counted(len(block))
     return Summed(size_bytes=size_bytes, sha256=computed.hexdigest())
-
-
-def _without_following(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
 
 
 def _sum_of(content: bytes) -> str:

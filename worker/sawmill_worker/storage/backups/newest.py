@@ -7,6 +7,7 @@ from pydantic import ValidationError
 from sawmill_worker.contracts.base import Contract, Time
 from sawmill_worker.storage.backups.manifest import Manifest
 from sawmill_worker.storage.files import LAST_BACKUP
+from sawmill_worker.whole_files import renamed
 
 
 class Newest(Contract):
@@ -31,8 +32,8 @@ def note_newest(folder: Path, path: Path, manifest: Manifest) -> None:
     """Note a backup that is whole."""
     note = Newest(path=str(path), taken_at=manifest.taken_at, lacking=len(manifest.lacking))
     new = folder / f"{LAST_BACKUP}.new"
-    new.write_text(note.model_dump_json())
-    new.replace(folder / LAST_BACKUP)
+    with renamed(new, folder / LAST_BACKUP):
+        new.write_text(note.model_dump_json())
 
 
 def newest_backup(folder: Path) -> Newest | None:

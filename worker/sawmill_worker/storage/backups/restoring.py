@@ -27,11 +27,12 @@ from sawmill_worker.storage.database import Database, has_tables, is_known, newe
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.events import record, record_restored
-from sawmill_worker.storage.files import RESTORING, flush
+from sawmill_worker.storage.files import RESTORING
 from sawmill_worker.storage.jobs import requeue
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.tables import JobRow
 from sawmill_worker.vocabulary import ProgressCallback
+from sawmill_worker.whole_files import flush
 
 _LOCK = "lock"
 # What is in an empty data folder: of a disk of its own, and of who looks whether it is served.

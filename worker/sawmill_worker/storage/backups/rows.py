@@ -5,7 +5,6 @@ Tables are read and written as the database has them, whatever its revision: not
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import date, datetime
 from itertools import islice
@@ -21,6 +20,7 @@ from sqlalchemy.types import TypeEngine
 from sawmill_worker.storage.backups.manifest import ROWS, Table, open_plain
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.tables import Base, ClockRow, SessionRow, UtcDateTime
+from sawmill_worker.whole_files import flushed
 
 # Logins are not restored, and a clock is its machine's.
 LEFT_OUT = {SessionRow.__tablename__, ClockRow.__tablename__}
@@ -94,14 +94,12 @@ def _write(connection: Connection, table: SqlTable, path: Path) -> Table:
     rows = size_bytes = 0
     sum_so_far = hashlib.sha256()
     found = connection.execution_options(yield_per=_BATCH).execute(select(table).order_by(*table.primary_key))
-    with path.open("xb") as file:
+    with flushed(path.open("xb")) as file:
         for row in found.mappings():
             line = json.dumps(dict(row), default=_time).encode() + b"\n"
             file.write(line)
             sum_so_far.update(line)
             rows, size_bytes = rows + 1, size_bytes + len(line)
-        file.flush()
-        os.fsync(file.fileno())
     return Table(rows=rows, size_bytes=size_bytes, sha256=sum_so_far.hexdigest())
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from sqlalchemy import inspect
 
-from sawmill_worker.storage.backups.copying import flush_folders, flush_names
+from sawmill_worker.storage.backups.copying import flush_folders
 from sawmill_worker.storage.backups.errors import Refused
 from sawmill_worker.storage.backups.folders import alone_in, backups_in, new_name, partial_of
 from sawmill_worker.storage.backups.laying import Laying
@@ -37,10 +37,11 @@ from sawmill_worker.storage.backups.rows import write_rows
 from sawmill_worker.storage.database import Database, revision_of
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Damaged, StorageUnavailable
-from sawmill_worker.storage.files import flush, refuse_half_restored
+from sawmill_worker.storage.files import refuse_half_restored
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.vocabulary import ProgressCallback
 from sawmill_worker.vocabulary.version import VERSION
+from sawmill_worker.whole_files import flush_names, flushed
 
 _MOST_LOOKS = 20
 # For what is lacking because it is just being removed: its row goes with the next look.
@@ -135,9 +136,8 @@ def _fill(database: Database, part: Path, laying: Laying) -> Manifest:
     else:
         raise StorageUnavailable(f"files went away at each of {_MOST_LOOKS} looks at the data folder: try again later")
     entries = laying.only(found)
-    with (part / FILES).open("xb") as file:
+    with flushed((part / FILES).open("xb")) as file:
         file.writelines(map(write_entry, entries))
-    flush(part / FILES)
     manifest = Manifest(
         version=VERSION,
         revision=revision,

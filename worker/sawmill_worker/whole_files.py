@@ -1,0 +1,85 @@
+"""Files that are whole on their disk, or not there: for every room, and of the standard library alone."""
+
+import errno
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+File = TypeVar("File", bound=BinaryIO)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A new file, to write and to read, that has its name when the block ends well, and is not there otherwise.
+
+    Raises
+    ------
+    OSError
+        It cannot be written, as on a full disk; an older file stays as it was.
+    """
+    part = path.with_name(f".{path.name}.part"[:255])
+    with renamed(part, path), flushed(part.open("w+b")) as file:
+        yield file
+
+
+@contextmanager
+def renamed(part: Path, path: Path) -> Iterator[None]:
+    """Give what the block writes its name when the block ends well, and remove it otherwise."""
+    try:
+        yield
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+
+
+@contextmanager
+def flushed(file: File) -> Iterator[File]:
+    """Close a file at the end of the block; when that ends well, the file is on its disk."""
+    with file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def flush(path: Path) -> None:
+    """Make a file durable, or of a folder the names in it."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def flush_names(folder: Path) -> None:
+    """Make the names in a folder durable, where its file system knows how to.
+
+    Some network shares have no such thing for folders: their server writes names as it sees fit.
+    """
+    try:
+        flush(folder)
+    except OSError as error:
+        if error.errno not in {errno.EINVAL, errno.ENOTSUP}:
+            raise
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read, and nothing else: no link is followed and no pipe waited for.
+
+    Raises
+    ------
+    OSError
+        It cannot be opened, or is no file.
+    """
+    file = open(path, "rb", opener=_without_following)  # noqa: SIM115 - the caller's; Path has no opener
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "is no ordinary file", str(path))
+    return file
+
+
+def _without_following(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK)
