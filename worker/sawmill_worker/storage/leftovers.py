@@ -156,17 +156,15 @@ def _noted(errors: list[OSError]) -> Iterator[None]:
 
 
 def _places(folder: Path, now: Callable[[], datetime]) -> list[_Place]:
-    uploaded: dict[JobKind, Known] = {
-        JobKind.INGEST: _among(named_by_rows.scans),
-        JobKind.TRACE_PHANTOM: _among(named_by_rows.phantoms),
-        JobKind.INSPECT: _among(lambda: named_by_rows.inspected(now())),
-    }
     return [
         *(_Place(folder / name, _TEMPORARY_NAME, _nothing, changes=True) for name in ("incoming", "removed")),
         _Place(folder / "attempts", _ATTEMPT_NAME, _running_attempts),
         _Place(folder / "kept", _SUBJECT_NAME, _among(named_by_rows.unfinished_jobs)),
         _Place(folder / UNFINISHED, _SUBJECT_NAME, _among(named_by_rows.unused_uploads)),
-        *(_Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, known) for kind, known in uploaded.items()),
+        *(
+            _Place(folder / "uploads" / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.uploaded, kind, now)))
+            for kind in named_by_rows.UPLOADED
+        ),
         *(
             _Place(folder / kind.plural, _SUBJECT_NAME, _among(partial(named_by_rows.succeeded, kind)))
             for kind in JobKind

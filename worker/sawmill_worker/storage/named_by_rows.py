@@ -1,5 +1,6 @@
 """Which names in the data folder rows know: statements that give ids, of all or of some by a further condition."""
 
+from collections.abc import Callable
 from datetime import datetime
 
 from sqlalchemy import Select, or_, select
@@ -13,6 +14,8 @@ from sawmill_worker.storage.tables import AskedRow, JobRow, PhantomRow, ScanRow,
 
 Ids = Select[str]
 
+# Jobs that read what was uploaded for them.
+UPLOADED = (JobKind.INGEST, JobKind.TRACE_PHANTOM, JobKind.INSPECT)
 _UNFINISHED = [state for state in JobState if not state.ended]
 
 
@@ -26,19 +29,16 @@ def unused_uploads() -> Ids:
     return select(UploadRow.id).where(UploadRow.state != UploadState.USED)
 
 
-def scans() -> Ids:
-    """Scans, each with what was uploaded."""
-    return select(ScanRow.id)
+def uploaded(kind: JobKind, now: Callable[[], datetime]) -> Ids:
+    """What files were uploaded for, by one of the kinds `UPLOADED`.
 
-
-def phantoms() -> Ids:
-    """Phantoms, which may have an uploaded picture."""
-    return select(PhantomRow.id)
-
-
-def inspected(now: datetime) -> Ids:
-    """Inspections whose file is kept still: for its time, or until it has been inspected."""
-    kept = or_(AskedRow.created_at > now - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
+    An inspection's file is kept for its time, or until it has been inspected.
+    """
+    if kind is JobKind.INGEST:
+        return select(ScanRow.id)
+    if kind is JobKind.TRACE_PHANTOM:
+        return select(PhantomRow.id)
+    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
     return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == JobKind.INSPECT, kept)
 
 

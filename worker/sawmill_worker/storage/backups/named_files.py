@@ -62,12 +62,10 @@ def named_by(connection: Connection, tables: Collection[str]) -> list[Named]:
     tables
         Those that there are: a database may be older than this software.
     """
-    uploaded = {
-        JobKind.INGEST: (named_by_rows.scans(), True),
-        JobKind.TRACE_PHANTOM: (named_by_rows.phantoms(), False),
-        JobKind.INSPECT: (named_by_rows.inspected(datetime.now(UTC)), False),
+    folders = {
+        f"uploads/{kind.plural}": (named_by_rows.uploaded(kind, lambda: datetime.now(UTC)), kind is JobKind.INGEST)
+        for kind in named_by_rows.UPLOADED
     }
-    folders = {f"uploads/{kind.plural}": asked for kind, asked in uploaded.items()}
     folders |= {kind.plural: (named_by_rows.succeeded(kind), _leaves_files(kind)) for kind in JobKind}
     named = [Named(EXAMPLES, needed=False)]
     for folder, (ids, needed) in folders.items():
