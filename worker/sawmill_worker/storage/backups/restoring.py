@@ -39,8 +39,13 @@ _LOCK = "lock"
 _NOTHING = {"lost+found", "serve.lock"}
 
 
-def check_empty(settings: StorageSettings) -> None:
+def check_empty(settings: StorageSettings) -> bool:
     """Check that a restore may begin; what a killed one left may be there.
+
+    Returns
+    -------
+    bool
+        Whether a killed one had committed all rows.
 
     Raises
     ------
@@ -55,9 +60,11 @@ def check_empty(settings: StorageSettings) -> None:
     if more:
         msg = f"{str(folder)!r} is not empty ({', '.join(more[:3])}): a backup is restored into an empty folder alone"
         raise Refused(msg)
-    if _is_filled(settings) and not (left and _is_emptied(folder / RESTORING / DATA)):
+    is_filled = _is_filled(settings)
+    if is_filled and not (left and _is_emptied(folder / RESTORING / DATA)):
         where = "the database of SAWMILL_DATABASE_URL" if file is None else repr(str(file))
         raise Refused(f"{where} is not empty: a backup is restored into an empty database alone")
+    return is_filled
 
 
 def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallback) -> Manifest | None:
@@ -78,8 +85,7 @@ def restore(backup: Path, settings: StorageSettings, on_progress: ProgressCallba
     StorageFull, StorageUnavailable, OSError
         The data folder or the database cannot be written to: nothing is restored.
     """
-    check_empty(settings)
-    checked, is_filled = _checked(backup), _is_filled(settings)
+    checked, is_filled = _checked(backup), check_empty(settings)
     folder = settings.data_folder.absolute()
     with _alone_in(folder):
         if is_filled:
