@@ -145,8 +145,7 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write.
         """
-        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
-            lock_for_setup(connection)
+        with self._setting_up() as connection:
             if revision != "head" or revision_of(connection) != newest_revision():
                 _migrate(connection, revision)
 
@@ -179,17 +178,24 @@ class Database:
         StorageFull, StorageUnavailable
             The database cannot write, or has tables.
         """
-        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
-            lock_for_setup(connection)
+        with self._setting_up() as connection:
             if has_tables(connection):
                 raise StorageMisconfigured("the database has tables already: give an empty one")
             with _any_time(connection):
                 _migrate(connection, revision)
                 fill(connection)
-                _migrate(connection, "head")
+                if revision != newest_revision():
+                    _migrate(connection, "head")
                 with Session(connection) as session:
                     yield session
                     session.flush()
+
+    @contextmanager
+    def _setting_up(self) -> Iterator[Connection]:
+        """A transaction that makes or changes tables: one of them at a time."""
+        with trouble_translated(), _one_process_at_a_time(self.engine), self._writer.begin() as connection:
+            lock_for_setup(connection)
+            yield connection
 
     def start_clock(self) -> None:
         """Write the machine's time where this is the first process since its start; the tables must be up to date.
