@@ -132,9 +132,19 @@ def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], 
     return newest_first.where(number < int(after))
 
 
+def microseconds_of(moment: datetime) -> int:
+    """Since 1970."""
+    return (moment - _EPOCH) // _MICROSECOND
+
+
+def moment_of(microseconds: int) -> datetime:
+    """That many microseconds after the beginning of 1970, UTC."""
+    return _EPOCH + microseconds * _MICROSECOND
+
+
 def cursor_of(moment: datetime, identifier: str) -> str:
     """Of a page whose last row has this time, and this id among those of one time."""
-    return f"{(moment - _EPOCH) // _MICROSECOND}.{identifier}"
+    return f"{microseconds_of(moment)}.{identifier}"
 
 
 def parse_cursor(cursor: str) -> tuple[datetime, str]:
@@ -148,4 +158,4 @@ def parse_cursor(cursor: str) -> tuple[datetime, str]:
     if re.fullmatch(CURSOR, cursor) is None:
         raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {cursor!r}")
     microseconds, _, identifier = cursor.partition(".")
-    return _EPOCH + int(microseconds) * _MICROSECOND, identifier
+    return moment_of(int(microseconds)), identifier

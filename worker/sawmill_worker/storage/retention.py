@@ -4,7 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import datetime, timedelta
 from typing import Any
 
 from sqlalchemy import ColumnElement, Select, and_, func, null, select
@@ -30,6 +30,7 @@ from sawmill_worker.storage.database import Database, lock_for_setup
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.growth import Growth, fillings, growth_of
+from sawmill_worker.storage.paging import microseconds_of, moment_of
 from sawmill_worker.storage.protected import Protection, none_of, protections
 from sawmill_worker.storage.retained import STOCKS, Stock, last_old_event, reach_of
 from sawmill_worker.storage.tables import EventRow, RetentionRow
@@ -41,8 +42,6 @@ SHOWN_FOR = timedelta(hours=1)
 # So long nobody looked after the rules, or the clock has leapt: then days wait for a person.
 LONGEST_GAP = timedelta(days=30)
 _FIRST, _FIRST_IDS = 10, 3
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_MICROSECOND = timedelta(microseconds=1)
 
 
 class RetentionStore:
@@ -130,7 +129,7 @@ def _preview(session: Session, rules: RetentionRules, in_force: Retention, at: d
     ruled = set(rules.kinds())
     kinds = [_of_kind(session, kind, rules, at) if kind in ruled else _nothing_of(kind) for kind in RetentionKind]
     numbers = "-".join(str(kind.number) for kind in kinds)
-    confirmed = f"{(at - _EPOCH) // _MICROSECOND}.{numbers}.{_digest(rules, in_force)}"
+    confirmed = f"{microseconds_of(at)}.{numbers}.{_digest(rules, in_force)}"
     return RetentionPreview(at=at, rules=rules, confirmed=confirmed, kinds=kinds)
 
 
@@ -152,7 +151,7 @@ def _check_shown(
     if re.fullmatch(patterns.CONFIRMED, confirmed) is None:
         raise _unconfirmed(f"confirmed must be that of a preview, not {confirmed!r}")
     microseconds, numbers, digest = confirmed.split(".")
-    at = _EPOCH + int(microseconds) * _MICROSECOND
+    at = moment_of(int(microseconds))
     if not timedelta() <= now - at <= SHOWN_FOR:
         raise _unconfirmed(f"it was shown at {at.isoformat(timespec='seconds')}, more than an hour ago")
     if digest != _digest(rules, in_force):
