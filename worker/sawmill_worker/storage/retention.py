@@ -3,11 +3,11 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Select, and_, func, null, select
+from sqlalchemy import Select, and_, func, null, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts import patterns
@@ -198,12 +198,7 @@ def _of_stock(session: Session, stock: Stock, rules: RetentionRules, at: datetim
             Going(id=identifier, created_at=created_at, bytes=each, by=reach.rule_of(stock.kind, created_at))
             for identifier, created_at, each in first
         ],
-        stays=_staying(
-            session,
-            stay,
-            lambda kept: stock.select(func.count(), until=and_(beyond, kept)),
-            lambda kept: stock.select(table.id, until=and_(beyond, kept)).order_by(table.created_at, table.id),
-        ),
+        stays=_staying(session, stay, stock.select(table.id, until=beyond).order_by(table.created_at, table.id)),
     )
 
 
@@ -225,24 +220,18 @@ def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPre
         oldest_at=first[0].created_at if first else None,
         newest_at=newest_at,
         first=first,
-        stays=_staying(
-            session,
-            stay,
-            lambda kept: select(func.count()).select_from(EventRow).where(beyond, kept),
-            lambda kept: select(EventRow.number).where(beyond, kept).order_by(EventRow.number),
-        ),
+        stays=_staying(session, stay, select(EventRow.number).where(beyond).order_by(EventRow.number)),
     )
 
 
-Asked = Callable[[ColumnElement[bool]], Select[Any]]
-
-
-def _staying(session: Session, stay: Sequence[Protection], counted: Asked, listed: Asked) -> list[Staying]:
-    """By reason: how many, and the oldest, of what the rules reach."""
+def _staying(session: Session, stay: Sequence[Protection], beyond: Select[Any]) -> list[Staying]:
+    """By reason: how many, and the oldest, of the ids of what the rules reach, the oldest first."""
     found = []
     for because, condition in stay:
-        number = session.scalar(counted(condition)) or 0
+        kept = beyond.where(condition)
+        counted = kept.with_only_columns(func.count(), maintain_column_froms=True).order_by(None)
+        number = session.scalar(counted) or 0
         if number:
-            first = session.scalars(listed(condition).limit(_FIRST_IDS))
+            first = session.scalars(kept.limit(_FIRST_IDS))
             found.append(Staying(because=because, number=number, first_ids=[str(each) for each in first]))
     return found
