@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import structlog
-from sqlalchemy import CursorResult, and_, delete, func, or_, select, update
+from sqlalchemy import CursorResult, and_, delete, or_, select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
@@ -131,21 +131,21 @@ class RetentionKeeper:
             chosen = _oldest(session, stock, reach)
         if not chosen:
             return None, False
+        is_full = len(chosen) == ITEMS_A_ROUND
         with self._database.write() as session:
             row = _held_rules(session, task)
             if row is None:
                 return None, False
             _lock(session, stock, chosen)
             going = _may_still_go(session, stock, chosen)
+            if not going:
+                return None, is_full
             places = [place for identifier in going for place in places_of(self._files, stock.job, identifier)]
-            freed_bytes = freed_bytes_of(places)
-            span = _span(session, stock, going)
-            _delete(session, stock, going)
-            removed = self._note(
-                session, row, Removed(kind=stock.kind, number=len(going), freed_bytes=freed_bytes), span
-            )
+            removed = Removed(kind=stock.kind, number=len(going), freed_bytes=freed_bytes_of(places))
+            _delete(session, stock, list(going))
+            self._note(session, row, removed, min(going.values()), max(going.values()))
         self._delete_files(places)
-        return removed, len(chosen) == ITEMS_A_ROUND
+        return removed, is_full
 
     def _remove_events(self, task: _Task, last: int) -> tuple[Removed | None, bool]:
         with self._database.write() as session:
@@ -161,26 +161,24 @@ class RetentionKeeper:
             gone = session.execute(delete(EventRow).where(up_to, *goes).execution_options(synchronize_session=False))
             assert isinstance(gone, CursorResult)  # noqa: S101 - of a DELETE
             removed = Removed(kind=task.kind, number=gone.rowcount, freed_bytes=0)
-            return self._note(session, row, removed, (chosen[0].at, chosen[-1].at)), len(chosen) == EVENTS_A_ROUND
+            self._note(session, row, removed, chosen[0].at, chosen[-1].at)
+            return removed, len(chosen) == EVENTS_A_ROUND
 
     def _note(
-        self, session: Session, row: RetentionRow, removed: Removed, span: tuple[datetime, datetime] | None
-    ) -> Removed | None:
+        self, session: Session, row: RetentionRow, removed: Removed, first_at: datetime, last_at: datetime
+    ) -> None:
         """Count it, and announce it, in the transaction that removes it."""
-        if span is None:
-            return None
         number, freed_bytes = row.removed.get(removed.kind.value, (0, 0))
         counted = [number + removed.number, freed_bytes + removed.freed_bytes]
         row.removed = {**row.removed, removed.kind.value: counted}
         detail = {
             "number": removed.number,
             "freed_bytes": removed.freed_bytes,
-            "first_at": span[0].isoformat(),
-            "last_at": span[1].isoformat(),
+            "first_at": first_at.isoformat(),
+            "last_at": last_at.isoformat(),
         }
         now = self._database.now()
         announce(session, now, EventKind.RETENTION_REMOVED, SUBJECT, removed.kind.value, detail=detail)
-        return removed
 
     def _delete_files(self, places: Sequence[Path]) -> None:
         errors = list[OSError]()
@@ -206,12 +204,11 @@ def _oldest(session: Session, stock: Stock, reach: Reach) -> Sequence[str]:
     return session.scalars(goes.order_by(table.created_at, table.id).limit(ITEMS_A_ROUND)).all()
 
 
-def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> Sequence[str]:
-    """Of these rows, which are locked."""
+def _may_still_go(session: Session, stock: Stock, chosen: Sequence[str]) -> dict[str, datetime]:
+    """Of these rows, which are locked: when each came."""
     table = stock.table
-    return session.scalars(
-        select(table.id).where(table.id.in_(chosen), none_of(protections(session, stock.kind)))
-    ).all()
+    still = table.id.in_(chosen), none_of(protections(session, stock.kind))
+    return {row.id: row.created_at for row in session.execute(select(table.id, table.created_at).where(*still))}
 
 
 def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
@@ -225,13 +222,6 @@ def _lock(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
     scanners = select(ScannerRow.id).where(ScannerRow.id.in_(theirs)).order_by(ScannerRow.id)
     session.execute(scanners.with_for_update(key_share=True))
     session.execute(select(table.id).where(table.id.in_(identifiers)).order_by(table.id).with_for_update())
-
-
-def _span(session: Session, stock: Stock, identifiers: Sequence[str]) -> tuple[datetime, datetime] | None:
-    table = stock.table
-    both = select(func.min(table.created_at), func.max(table.created_at)).where(table.id.in_(identifiers))
-    first, last = session.execute(both).one()
-    return None if first is None else (first, last)
 
 
 def _delete(session: Session, stock: Stock, identifiers: Sequence[str]) -> None:
