@@ -135,11 +135,11 @@ class Leftovers:
             mine = [name for name in names if lock_files_of(session, name, wait=False)]
             known = place.known(session, mine)
             for path in (place.folder / name for name in mine if name not in known):
-                with _noted(errors):
+                with noted(errors):
                     aside[path] = self._files.set_aside(path)
         # Outside the transaction, for that may take long.
         for parting in filter(None, aside.values()):
-            with _noted(errors):
+            with noted(errors):
                 self._files.delete(parting)
         if errors:
             raise errors[0]
@@ -147,7 +147,7 @@ class Leftovers:
 
 
 @contextmanager
-def _noted(errors: list[OSError]) -> Iterator[None]:
+def noted(errors: list[OSError]) -> Iterator[None]:
     """One that cannot be removed does not keep the others."""
     try:
         yield

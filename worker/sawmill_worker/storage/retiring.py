@@ -19,6 +19,7 @@ from sawmill_worker.contracts.retention import Removed, RetentionKind, Retention
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.files import FileStore
+from sawmill_worker.storage.leftovers import noted
 from sawmill_worker.storage.measured_bytes import freed_bytes_of, measure_some, places_of
 from sawmill_worker.storage.protected import none_of, protections
 from sawmill_worker.storage.retained import STOCKS, Reach, Stock, last_old_event, reach_of
@@ -183,10 +184,8 @@ class RetentionKeeper:
     def _delete_files(self, places: Sequence[Path]) -> None:
         errors = list[OSError]()
         for place in places:
-            try:
+            with noted(errors):
                 self._files.remove(place)
-            except OSError as error:  # the others go all the same
-                errors.append(error)
         if errors:
             raise errors[0]
 
