@@ -46,6 +46,11 @@ class JobState(StrEnum):
         return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
 
 
+# As conditions on rows need them.
+ENDED = tuple(state for state in JobState if state.ended)
+UNFINISHED = tuple(state for state in JobState if not state.ended)
+
+
 class Priority(StrEnum):
     """Which job comes first: somebody waits for it, it is one of many as of a schedule, or it is for idle times."""
 

@@ -20,7 +20,7 @@ from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.handed_over import HandedOver
-from sawmill_worker.contracts.jobs import Failure, FailureKind, Job, JobKind, JobState, Priority
+from sawmill_worker.contracts.jobs import ENDED, Failure, FailureKind, Job, JobKind, JobState, Priority
 from sawmill_worker.storage.audit import write_audit
 from sawmill_worker.storage.database import Database, after_commit, lock_files_of
 from sawmill_worker.storage.earlier import Earlier, earlier_result
@@ -38,7 +38,6 @@ from sawmill_worker.vocabulary import Progress
 _JITTER = 0.25  # what failed together is not tried again together
 # Not the job's fault nor its attempt's: waited out as long as they last. `disk-full`: a job's own check beforehand.
 _OUTAGES = {StorageFull.code, StorageUnavailable.code, "disk-full"}
-_ENDED = [state for state in JobState if state.ended]
 _ENDED_HERE = "jobs ended in this session"
 _CANCELLED = "its job was cancelled before it ended"
 
@@ -116,7 +115,7 @@ class Jobs:
 
     def ended_page(self, *, kind: JobKind | None = None, after: str | None = None, limit: int = 50) -> Page[Job]:
         """Jobs that have ended however they did, those asked for last first."""
-        statement = narrowed(select(JobRow).where(JobRow.state.in_(_ENDED)), {JobRow.kind: kind})
+        statement = narrowed(select(JobRow).where(JobRow.state.in_(ENDED)), {JobRow.kind: kind})
         with self._database.read() as session:
             rows, following = rows_of_page(session, statement, JobRow, after=after, limit=limit)
             return Page[Job](items=self._described(session, rows), next=following)
@@ -513,7 +512,7 @@ def _claimable(at: datetime, *, short: bool | None = None) -> Select[JobRow]:
     unfinished = exists().where(
         JobDependencyRow.job_id == JobRow.id,
         needed.id == JobDependencyRow.needs_job_id,
-        needed.state.not_in(_ENDED),
+        needed.state.not_in(ENDED),
     )
     due = or_(JobRow.not_before_s.is_(None), JobRow.not_before_s <= at.timestamp())
     ready = select(JobRow).where(JobRow.state == JobState.QUEUED, due, ~unfinished)

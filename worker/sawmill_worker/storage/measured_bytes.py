@@ -10,7 +10,7 @@ from pathlib import Path
 
 from sqlalchemy import bindparam, exists, select, update
 
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.jobs import ENDED, JobKind
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.files import FileStore
 from sawmill_worker.storage.retained import STOCKS
@@ -34,7 +34,7 @@ def measure_some(database: Database, files: FileStore) -> bool:
     """
     more = False
     for table, kind in {stock.table: stock.job for stock in STOCKS.values() if stock.has_bytes}.items():
-        ended = exists().where(JobRow.id == table.job_id, JobRow.state.in_([each for each in JobState if each.ended]))
+        ended = exists().where(JobRow.id == table.job_id, JobRow.state.in_(ENDED))
         new = select(table.id).where(table.stored_bytes.is_(None), ended).limit(MEASURED_A_ROUND)
         with database.read() as session:
             identifiers = session.scalars(new).all()

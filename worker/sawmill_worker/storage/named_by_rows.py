@@ -6,7 +6,7 @@ from datetime import datetime
 from sqlalchemy import Select, or_, select
 
 from sawmill_worker.contracts.inspections import FILE_KEPT
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.jobs import UNFINISHED, JobKind, JobState
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.contracts.uploads import UploadState
@@ -16,12 +16,11 @@ Ids = Select[str]
 
 # Jobs that read what was uploaded for them.
 UPLOADED = (JobKind.INGEST, JobKind.TRACE_PHANTOM, JobKind.INSPECT)
-_UNFINISHED = [state for state in JobState if not state.ended]
 
 
 def unfinished_jobs() -> Ids:
     """Jobs that may have checkpoints in `kept`."""
-    return select(JobRow.id).where(JobRow.state.in_(_UNFINISHED))
+    return select(JobRow.id).where(JobRow.state.in_(UNFINISHED))
 
 
 def unused_uploads() -> Ids:
@@ -38,7 +37,7 @@ def uploaded(kind: JobKind, now: Callable[[], datetime]) -> Ids:
         return select(ScanRow.id)
     if kind is JobKind.TRACE_PHANTOM:
         return select(PhantomRow.id)
-    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(_UNFINISHED))
+    kept = or_(AskedRow.created_at > now() - FILE_KEPT, JobRow.state.in_(UNFINISHED))
     return select(AskedRow.id).join(AskedRow.job).where(JobRow.kind == JobKind.INSPECT, kept)
 
 

@@ -7,7 +7,7 @@ from sqlalchemy import ColumnElement, Select, and_, exists, or_, select, true, u
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import EventKind
-from sawmill_worker.contracts.jobs import JobKind, JobState
+from sawmill_worker.contracts.jobs import UNFINISHED, JobKind
 from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.contracts.retention import RetentionKind, StaysBecause
 from sawmill_worker.contracts.scans import ScanState
@@ -29,7 +29,7 @@ from sawmill_worker.storage.tables import (
 
 Found = TypeVar("Found", str, int)
 
-_UNFINISHED = JobRow.state.in_([state for state in JobState if not state.ended])
+_UNFINISHED = JobRow.state.in_(UNFINISHED)
 
 
 class Protection(NamedTuple):

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.jobs import UNFINISHED
 from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.storage.tables import JobRow, table_of
 
@@ -32,7 +32,7 @@ def unfinished_job_about(session: Session, scan_id: str) -> str | None:
     for table in {table_of(declared.kind): None for declared in asked_kinds()}:
         if column in table.own_columns():
             job = select(JobRow.id).join(table, table.job_id == JobRow.id)
-            job = job.where(getattr(table, column) == scan_id, JobRow.state.in_([JobState.QUEUED, JobState.RUNNING]))
+            job = job.where(getattr(table, column) == scan_id, JobRow.state.in_(UNFINISHED))
             busy = session.scalar(job.limit(1))
             if busy is not None:
                 return busy
