@@ -31,7 +31,7 @@ def preview_retention(tried: Annotated[RetentionQuery, Query()], store: TheStore
     An active calibration, the one before it and what they were made of never go; `stays` tells what else stays.
     """
     rules = RetentionRules(**tried.model_dump())
-    return store.retention.preview(rules if any(True for _ in rules.kinds()) else store.retention.get().rules)
+    return store.retention.preview(rules if any(rules.kinds()) else store.retention.get().rules)
 
 
 @router.put(

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from enum import StrEnum
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -83,12 +83,12 @@ class RetentionRules(Contract):
 
     def days_of(self, kind: RetentionKind) -> int | None:
         """How long a kind is kept; None: for good."""
-        days: int | None = getattr(self, f"{_field(kind)}_days")
+        days: int | None = getattr(self, rule_name(kind, "days"))
         return days
 
     def bytes_of(self, kind: RetentionKind) -> int | None:
         """How much of a kind is kept; None: all of it, or it has no files."""
-        most: int | None = getattr(self, f"{_field(kind)}_bytes", None)
+        most: int | None = getattr(self, rule_name(kind, "bytes"), None)
         return most
 
     def kinds(self) -> Iterator[RetentionKind]:
@@ -96,8 +96,9 @@ class RetentionRules(Contract):
         return (kind for kind in RetentionKind if self.days_of(kind) is not None or self.bytes_of(kind) is not None)
 
 
-def _field(kind: RetentionKind) -> str:
-    return kind.value.replace("-", "_")
+def rule_name(kind: RetentionKind, unit: Literal["days", "bytes"]) -> str:
+    """The field that has a kind's rule."""
+    return f"{kind.value.replace('-', '_')}_{unit}"
 
 
 class RetentionAsk(RetentionRules, Given):

@@ -9,7 +9,7 @@ from sqlalchemy import BigInteger, ColumnElement, Select, and_, cast, exists, fa
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.jobs import JobKind
-from sawmill_worker.contracts.retention import RetentionKind, RetentionRules
+from sawmill_worker.contracts.retention import RetentionKind, RetentionRules, rule_name
 from sawmill_worker.storage.tables import (
     AskedRow,
     CalibrationRow,
@@ -99,8 +99,7 @@ class Reach(NamedTuple):
 
     def rule_of(self, kind: RetentionKind, created_at: datetime) -> str:
         """The name of the rule that reaches what came then."""
-        by = "days" if self.aged is not None and created_at <= self.aged else "bytes"
-        return f"{kind.value.replace('-', '_')}_{by}"
+        return rule_name(kind, "days" if self.aged is not None and created_at <= self.aged else "bytes")
 
 
 def reach_of(session: Session, stock: Stock, rules: RetentionRules, at: datetime) -> Reach:

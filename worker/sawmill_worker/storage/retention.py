@@ -23,6 +23,7 @@ from sawmill_worker.contracts.retention import (
     RetentionPreview,
     RetentionRules,
     Staying,
+    rule_name,
 )
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.audit import changed, write_audit
@@ -209,7 +210,7 @@ def _of_events(session: Session, rules: RetentionRules, at: datetime) -> KindPre
     number = session.scalar(select(func.count()).select_from(EventRow).where(goes)) or 0
     oldest = select(EventRow.number, EventRow.at).where(goes).order_by(EventRow.number).limit(_FIRST)
     first = [
-        Going(id=str(each), created_at=happened_at, bytes=None, by="events_days")
+        Going(id=str(each), created_at=happened_at, bytes=None, by=rule_name(RetentionKind.EVENTS, "days"))
         for each, happened_at in session.execute(oldest)
     ]
     newest_at = session.scalar(select(EventRow.at).where(goes).order_by(EventRow.number.desc()).limit(1))
