@@ -8,8 +8,8 @@ from sqlalchemy.orm import aliased
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.scanners import scanner_with
-from sawmill_worker.storage.tables import ActivationRow, CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
+from sawmill_worker.storage.scanners import active_calibration, scanner_with
+from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, ScannerRow, ScanRow
 
 _WITH_A_FATE = (JobState.SUCCEEDED, JobState.FAILED)
 
@@ -58,7 +58,7 @@ class Overviews:
 
 
 def _active_calibration() -> ScalarSelect[Any]:
-    return _of_scanner(select(ActivationRow.calibration_id), ActivationRow, ActivationRow.number)
+    return active_calibration(ScannerRow.id).correlate(ScannerRow).scalar_subquery()
 
 
 def _newest_that_saw() -> ScalarSelect[Any]:

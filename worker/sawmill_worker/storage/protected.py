@@ -12,6 +12,7 @@ from sawmill_worker.contracts.kinds import asked_kinds
 from sawmill_worker.contracts.retention import RetentionKind, StaysBecause
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.retained import STOCKS, Stock
+from sawmill_worker.storage.scanners import active_calibration
 from sawmill_worker.storage.scheduled import last_looked_at, newest_phantom_scan, next_log
 from sawmill_worker.storage.tables import (
     ActivationRow,
@@ -51,13 +52,7 @@ def none_of(stay: Sequence[Protection]) -> ColumnElement[bool]:
 
 def calibrations_in_use(session: Session) -> set[str]:
     """Of each scanner the active calibration and the one that was active before it."""
-    active = (
-        select(ActivationRow.calibration_id)
-        .where(ActivationRow.scanner_id == ScannerRow.id)
-        .order_by(ActivationRow.number.desc())
-        .limit(1)
-        .correlate(ScannerRow)
-    )
+    active = active_calibration(ScannerRow.id).correlate(ScannerRow)
     before = active.where(ActivationRow.calibration_id != active.scalar_subquery())
     rows = session.execute(select(active.scalar_subquery(), before.scalar_subquery()).select_from(ScannerRow))
     return {identifier for row in rows for identifier in row if identifier is not None}

@@ -2,8 +2,8 @@
 
 from datetime import datetime
 
-from sqlalchemy import delete, func, select
-from sqlalchemy.orm import Session
+from sqlalchemy import Select, delete, func, select
+from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from sawmill_worker.contracts.audit import AuditAction
 from sawmill_worker.contracts.base import Page
@@ -25,6 +25,9 @@ from sawmill_worker.storage.tables import (
     ScheduleRow,
 )
 from sawmill_worker.storage.uses import kept_by
+
+# A scanner's id, or the column of another statement that has it.
+ScannerId = str | InstrumentedAttribute[str]
 
 
 class Scanners:
@@ -116,12 +119,13 @@ def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str,
 
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:
     """The newest activation's calibration."""
-    return session.scalar(
-        select(ActivationRow.calibration_id)
-        .where(ActivationRow.scanner_id == scanner_id)
-        .order_by(ActivationRow.number.desc())
-        .limit(1)
-    )
+    return session.scalar(active_calibration(scanner_id))
+
+
+def active_calibration(scanner_id: ScannerId) -> Select[str]:
+    """The same, as a statement or a part of one."""
+    activated = select(ActivationRow.calibration_id).where(ActivationRow.scanner_id == scanner_id)
+    return activated.order_by(ActivationRow.number.desc()).limit(1)
 
 
 def activate(session: Session, scanner_id: str, calibration_id: str, reason: str, now: datetime) -> None:

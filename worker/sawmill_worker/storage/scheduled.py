@@ -4,7 +4,7 @@ from datetime import datetime
 from typing import Any, NamedTuple
 
 from sqlalchemy import Select, exists, select
-from sqlalchemy.orm import InstrumentedAttribute, Session
+from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.choices import ScheduleOutcome
@@ -13,12 +13,10 @@ from sawmill_worker.contracts.jobs import JobState, Priority
 from sawmill_worker.contracts.phantoms import PhantomState
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.asked import Asked
-from sawmill_worker.storage.scanners import active_calibration_id
+from sawmill_worker.storage.scanners import ScannerId, active_calibration_id
 from sawmill_worker.storage.tables import CalibrationRow, DriftRow, JobRow, PhantomRow, ScanRow, ScheduleRow
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 
-# A scanner's id, or the column of another statement that has it.
-ScannerId = str | InstrumentedAttribute[str]
 # A drift check whose job ended so has not looked at its scan.
 _UNSEEN = (JobState.FAILED, JobState.CANCELLED)
 
