@@ -19,7 +19,7 @@ from sqlalchemy import insert
 
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.jobs import JobKind, JobState, Priority
+from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.contracts.retention import RetentionAsk, RetentionRules
 from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.scans import ScanState
@@ -113,36 +113,27 @@ def _job(prefix: str, kind: JobKind, number: int, at: Any, *, done: bool) -> dic
         "kind": kind,
         "state": JobState.SUCCEEDED if done else JobState.QUEUED,
         "subject_id": f"{number:08d}",
-        "priority": Priority.WAITED_FOR,
-        "short": False,
     }
 
 
+def _made(prefix: str, number: int, at: Any, size: int) -> dict[str, Any]:  # noqa: ANN401 - a time
+    """What a job of that prefix made."""
+    job_id, identifier = f"{prefix}{number:08d}", f"{number:08d}"
+    return {"id": identifier, "created_at": at, "scanner_id": "line", "job_id": job_id, "stored_bytes": size}
+
+
 def _scan(number: int, at: Any) -> dict[str, Any]:  # noqa: ANN401 - a time
-    return {
-        "id": f"{number:08d}",
-        "created_at": at,
-        "scanner_id": "line",
+    return _made("i", number, at, LOG_BYTES) | {
         "spec": {},
         "state": ScanState.READY,
         "size_bytes": LOG_BYTES // 3,
         "sha256": "0" * 64,
         "reading": {"shape": {"views": 20}, "angular_range_deg": [0.0, 171.0]},
-        "job_id": f"i{number:08d}",
-        "stored_bytes": LOG_BYTES,
     }
 
 
 def _volume(number: int, at: Any) -> dict[str, Any]:  # noqa: ANN401 - a time
-    return {
-        "id": f"{number:08d}",
-        "created_at": at,
-        "scanner_id": "line",
-        "scan_id": f"{number:08d}",
-        "options": {},
-        "job_id": f"r{number:08d}",
-        "stored_bytes": VOLUME_BYTES,
-    }
+    return _made("r", number, at, VOLUME_BYTES) | {"scan_id": f"{number:08d}", "options": {}}
 
 
 def _events(number: int, at: Any) -> list[dict[str, Any]]:  # noqa: ANN401 - a time
