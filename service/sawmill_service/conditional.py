@@ -100,12 +100,12 @@ def _is_newer(modified: str | None, given: str | None) -> bool | None:
     """Whether an answer was modified after the date of a condition; null: nothing can be said."""
     if modified is None or given is None:
         return None
-    date = _date(given)
+    date = http_date(given)
     return None if date is None else parsedate_to_datetime(modified) > date
 
 
-def _date(given: str) -> datetime | None:
-    """A date of HTTP in any of its three forms; what is none is passed over (section 13.1.4)."""
+def http_date(given: str) -> datetime | None:
+    """A date of HTTP in any of its three forms; null: it is none, and is passed over (section 13.1.4)."""
     try:
         date = parsedate_to_datetime(given)
     except (ValueError, OverflowError):  # the latter of numbers of more digits than a date can have

@@ -7,13 +7,13 @@ import threading
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
-from email.utils import parsedate_to_datetime
 from functools import cache, partial
 from http import HTTPStatus
 from typing import NamedTuple
 
 import httpcore
 
+from sawmill_service.conditional import http_date
 from sawmill_service.webhooks.destinations import AllowedDestinations, RefusedDestinationError
 from sawmill_worker.contracts.webhooks import Destination, destination_of
 
@@ -182,12 +182,8 @@ def _wait_s(text: str) -> float:
     """`Retry-After` (RFC 9110, section 10.2.3); 0 where it is neither seconds nor a date."""
     if text.isascii() and text.isdecimal():
         return float(text[:9])
-    try:
-        moment = parsedate_to_datetime(text)
-    except (ValueError, OverflowError):
-        return 0.0
-    aware = moment if moment.tzinfo is not None else moment.replace(tzinfo=UTC)
-    return max(0.0, (aware - datetime.now(UTC)).total_seconds())
+    date = http_date(text)
+    return 0.0 if date is None else max(0.0, (date - datetime.now(UTC)).total_seconds())
 
 
 def _cause_of(error: BaseException) -> str:
