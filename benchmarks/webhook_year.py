@@ -24,7 +24,7 @@ from sawmill_service.webhooks.destinations import AllowedDestinations
 from sawmill_service.webhooks.sending import Sending
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.webhooks import WebhookAsk
-from sawmill_worker.storage.outbox import LEASE
+from sawmill_worker.storage.outbox import LEASE, message_id
 from sawmill_worker.storage.settings import StorageSettings
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import DeliveryRow, EventRow
@@ -165,8 +165,6 @@ def delivery_rows(store: Store) -> int:
 
 def all_arrived(store: Store, receiver: Receiver) -> bool:
     """Whether every event has arrived once, in order: ids are compared with those of the events that there are."""
-    from sawmill_worker.storage.outbox import message_id  # noqa: PLC0415 - of this check alone
-
     for webhook in store.webhooks.all().webhooks:
         path = webhook.url.rpartition("/")[2]
         wanted, number = [], 0

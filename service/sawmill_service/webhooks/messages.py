@@ -8,9 +8,8 @@ from collections.abc import Sequence
 from datetime import datetime
 
 from sawmill_worker.contracts.events import Event
+from sawmill_worker.storage.webhooks import PREFIX
 from sawmill_worker.vocabulary.version import VERSION
-
-PREFIX = "whsec_"
 
 
 def body_of(what: str, at: datetime, data: object) -> bytes:
