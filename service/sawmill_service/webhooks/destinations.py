@@ -6,8 +6,7 @@ that whoever answers for a name cannot lead the service to where only this machi
 """
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from ipaddress import IPv4Address, IPv4Network, IPv6Address, IPv6Network, ip_address, ip_network
 
 from sawmill_worker.contracts.webhooks import LARGEST_PORT, Destination
@@ -21,6 +20,7 @@ _GLOBAL_UNICAST = IPv6Network("2000::/3")
 _TRANSLATED = (IPv6Network("2002::/16"), IPv6Network("2001::/32"))
 
 Address = IPv4Address | IPv6Address
+Network = IPv4Network | IPv6Network
 
 
 class RefusedDestinationError(Exception):
@@ -35,7 +35,7 @@ def check_entry(text: str) -> str:
     ValueError
         It is neither a name, with a port or without, nor an address or a network.
     """
-    if _is_network(text):
+    if _network(text) is not None:
         return text
     found = _NAME.fullmatch(text)
     # What looks like an IPv4 address and is none would be taken for a name.
@@ -47,37 +47,36 @@ def check_entry(text: str) -> str:
     return text
 
 
-def _is_network(text: str) -> bool:
+def _network(text: str) -> Network | None:
+    """A network, or an address as one. None: it is neither."""
     try:
-        ip_network(text)
+        return ip_network(text)
     except ValueError:
-        return False
-    return True
+        return None
 
 
-@dataclass(frozen=True)
 class AllowedDestinations:
     """The setting's entries.
 
-    Attributes
+    Parameters
     ----------
-    entries : sequence of str
+    entries
         Each as `check_entry` takes it.
     """
 
-    entries: Sequence[str] = ()
-    _names: frozenset[tuple[str, int]] = field(init=False)
-    _networks: tuple[IPv4Network | IPv6Network, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        names = [found for text in self.entries if not _is_network(text) and (found := _NAME.fullmatch(text))]
-        ports = ((found[1].lower(), [int(found[2])] if found[2] else STANDARD_PORTS) for found in names)
-        named = frozenset((name, port) for name, several in ports for port in several)
-        object.__setattr__(self, "_names", named)
-        object.__setattr__(self, "_networks", tuple(ip_network(text) for text in self.entries if _is_network(text)))
+    def __init__(self, entries: Iterable[str]) -> None:
+        self._names: set[tuple[str, int]] = set()
+        self._networks: list[Network] = []
+        for text in entries:
+            network = _network(text)
+            if network is not None:
+                self._networks.append(network)
+            elif found := _NAME.fullmatch(text):
+                ports = [int(found[2])] if found[2] else STANDARD_PORTS
+                self._names.update((found[1].lower(), port) for port in ports)
 
     def __bool__(self) -> bool:
-        return bool(self.entries)
+        return bool(self._names or self._networks)
 
     def check(self, destination: Destination) -> None:
         """Refuse what no entry allows; nothing is looked up.
@@ -87,7 +86,7 @@ class AllowedDestinations:
         RefusedDestinationError
             Nothing is allowed, or another host, or `https` alone.
         """
-        if not self.entries:
+        if not self:
             msg = f'nothing is sent anywhere: set {SETTING} to ["{_example(destination)}"] and start the service again'
             raise RefusedDestinationError(msg)
         address = _address(destination.host)
