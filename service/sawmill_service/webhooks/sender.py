@@ -36,20 +36,19 @@ class WebhookSender:
         self._outbox = outbox
         self._allowed = allowed
         self._poll_s = poll_s
-        self._loop = asyncio.new_event_loop() if allowed else None
-        self._stop = asyncio.Event()
+        self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="webhooks", daemon=True)
 
     def __enter__(self) -> Self:
-        if self._loop is not None:
+        if self._allowed:
             self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if self._loop is not None:
-            self._loop.call_soon_threadsafe(self._stop.set)
+        self._stop.set()
+        if self._thread.is_alive():
             self._thread.join()
 
     def _run(self) -> None:
@@ -57,11 +56,9 @@ class WebhookSender:
         from sawmill_service.webhooks.couriers import Couriers  # noqa: PLC0415
         from sawmill_service.webhooks.sending import Sending  # noqa: PLC0415
 
-        assert self._loop is not None  # noqa: S101 - there is no thread otherwise
         # No generator of numbers that anybody must not guess.
         couriers = Couriers(self._outbox, Sending(self._allowed), random.random)
-        with asyncio.Runner(loop_factory=lambda: self._loop) as runner:  # type: ignore[arg-type, return-value]
-            runner.run(self._send_until_stopped(couriers))
+        asyncio.run(self._send_until_stopped(couriers))
 
     async def _send_until_stopped(self, couriers: "Couriers") -> None:
         answers = True
@@ -74,8 +71,5 @@ class WebhookSender:
                     if answers:  # one line for an outage
                         structlog.get_logger().warning("webhooks-put-off", reason=str(error))
                     answers = False
-            try:
-                await asyncio.wait_for(self._stop.wait(), self._poll_s)
-            except TimeoutError:
-                continue
+            await asyncio.to_thread(self._stop.wait, self._poll_s)
         await couriers.stop()
