@@ -118,8 +118,7 @@ def main() -> None:
 
 async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int) -> tuple[int, int, int]:
     """The most rows of deliveries, the most events that waited, and the attempts while the receiver was away."""
-    outbox = store.outbox()
-    couriers = Couriers(outbox, Sending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
+    couriers = Couriers(store.outbox(), Sending(AllowedDestinations(["127.0.0.1"])), lambda: 0.5)
     most_rows = most_waiting = 0
     for day in range(DAYS):
         receiver.away = day in AWAY
@@ -129,7 +128,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
             await couriers.send_due()
             await couriers.finish()
             clock.now += timedelta(days=1) / LOOKS_A_DAY
-        outbox.forget_old()
+        store.webhooks.forget_old()
         if day == AWAY.stop - 1:
             # Given up meanwhile, as three days are; the administrator turns it on again.
             assert [webhook.state for webhook in store.webhooks.all().webhooks].count("paused") == 1

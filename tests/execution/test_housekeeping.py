@@ -4,18 +4,24 @@ import os
 import sys
 import threading
 import time
+from datetime import timedelta
 
 import pytest
 import structlog
+from sqlalchemy import update
 from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.schedules import ScheduleSpec
+from sawmill_worker.contracts.webhooks import WebhookAsk
 from sawmill_worker.execution.housekeeping import Housekeeping
 from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.jobs import Pulse
+from sawmill_worker.storage.outbox import Attempt
+from sawmill_worker.storage.tables import DeliveryRow
+from sawmill_worker.storage.webhooks import KEPT
 
 pytestmark = pytest.mark.slow
 
@@ -54,6 +60,21 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue,
     monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
     housekeeping.once()
     assert store.alarms.open() == []
+
+
+def test_old_deliveries_are_forgotten(store, settings):
+    webhook = store.webhooks.create(WebhookAsk(url="https://alarms.mill.example/", events=["*"]))
+    store.webhooks.rotate(webhook.id, grace_s=0)
+    outbox = store.outbox()
+    pending = outbox.pending(webhook.id, store.events.newest_number())
+    outbox.note(pending, pending.events[0], Attempt(200))
+    housekeeping = Housekeeping(store, settings, threading.Event())
+    housekeeping.once()
+    assert len(store.webhooks.deliveries(webhook.id).items) == 1
+    with store._database.write() as session:
+        session.execute(update(DeliveryRow).values(last_at=store.now() - KEPT - timedelta(seconds=1)))
+    housekeeping.once()
+    assert store.webhooks.deliveries(webhook.id).items == []
 
 
 def test_trouble_is_logged_and_the_next_round_comes(store, settings, wait_for, monkeypatch):

@@ -16,7 +16,7 @@ from sawmill_worker.contracts.webhooks import WebhookAsk, WebhookTest, destinati
 from sawmill_worker.storage import webhooks
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.outbox import KEPT, LEASE, Attempt, message_id
+from sawmill_worker.storage.outbox import LEASE, Attempt, message_id
 from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import DeliveryRow
 
@@ -221,10 +221,10 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     webhook = store.webhooks.create(WebhookAsk(url=URL))
     happen(store, *[EventKind.ALARM_OPENED] * 2)
     deliver(outbox, webhook)
-    clock.advance(days=KEPT.days - 1)
+    clock.advance(days=webhooks.KEPT.days - 1)
     deliver(outbox, webhook)
     clock.advance(days=1, seconds=1)
-    outbox.forget_old()
+    store.webhooks.forget_old()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
     store.webhooks.delete(webhook.id)
     with store._database.read() as session:

@@ -5,7 +5,6 @@ sends again, with the same `webhook-id`. A receiver that fails is left alone for
 """
 
 import asyncio
-import time
 from collections.abc import Callable
 from functools import partial
 from http import HTTPStatus
@@ -25,7 +24,6 @@ WAITS_S = (5.0, 300.0, 1800.0, 7200.0, 18000.0, 36000.0, 50400.0, 72000.0, 86400
 # Longer by up to this share, so that receivers that failed together are not tried together.
 JITTER = 0.1
 LONGEST_RETRY_AFTER_S = 86400.0
-_FORGET_EVERY_S = 60.0
 _MOST_READS = 20  # of a few hundred events each, before anything is sent
 
 
@@ -48,7 +46,6 @@ class Couriers:
         self._jitter = jitter
         self._reader: EventReader | None = None
         self._under_way: dict[str, asyncio.Task[None]] = {}
-        self._forgot_at_s = float("-inf")
 
     async def send_due(self) -> None:
         """Begin to send what can be sent now, unless another process does.
@@ -58,13 +55,8 @@ class Couriers:
         StorageFull, StorageUnavailable
             The database does not answer; nothing is lost.
         """
-        if await asyncio.to_thread(self._outbox.is_wanted):
-            await self._begin()
-        if time.monotonic() - self._forgot_at_s > _FORGET_EVERY_S:
-            self._forgot_at_s = time.monotonic()
-            await asyncio.to_thread(self._outbox.forget_old)
-
-    async def _begin(self) -> None:
+        if not await asyncio.to_thread(self._outbox.is_wanted):
+            return
         if not await asyncio.to_thread(self._outbox.hold):
             await self._end()
             return

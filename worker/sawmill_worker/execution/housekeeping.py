@@ -20,7 +20,7 @@ ALARMS_EVERY_S = 60.0
 
 
 class Housekeeping:
-    """A thread that sees to expired leases, due schedules, alarms, retention, leftovers and old repeated answers.
+    """A thread that sees to leases, schedules, alarms, retention, leftovers, old repeated answers and deliveries.
 
     Parameters
     ----------
@@ -64,6 +64,7 @@ class Housekeeping:
             self._retire,
             self._remove_leftovers,
             self._store.repeats.forget_old,
+            self._store.webhooks.forget_old,
         ):
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()

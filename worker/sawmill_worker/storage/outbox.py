@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from uuid import uuid4
 
-from sqlalchemy import delete, select, update
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.events import Event, EventKind
@@ -22,10 +22,8 @@ from sawmill_worker.storage.webhooks import read_events, secret_of
 
 # How long another process waits for one that was killed; each renews it after half of that.
 LEASE = timedelta(seconds=30)
-KEPT = timedelta(days=7)
 _THE_ROW = 1
 _BATCH = 100
-_FORGOTTEN_AT_ONCE = 1000
 # No wait is longer: what lies farther ahead is of a clock that was put back.
 LONGEST_WAIT = timedelta(hours=36)
 
@@ -185,15 +183,6 @@ class Outbox:
             if unchanged and is_next:
                 _fail(session, row, attempt, now)
             return False
-
-    def forget_old(self) -> None:
-        """Remove entries of deliveries that are older than is kept, some at a time."""
-        old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
-        with self._database.read() as session:
-            numbers = session.scalars(old.limit(_FORGOTTEN_AT_ONCE)).all()
-        if numbers:
-            with self._database.write() as session:
-                session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers)))
 
 
 def message_id(webhook_id: str, event: Event) -> str:

@@ -8,7 +8,7 @@ from base64 import b64encode
 from collections.abc import Sequence
 from datetime import datetime, timedelta
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import ColumnElement, delete, func, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.audit import AuditAction
@@ -36,6 +36,9 @@ RANDOM_BYTES = 32  # the specification has 24 to 64
 MOST = 50
 # Of events that wait: who was away for a year must not make every look at the webhooks count all of them.
 COUNTED = 10_000
+# Deliveries, after the last attempt.
+KEPT = timedelta(days=7)
+_FORGOTTEN_AT_ONCE = 1000
 _AUDITED = ("url", "description", "events", "enabled")
 
 
@@ -159,6 +162,15 @@ class WebhookStore:
         shown = rows[:limit]
         following = str(shown[-1].number) if len(rows) > limit else None
         return Page[Delivery](items=[_read_delivery(row) for row in shown], next=following)
+
+    def forget_old(self) -> None:
+        """Remove entries of deliveries that are older than is kept, some at a time."""
+        old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
+        with self._database.read() as session:
+            numbers = session.scalars(old.limit(_FORGOTTEN_AT_ONCE)).all()
+        if numbers:
+            with self._database.write() as session:
+                session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers)))
 
 
 def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
