@@ -105,20 +105,15 @@ class WebhookStore:
         """Replace a webhook; where it is enabled, the next attempt comes at once."""
         with self._database.write() as session:
             row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
-            before, now = _audited(row) | {"after": row.after}, self._database.now()
-            _describe(session, row, ask)
-            row.paused, row.failures, row.next_attempt_at = False, 0, None
-            after = _audited(row) | {"after": row.after}
-            write_audit(session, now, AuditAction.WEBHOOK_CHANGED, webhook_id, changed(before, after))
-            announce(session, now, EventKind.WEBHOOK_CHANGED, "webhook", webhook_id)
-            session.flush()
+            _replace(session, self._database.now(), row, ask)
             return _read(session, row)
 
     def enable(self, webhook_id: str, *, enabled: bool) -> None:
         """Turn it on or off, or `NotFound`."""
-        webhook = self.get(webhook_id)
-        kept = webhook.model_dump(include={"url", "description", "events"})
-        self.update(webhook_id, WebhookAsk(**kept, enabled=enabled))
+        with self._database.write() as session:
+            row = found(session, WebhookRow, "webhook", webhook_id, lock=True)
+            ask = WebhookAsk(url=row.url, description=row.description, events=row.events, enabled=enabled)
+            _replace(session, self._database.now(), row, ask)
 
     def rotate(self, webhook_id: str, *, grace_s: int) -> NewWebhook:
         """Replace its secret, or `NotFound`; messages are signed with the old one too for `grace_s` seconds."""
@@ -171,6 +166,16 @@ class WebhookStore:
         if numbers:
             with self._database.write() as session:
                 session.execute(delete(DeliveryRow).where(DeliveryRow.number.in_(numbers)))
+
+
+def _replace(session: Session, now: datetime, row: WebhookRow, ask: WebhookAsk) -> None:
+    before = _audited(row) | {"after": row.after}
+    _describe(session, row, ask)
+    row.paused, row.failures, row.next_attempt_at = False, 0, None
+    after = _audited(row) | {"after": row.after}
+    write_audit(session, now, AuditAction.WEBHOOK_CHANGED, row.id, changed(before, after))
+    announce(session, now, EventKind.WEBHOOK_CHANGED, "webhook", row.id)
+    session.flush()
 
 
 def _describe(session: Session, row: WebhookRow, ask: WebhookAsk) -> None:
