@@ -6,7 +6,6 @@ sends again, with the same `webhook-id`. A receiver that fails is left alone for
 
 import asyncio
 from collections.abc import Callable
-from functools import partial
 from http import HTTPStatus
 
 import structlog
@@ -118,7 +117,14 @@ class Couriers:
             answer = await self._sending.post(pending.url, headers, body)
             attempt = Attempt(answer.status, answer.reason, self._wait_s(answer, failures))
             if attempt.reason is not None:
-                _log(pending, event, attempt, failures + 1)
+                structlog.get_logger().warning(
+                    "webhook-failed",
+                    webhook_id=pending.webhook_id,
+                    number=event.number,
+                    failures=failures + 1,
+                    reason=attempt.reason,
+                    wait_s=None if attempt.wait_s is None else round(attempt.wait_s),
+                )
             if not await asyncio.to_thread(self._outbox.note, pending, event, attempt):
                 return False
             failures = 0
@@ -134,12 +140,3 @@ class Couriers:
             return None
         wait_s = WAITS_S[failures] * (1.0 + JITTER * self._jitter())
         return max(wait_s, min(answer.retry_after_s, LONGEST_RETRY_AFTER_S))
-
-
-def _log(pending: Pending, event: Event, attempt: Attempt, failures: int) -> None:
-    log = structlog.get_logger().warning
-    said = partial(log, webhook_id=pending.webhook_id, number=event.number, failures=failures, reason=attempt.reason)
-    if attempt.wait_s is None:
-        said("webhook-paused")
-    else:
-        said("webhook-failed", wait_s=round(attempt.wait_s))
