@@ -115,10 +115,8 @@ class Housekeeping:
             structlog.get_logger().info("upload-expired", upload_id=upload_id)
 
     def _retire(self) -> None:
-        """A batch of what the rules of retention reach."""
-        removed = self._retention.remove_some()
-        if removed is not None:
-            structlog.get_logger().info("retention-removed", **removed.model_dump(mode="json"))
+        """A batch of what the rules of retention reach, whose event says what went."""
+        self._retention.remove_some()
 
     def _remove_leftovers(self) -> None:
         removed = self._leftovers.remove_some()
