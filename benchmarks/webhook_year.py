@@ -128,7 +128,7 @@ async def year(store: Store, clock: GivenClock, receiver: Receiver, events: int)
             await couriers.send_due()
             await couriers.finish()
             clock.now += timedelta(days=1) / LOOKS_A_DAY
-        store.webhooks.forget_old()
+        store.webhooks.forget_deliveries()
         if day == AWAY.stop - 1:
             # Given up meanwhile, as three days are; the administrator turns it on again.
             assert [webhook.state for webhook in store.webhooks.all().webhooks].count("paused") == 1

@@ -224,7 +224,7 @@ def test_what_was_delivered_is_forgotten_after_a_week(store, outbox, clock):
     clock.advance(days=webhooks.KEPT.days - 1)
     deliver(outbox, webhook)
     clock.advance(days=1, seconds=1)
-    store.webhooks.forget_old()
+    store.webhooks.forget_deliveries()
     assert len(store.webhooks.deliveries(webhook.id).items) == 1
     store.webhooks.delete(webhook.id)
     with store._database.read() as session:

@@ -64,7 +64,7 @@ class Housekeeping:
             self._retire,
             self._remove_leftovers,
             self._store.repeats.forget_old,
-            self._store.webhooks.forget_old,
+            self._store.webhooks.forget_deliveries,
         ):
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()

@@ -158,7 +158,7 @@ class WebhookStore:
         following = str(shown[-1].number) if len(rows) > limit else None
         return Page[Delivery](items=[_read_delivery(row) for row in shown], next=following)
 
-    def forget_old(self) -> None:
+    def forget_deliveries(self) -> None:
         """Remove entries of deliveries that are older than is kept, some at a time."""
         old = select(DeliveryRow.number).where(DeliveryRow.last_at < self._database.now() - KEPT)
         with self._database.read() as session:
