@@ -11,7 +11,7 @@ from sawmill_worker.contracts.audit import AuditAction, AuditEntry
 from sawmill_worker.contracts.base import Page
 from sawmill_worker.storage.acting import actor
 from sawmill_worker.storage.database import Database
-from sawmill_worker.storage.paging import numbered_before
+from sawmill_worker.storage.paging import read_numbered_page
 from sawmill_worker.storage.tables import AuditRow
 
 _BATCH = 500
@@ -56,11 +56,8 @@ class Audit:
         Invalid
             `after` is not a cursor that an earlier page gave.
         """
-        statement = numbered_before(select(AuditRow), AuditRow.number, after).limit(limit + 1)
         with self._database.read() as session:
-            entries = [_read(row) for row in session.scalars(statement)]
-        shown = entries[:limit]
-        return Page[AuditEntry](items=shown, next=str(shown[-1].number) if len(entries) > limit else None)
+            return read_numbered_page(session, select(AuditRow), AuditRow.number, _read, after=after, limit=limit)
 
     def all(self) -> Iterator[AuditEntry]:
         """Every entry, the oldest first; a transaction for each few hundred."""

@@ -16,7 +16,7 @@ from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, 
 from sawmill_worker.contracts.two_questions import TwoQuestions
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.entering import enter
-from sawmill_worker.storage.paging import found, numbered_before
+from sawmill_worker.storage.paging import found, read_numbered_page
 from sawmill_worker.storage.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
 
 
@@ -39,12 +39,11 @@ class Measurements:
         statement = select(MeasurementRow).where(MeasurementRow.scanner_id == scanner_id)
         if since is not None:
             statement = statement.where(MeasurementRow.at >= since)
-        newest_first = numbered_before(statement, MeasurementRow.number, after).limit(limit + 1)
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
-            items = [read_measurement(row) for row in session.scalars(newest_first)]
-        shown = items[:limit]
-        return Page[Measurement](items=shown, next=str(shown[-1].number) if len(items) > limit else None)
+            return read_numbered_page(
+                session, statement, MeasurementRow.number, read_measurement, after=after, limit=limit
+            )
 
     def movements(self, since: datetime, *, scanner_id: str | None = None) -> Mapping[str, list[Movement]]:
         """What charts draw of everything since a time, or of one scanner: by scanner, the oldest first."""

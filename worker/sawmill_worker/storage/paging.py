@@ -116,20 +116,30 @@ def rows_of_page(
     return shown, cursor_of(shown[-1].created_at, shown[-1].id) if len(rows) > limit else None
 
 
-def numbered_before(statement: Select[Any], number: InstrumentedAttribute[int], after: str | None) -> Select[Any]:
-    """Rows that have a number, the newest first, from a cursor on: the last number of the page before.
+def read_numbered_page(
+    session: Session,
+    statement: Select[Any],
+    number: InstrumentedAttribute[int],
+    read: Callable[[Any], Item],
+    *,
+    after: str | None,
+    limit: int,
+) -> Page[Item]:
+    """As `read_page`, of rows that have a number: the cursor is the last number of the page before.
 
     Raises
     ------
     Invalid
         `after` is not a cursor that an earlier page gave.
     """
-    newest_first = statement.order_by(number.desc())
-    if after is None:
-        return newest_first
-    if re.fullmatch(r"[0-9]{1,18}", after) is None or int(after) > LARGEST_NUMBER:
-        raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
-    return newest_first.where(number < int(after))
+    if after is not None:
+        if re.fullmatch(r"[0-9]{1,18}", after) is None or int(after) > LARGEST_NUMBER:
+            raise Invalid("invalid-cursor", f"after must be the next of an earlier page, not {after!r}")
+        statement = statement.where(number < int(after))
+    rows = session.scalars(statement.order_by(number.desc()).limit(limit + 1)).all()
+    shown = rows[:limit]
+    following = str(getattr(shown[-1], number.key)) if len(rows) > limit else None
+    return Page[Any](items=[read(row) for row in shown], next=following)
 
 
 def microseconds_of(moment: datetime) -> int:

@@ -28,7 +28,7 @@ from sawmill_worker.storage.audit import changed, write_audit
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.errors import Conflict
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.paging import found, new_id, numbered_before
+from sawmill_worker.storage.paging import found, new_id, read_numbered_page
 from sawmill_worker.storage.tables import DeliveryRow, EventRow, WebhookRow
 
 PREFIX = "whsec_"
@@ -153,10 +153,7 @@ class WebhookStore:
         statement = select(DeliveryRow).where(DeliveryRow.webhook_id == webhook_id)
         with self._database.read() as session:
             found(session, WebhookRow, "webhook", webhook_id)
-            rows = session.scalars(numbered_before(statement, DeliveryRow.number, after).limit(limit + 1)).all()
-        shown = rows[:limit]
-        following = str(shown[-1].number) if len(rows) > limit else None
-        return Page[Delivery](items=[_read_delivery(row) for row in shown], next=following)
+            return read_numbered_page(session, statement, DeliveryRow.number, _read_delivery, after=after, limit=limit)
 
     def forget_deliveries(self) -> None:
         """Remove entries of deliveries that are older than is kept, some at a time."""
