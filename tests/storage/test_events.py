@@ -1,6 +1,5 @@
 """What happened, as a follower of a scanner reads it."""
 
-import shutil
 import time
 
 import pytest
@@ -16,19 +15,14 @@ from sawmill_worker.contracts.uploads import UploadAsk
 from sawmill_worker.storage.arriving import AsSent
 from sawmill_worker.storage.errors import Damaged
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.uploads import UploadQuota
 
 pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def store(settings, clock, empty_data):
-    if settings.database_url is None:
-        shutil.copytree(empty_data, settings.data_folder)
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture

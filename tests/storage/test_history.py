@@ -1,6 +1,5 @@
 """A scanner's history: who did what to it and why, on both databases, and what of it outlasts what it is about."""
 
-import shutil
 from datetime import timedelta
 
 import pytest
@@ -14,19 +13,14 @@ from sawmill_worker.contracts.scanners import ScannerSpec
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.errors import Conflict, Invalid, NotFound
-from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import ActivationRow, CalibrationRow
 
 ANNA, BEN = Actor("anna", "0a"), Actor("ben", "0b")
 
 
 @pytest.fixture
-def store(settings, clock, empty_data):
-    if settings.database_url is None:
-        shutil.copytree(empty_data, settings.data_folder)
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture

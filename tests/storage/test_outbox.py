@@ -1,6 +1,5 @@
 """What is sent to webhooks and in which order, what is noted of it, and who sends; on both databases."""
 
-import shutil
 from dataclasses import replace
 from datetime import timedelta
 
@@ -17,7 +16,6 @@ from sawmill_worker.storage import webhooks
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.events import announce
 from sawmill_worker.storage.outbox import LEASE, Attempt, message_id
-from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import DeliveryRow
 
 URL = "https://alarms.mill.example/sawmill"
@@ -25,12 +23,8 @@ DELIVERED = Attempt(200)
 
 
 @pytest.fixture
-def store(settings, clock, empty_data):
-    if settings.database_url is None:
-        shutil.copytree(empty_data, settings.data_folder)
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture
