@@ -7,7 +7,6 @@ notes a delivery: who is killed between sending and noting sends again, with the
 import hashlib
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from uuid import uuid4
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -17,6 +16,7 @@ from sawmill_worker.contracts.webhooks import DeliveryState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.event_reader import EventReader, read_event
 from sawmill_worker.storage.events import announce
+from sawmill_worker.storage.paging import new_id
 from sawmill_worker.storage.tables import DeliveryRow, SenderRow, WebhookRow
 from sawmill_worker.storage.webhooks import read_events, secret_of
 
@@ -25,7 +25,7 @@ LEASE = timedelta(seconds=30)
 _THE_ROW = 1
 _BATCH = 100
 # No wait is longer: what lies farther ahead is of a clock that was put back.
-LONGEST_WAIT = timedelta(hours=36)
+_LONGEST_WAIT = timedelta(hours=36)
 
 
 @dataclass(frozen=True)
@@ -71,17 +71,11 @@ class Attempt:
 
 
 class Outbox:
-    """Every method is one transaction.
-
-    Attributes
-    ----------
-    holder : str
-        By which this process holds the right to send.
-    """
+    """Every method is one transaction."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self.holder = uuid4().hex
+        self._holder = new_id()  # by which this process holds the right to send
         # Of webhooks that want none of the events so far: where they stood, and through which event that is known.
         self._without: dict[str, tuple[int, list[str], int]] = {}
 
@@ -104,23 +98,23 @@ class Outbox:
         with self._database.read() as session:
             row = session.get(SenderRow, _THE_ROW)
             if row is not None and _holds(row, now):
-                if row.holder != self.holder:
+                if row.holder != self._holder:
                     return False
                 if row.held_until - now > LEASE / 2:
                     return True
         with self._database.write() as session:
             row = session.get(SenderRow, _THE_ROW, with_for_update=True)
             if row is None:
-                session.add(SenderRow(number=_THE_ROW, holder=self.holder, held_until=now + LEASE))
+                session.add(SenderRow(number=_THE_ROW, holder=self._holder, held_until=now + LEASE))
                 return True
-            if row.holder != self.holder and _holds(row, now):
+            if row.holder != self._holder and _holds(row, now):
                 return False
-            row.holder, row.held_until = self.holder, now + LEASE
+            row.holder, row.held_until = self._holder, now + LEASE
             return True
 
     def release(self) -> None:
         """Let another process send at once."""
-        mine = SenderRow.number == _THE_ROW, SenderRow.holder == self.holder
+        mine = SenderRow.number == _THE_ROW, SenderRow.holder == self._holder
         with self._database.write() as session:
             session.execute(update(SenderRow).where(*mine).values(held_until=self._database.now()))
 
@@ -200,7 +194,7 @@ def _holds(row: SenderRow, now: datetime) -> bool:
 
 
 def _is_due(row: WebhookRow, now: datetime) -> bool:
-    return row.next_attempt_at is None or not now < row.next_attempt_at <= now + LONGEST_WAIT
+    return row.next_attempt_at is None or not now < row.next_attempt_at <= now + _LONGEST_WAIT
 
 
 def _fail(session: Session, row: WebhookRow, attempt: Attempt, now: datetime) -> None:
