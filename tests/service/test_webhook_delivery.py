@@ -80,14 +80,13 @@ def happen(store, number: int = 1) -> None:
             announce(session, store._database.now(), EventKind.ALARM_OPENED, "scanner", f"line-{k}")
 
 
-def send(store, sending: Sending | None = None, rounds: int = 1) -> None:
+def send(store, sending: Sending | None = None) -> None:
     """Look for what is due, and wait until that is done."""
 
     async def look() -> None:
         couriers = Couriers(store.outbox(), sending or Sending(LOOPBACK, limit_s=LIMIT_S), lambda: 1.0)
-        for _ in range(rounds):
-            await couriers.send_due()
-            await couriers.finish()
+        await couriers.send_due()
+        await couriers.finish()
         await couriers.stop()
 
     asyncio.run(look())
