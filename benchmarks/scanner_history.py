@@ -175,7 +175,7 @@ def ask(store: Store) -> None:
     report("200 after half of them", lambda: store.history.page(SCANNER_ID, after=middle, limit=200))
     report("50 before a day of half a year ago", lambda: store.history.page(SCANNER_ID, until=half))
     report("50 alarms", lambda: store.history.page(SCANNER_ID, kind=HistoryKind.ALARM))
-    report("measurements of the year for the chart", lambda: store.measurements.movements(first))
+    report("measurements of the year for the chart", lambda: store.measurements.movements_of(SCANNER_ID, first, end))
     report("activations and alarms for the chart", lambda: store.history.marks(SCANNER_ID, first))
     app = create_app(ServiceSettings(), store, lambda _: None)
     for path in (

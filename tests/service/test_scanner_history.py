@@ -182,7 +182,7 @@ def test_a_trend_has_error_bars_lines_and_open_alarms():
         ),
     ]
     opened = [Alarm(scanner_id="example", what=AlarmKind.NO_PHANTOM_SCAN, since=NOW - timedelta(days=3))]
-    chart = trend_chart([movement(4), *checks, wide], marks, opened, span_of(10, NOW))
+    chart = trend_chart([movement(4), *checks, wide], marks, opened, span_of(10, NOW), 4)
     cor, tilt, sdd, residual, gain = chart.panels
     bars = [tuple(map(float, bar)) for bar in re.findall(r"M([\d.]+) ([\d.]+)V([\d.]+)", cor.bars)]
     assert len(bars) == 4

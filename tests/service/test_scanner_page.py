@@ -60,7 +60,9 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
 
 def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
     seen = [movement(20, None, kind=MeasurementKind.CALIBRATION), movement(10, 0.25), movement(1, 9.0)]
-    chart = drift_chart(seen, [("example", NOW - timedelta(days=20))], span=span_of(30, NOW), tolerance_mm=0.5)
+    chart = drift_chart(
+        seen, [("example", NOW - timedelta(days=20))], span=span_of(30, NOW), tolerance_mm=0.5, total=len(seen)
+    )
     rays, cor, _ = chart.panels
     assert [(mark.tone, mark.beyond) for mark in rays.marks] == [("good", False), ("bad", True)]
     assert [mark.shape for mark in cor.marks] == ["calibration", "drift", "drift"]

@@ -1,19 +1,23 @@
 """What calibrations and drift checks leave for charts, on both databases, and what an upgrade fills in."""
 
+import itertools
 import math
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from results import calibration_result, drift_result
-from sqlalchemy import JSON, column, table, text
+from sqlalchemy import JSON, column, insert, table, text
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import Failure, FailureKind
+from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import Invalid, NotFound
+from sawmill_worker.storage.measurements import MOST_READ
 from sawmill_worker.storage.store import Store
+from sawmill_worker.storage.tables import MeasurementRow
 
 BEFORE = datetime(2026, 1, 1, tzinfo=UTC)
 FAILURE = '{"kind": "input", "code": "phantom-not-found", "detail": "no phantom"}'
@@ -82,12 +86,45 @@ def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
     assert [one.subject_id for one in store.measurements.page(scanner.id, since=since).items] == ["check", "second"]
     movements = store.measurements.movements(since)
     assert [one.subject_id for one in movements[scanner.id]] == ["second", "check"]
-    assert movements == store.measurements.movements(since, scanner_id=scanner.id)
-    assert store.measurements.movements(BEFORE, scanner_id="other") == {}
+    until = page.items[0].at
+    assert store.measurements.movements_of(scanner.id, since, until) == (movements[scanner.id], 2)
+    assert store.measurements.movements_of("other", BEFORE, until) == ([], 0)
     with pytest.raises(NotFound, match="no scanner 'other'"):
         store.measurements.page("other")
     with pytest.raises(Invalid, match="after must be the next"):
         store.measurements.page(scanner.id, after="x")
+
+
+def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_the_time(store, scanner):
+    start, step = BEFORE, timedelta(minutes=5)
+    rows = [
+        {
+            "scanner_id": scanner.id,
+            "at": start + number * step,
+            "kind": MeasurementKind.CALIBRATION if number % 100 == 0 else MeasurementKind.DRIFT,
+            "subject_id": f"one-{number}",
+            "ray_change_mm": 2.0 if number == 3333 else None if number == 4444 else 0.01,
+            "cor_column_mm": -209.0,
+            "tilt_deg": -4.0,
+            "source_to_detector_mm": 1600.0,
+            "relative_residual": 0.01,
+        }
+        for number in range(6000)
+    ]
+    with store._database.write() as session:
+        session.execute(insert(MeasurementRow), rows)
+    found, total = store.measurements.movements_of(scanner.id, start, start + 6000 * step)
+    names = [one.subject_id for one in found]
+    assert total == 6000
+    assert 500 < len(found) <= MOST_READ
+    assert [one.at for one in found] == sorted(one.at for one in found)
+    assert {"one-3333", "one-5999"} <= {*names}, "the one that moved farthest, and the newest"
+    calibrations = [one for one in found if one.kind is MeasurementKind.CALIBRATION]
+    assert len(calibrations) == 60, "drift checks crowd no calibration out"
+    gaps = [later.at - earlier.at for earlier, later in itertools.pairwise(found)]
+    assert max(gaps) <= 25 * step, "each part of the time has one"
+    some, number = store.measurements.movements_of(scanner.id, start + 4000 * step, start + 5000 * step)
+    assert (len(some), number) == (2000, 2000)
 
 
 # Of the version before: less than an answer of today has.

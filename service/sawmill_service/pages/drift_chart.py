@@ -21,19 +21,22 @@ def drift_chart(
     *,
     span: Span,
     tolerance_mm: float,
+    total: int,
 ) -> Chart:
     """The chart of one scanner.
 
     Parameters
     ----------
     movements
-        In the span, the oldest first.
+        In the span, the oldest first; of very many, some.
     activations
         Calibrations' ids and when they became the active one.
     span
         From when to when it reaches.
     tolerance_mm
         What the rays may move.
+    total
+        Of the measurements in the span.
     """
     shown = [(span.x(one.at), one) for one in thinned(movements, span, DRIFT.values())]
     accepted = [(span.x(at), identifier, at) for identifier, at in activations if span.start <= at <= span.end]
@@ -42,7 +45,7 @@ def drift_chart(
         shown=shown,
         accepted=accepted,
         days=days_of(span),
-        total=len(movements),
+        total=total,
     )
 
 

@@ -114,7 +114,7 @@ def _answer(
     condition, now = condition_of(store, known), datetime.now(UTC)
     history = store.history.page(known.id, kind=HistoryKind.ACTIVATION, limit=SHOWN_ENTRIES).items
     span = span_of(days, now)
-    movements = store.measurements.movements(span.start, scanner_id=known.id).get(known.id, [])
+    movements, total = store.measurements.movements_of(known.id, span.start, span.end)
     activations = [(entry.subject_id, entry.at) for entry in history]
     active = condition.active
     radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
@@ -126,7 +126,7 @@ def _answer(
         alarms=ALARMS,
         active=active,
         log=_log(store, condition.newest),
-        chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm),
+        chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm, total=total),
         is_calibration=is_calibration,
         days=days,
         spans=SPANS,

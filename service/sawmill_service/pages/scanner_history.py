@@ -123,14 +123,14 @@ def scanner_history(
 ) -> HTMLResponse:
     """The whole page."""
     known, span = store.scanners.get(scanner_id), span_of(shown.days, datetime.now(UTC))
-    movements = store.measurements.movements(span.start, scanner_id=scanner_id).get(scanner_id, [])
+    movements, total = store.measurements.movements_of(scanner_id, span.start, span.end)
     marks, opened = store.history.marks(scanner_id, span.start), store.alarms.open(scanner_id=scanner_id)
     return page.answer(
         "scanner_history.html",
         scanner=known,
         shown=shown,
         spans=SPANS,
-        chart=trend_chart(movements, marks, opened, span),
+        chart=trend_chart(movements, marks, opened, span, total),
         most_lines=MOST_LINES,
         is_calibration=is_calibration,
         days=shown.days,

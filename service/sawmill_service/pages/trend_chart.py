@@ -65,20 +65,22 @@ QUANTITIES = {
 
 
 def trend_chart(
-    movements: Sequence[Movement], marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span
+    movements: Sequence[Movement], marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span, total: int
 ) -> Chart:
     """The chart of one scanner.
 
     Parameters
     ----------
     movements
-        In the span, the oldest first.
+        In the span, the oldest first; of very many, some.
     marks
         Activations and alarms in the span, the oldest first.
     opened
         The alarms that are open.
     span
         From when to when it reaches.
+    total
+        Of the measurements in the span.
     """
     marks = list(marks)
     values = [quantity.value for quantity in QUANTITIES.values()]
@@ -89,7 +91,7 @@ def trend_chart(
         shown=shown,
         accepted=[(span.x(mark.at), mark.subject_id, mark.at) for mark in activations],
         days=days_of(span),
-        total=len(movements),
+        total=total,
         alarms=_alarms(marks, opened, span),
     )
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import ColumnElement, Integer, Select, and_, cast, func, literal, or_, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.base import Page
@@ -17,7 +17,19 @@ from sawmill_worker.contracts.two_questions import TwoQuestions
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.entering import enter
 from sawmill_worker.storage.paging import found, read_numbered_page
-from sawmill_worker.storage.tables import Answered, CalibrationRow, DriftRow, MeasurementRow, ScannerRow
+from sawmill_worker.storage.tables import (
+    Answered,
+    CalibrationRow,
+    DriftRow,
+    MeasurementRow,
+    ScannerRow,
+    UtcDateTime,
+    seconds_between,
+)
+
+MOST_READ, PARTS = 2000, 500
+_COLUMNS = [getattr(MeasurementRow, name) for name in Movement._fields]
+_MOVEMENTS = select(*_COLUMNS).order_by(MeasurementRow.at, MeasurementRow.number)
 
 
 class Measurements:
@@ -45,17 +57,46 @@ class Measurements:
                 session, statement, MeasurementRow.number, read_measurement, after=after, limit=limit
             )
 
-    def movements(self, since: datetime, *, scanner_id: str | None = None) -> Mapping[str, list[Movement]]:
-        """What charts draw of everything since a time, or of one scanner: by scanner, the oldest first."""
-        columns = [getattr(MeasurementRow, name) for name in Movement._fields]
-        statement = select(*columns).where(MeasurementRow.at >= since).order_by(MeasurementRow.at)
-        if scanner_id is not None:
-            statement = statement.where(MeasurementRow.scanner_id == scanner_id)
+    def movements(self, since: datetime) -> Mapping[str, list[Movement]]:
+        """What small charts draw of all scanners since a time: by scanner, the oldest first."""
         by_scanner: dict[str, list[Movement]] = {}
         with self._database.read() as session:
-            for row in session.execute(statement):
+            for row in session.execute(_MOVEMENTS.where(MeasurementRow.at >= since)):
                 by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
         return by_scanner
+
+    def movements_of(self, scanner_id: str, since: datetime, until: datetime) -> tuple[list[Movement], int]:
+        """What a chart draws of one scanner since a time, the oldest first, and how many measurements there are.
+
+        Of more than `MOST_READ` only some: of each kind, in each of `PARTS` equal parts of the time up to `until`, the
+        newest one and the one whose rays moved farthest.
+        """
+        its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
+        with self._database.read() as session:
+            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
+            which = its
+            if total > MOST_READ:
+                elapsed_s = seconds_between(
+                    self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
+                )
+                part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
+                which = MeasurementRow.number.in_(_typical(its, part))
+            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+
+
+def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple[int]]:
+    """The numbers of those that stand for each part of the time."""
+    alike = {"partition_by": (MeasurementRow.kind, part)}
+    newest_first = MeasurementRow.at.desc(), MeasurementRow.number.desc()
+    ranked = select(
+        MeasurementRow.number,
+        func.row_number().over(**alike, order_by=newest_first).label("by_time"),
+        func.row_number()
+        .over(**alike, order_by=(func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc(), *newest_first))
+        .label("by_movement"),
+    )
+    placed = ranked.where(its).subquery()
+    return select(placed.c.number).where(or_(placed.c.by_time == 1, placed.c.by_movement == 1))
 
 
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:

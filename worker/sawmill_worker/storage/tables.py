@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar
 from sqlalchemy import (
     JSON,
     BigInteger,
+    ColumnElement,
     DateTime,
     Dialect,
     Enum,
@@ -19,6 +20,7 @@ from sqlalchemy import (
     String,
     TypeDecorator,
     UniqueConstraint,
+    func,
     text,
 )
 from sqlalchemy.orm import DeclarativeBase, Mapped, declared_attr, mapped_column, relationship
@@ -58,6 +60,13 @@ class UtcDateTime(TypeDecorator[datetime]):
         if value is None:
             return None
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+def seconds_between(dialect: str, start: Any, end: Any) -> ColumnElement[float]:  # noqa: ANN401 - columns or times
+    """From one column to another, as a database works it out."""
+    if dialect == "sqlite":
+        return (func.julianday(end) - func.julianday(start)) * 86_400.0
+    return func.extract("epoch", end - start)
 
 
 class Ranked(TypeDecorator[Priority]):

@@ -18,7 +18,7 @@ from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobKind, JobState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import PEAK_MEMORY
-from sawmill_worker.storage.tables import EventRow, JobRow
+from sawmill_worker.storage.tables import EventRow, JobRow, seconds_between
 
 # Ends of classes of durations: from a drift check of an empty queue to a reconstruction over night.
 DURATIONS_S = (0.3, 1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10_000.0, 30_000.0)
@@ -160,7 +160,7 @@ def _fates(session: Session, *which: ColumnElement[bool]) -> dict[Fate, Amount]:
 def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
     """A row an attempt that a worker has ended; its seconds are known where it ended the job with a result."""
     computed = and_(EventRow.what == EventKind.SUCCEEDED, JobRow.answered_from.is_(None))
-    seconds = case((computed, _seconds(dialect)))
+    seconds = case((computed, seconds_between(dialect, JobRow.started_at, JobRow.finished_at)))
     return (
         select(
             EventRow.what,
@@ -174,13 +174,6 @@ def _ended(dialect: str, *which: ColumnElement[bool]) -> Select[Any]:
         .where(EventRow.what != EventKind.STARTED, EventRow.worker.is_not(None), *which)
         .limit(_ALL)  # else SQLite works out the seconds anew for each class of durations
     )
-
-
-def _seconds(dialect: str) -> ColumnElement[Any]:
-    """From a job's start to its end."""
-    if dialect == "sqlite":
-        return (func.julianday(JobRow.finished_at) - func.julianday(JobRow.started_at)) * 86_400.0
-    return func.extract("epoch", JobRow.finished_at - JobRow.started_at)
 
 
 def _since(then: datetime | None, now: datetime) -> float:
