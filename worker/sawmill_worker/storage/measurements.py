@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from datetime import datetime
+from typing import Any
 
 from sqlalchemy import ColumnElement, Integer, Select, and_, cast, func, literal, or_, select
 from sqlalchemy.orm import Session
@@ -86,16 +87,15 @@ class Measurements:
 
 def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple[int]]:
     """The numbers of those that stand for each part of the time."""
-    alike = {"partition_by": (MeasurementRow.kind, part)}
-    newest_first = MeasurementRow.at.desc(), MeasurementRow.number.desc()
-    ranked = select(
-        MeasurementRow.number,
-        func.row_number().over(**alike, order_by=newest_first).label("by_time"),
-        func.row_number()
-        .over(**alike, order_by=(func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc(), *newest_first))
-        .label("by_movement"),
-    )
-    placed = ranked.where(its).subquery()
+
+    def place(*order: ColumnElement[Any]) -> ColumnElement[int]:
+        """Among those of its kind and its part; the newer of equals comes first."""
+        newest_first = MeasurementRow.at.desc(), MeasurementRow.number.desc()
+        return func.row_number().over(partition_by=(MeasurementRow.kind, part), order_by=(*order, *newest_first))
+
+    farthest_first = func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc()
+    places = select(MeasurementRow.number, place().label("by_time"), place(farthest_first).label("by_movement"))
+    placed = places.where(its).subquery()
     return select(placed.c.number).where(or_(placed.c.by_time == 1, placed.c.by_movement == 1))
 
 

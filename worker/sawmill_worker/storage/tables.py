@@ -62,7 +62,7 @@ class UtcDateTime(TypeDecorator[datetime]):
         return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
 
 
-def seconds_between(dialect: str, start: Any, end: Any) -> ColumnElement[float]:  # noqa: ANN401 - columns or times
+def seconds_between(dialect: str, start: Any, end: Any) -> ColumnElement[Any]:  # noqa: ANN401 - columns or times
     """From one column to another, as a database works it out."""
     if dialect == "sqlite":
         return (func.julianday(end) - func.julianday(start)) * 86_400.0
