@@ -44,7 +44,6 @@ OOMPolicy=continue
 TasksMax=2048
 LimitNOFILE=1024:{files_needed(MOST_CONNECTIONS)}
 LimitCORE=0
-UMask=0077
 NoNewPrivileges=yes
 CapabilityBoundingSet=
 PrivateDevices=yes
@@ -65,6 +64,11 @@ SystemCallArchitectures=native
 SystemCallErrorNumber=EPERM
 SystemCallFilter=@system-service
 SystemCallFilter=landlock_create_ruleset landlock_add_rule landlock_restrict_self seccomp
+"""
+# For what computes.
+_CACHED = f"""\
+Environment=NUMBA_CACHE_DIR={CACHE} MPLCONFIGDIR={CACHE}/matplotlib
+CacheDirectory={CACHE.name}
 """
 _STRICT = "ProtectSystem=strict\n"
 _COMMON = _LASTING + _BOUNDED + _STRICT
@@ -184,7 +188,7 @@ ExecStart={self._command("serve")}
 TimeoutStartSec=infinity
 # The service's loop reports twice in this time.
 WatchdogSec=60
-{self._credential()}{self._environment()}{_COMMON}
+{self._credential()}{self._on_data()}{_CACHED}{_COMMON}
 [Install]
 WantedBy=multi-user.target
 """
@@ -201,7 +205,7 @@ Type=exec
 ExecStartPre=-{self._command("compile")}
 ExecStart={self._command("worker")}
 TimeoutStartSec=infinity
-{self._environment()}{_COMMON}
+{self._on_data()}{_CACHED}{_COMMON}
 [Install]
 WantedBy=multi-user.target
 """
@@ -209,14 +213,18 @@ WantedBy=multi-user.target
     def _watch(self) -> str:
         return f"""\
 # A watched folder: sawmill-watch@line2.service reads /etc/sawmill/line2.yaml. What it names may lie anywhere but in
-# homes, so that the whole system is not read-only for it; its user must be allowed to write there.
+# homes and /tmp, so that the whole system is not read-only for it; its user must be allowed to write there. It works
+# without the service's data and settings, so that its user may be another one. It is started again without end, for a
+# share may come late.
 [Unit]
 Description=Sawmill calibration, watched folder %i
-{self._unit()}
+After=network.target
+RequiresMountsFor={_word(self.program)}
+
 [Service]
 Type=exec
 ExecStart={self._command("watch")} /etc/sawmill/%i.yaml
-{self._environment()}{_LASTING}{_BOUNDED}ProtectSystem=full
+{self._as_user()}{_LASTING}{_BOUNDED}ProtectSystem=full
 
 [Install]
 WantedBy=multi-user.target
@@ -224,18 +232,19 @@ WantedBy=multi-user.target
 
     def _backup(self) -> str:
         return f"""\
-# A backup into the folder of its name: systemd-escape --path --template=sawmill-backup@.timer /mnt/backup says it.
+# A backup into the folder of its name: systemd-escape --path --template=sawmill-backup@.timer /mnt/disk/backups says it.
 [Unit]
 Description=Backup of Sawmill calibration to %f
 After=network.target
 RequiresMountsFor={_word(self.program)} {_word(self.data)} %f
+
 [Service]
 Type=oneshot
 ExecStart={self._command("backup")} %f --keep 30
-TimeoutStartSec=infinity
 Nice=10
-ReadWritePaths=%f
-{self._environment()}{_BOUNDED}{_STRICT}"""
+# Where there is no such folder, the command says so.
+ReadWritePaths=-%f
+{self._on_data()}{_BOUNDED}{_STRICT}"""
 
     def _command(self, name: str) -> str:
         return f"{_word(self.program)} {name}"
@@ -257,32 +266,38 @@ LoadCredential=sawmill_token:{_specifiers(self.token)}
 Environment=SAWMILL_TOKEN_FILE=%t/credentials/%n/sawmill_token
 """
 
-    def _environment(self) -> str:
-        return "".join(f"{line}\n" for line in self._environment_lines())
-
-    def _environment_lines(self) -> Iterator[str]:
-        yield f"User={self.user}"
-        yield f"Environment={_word(f'SAWMILL_DATA_FOLDER={self.data}')} SAWMILL_LOG_FORMAT=json"
-        yield f"Environment=NUMBA_CACHE_DIR={CACHE} MPLCONFIGDIR={CACHE}/matplotlib"
-        yield f"EnvironmentFile=-{SETTINGS}"
-        yield f"CacheDirectory={CACHE.name}"
-        if STATE in self.data.parents:
-            yield f"StateDirectory={_word(self.data.relative_to(STATE))}"
-            yield "StateDirectoryMode=0700"
-        else:
-            yield f"ReadWritePaths={_word(self.data)}"
+    def _as_user(self) -> str:
         in_homes = any(_below(path, _HOMES) for path in (self.program.resolve(), Path(sys.base_prefix), *self._paths))
-        yield f"ProtectHome={'read-only' if in_homes else 'yes'}"
+        return f"""\
+User={self.user}
+Environment=SAWMILL_LOG_FORMAT=json
+ProtectHome={"read-only" if in_homes else "yes"}
+"""
+
+    def _on_data(self) -> str:
+        """For what works on the service's data, which are its user's alone."""
+        if STATE in self.data.parents:
+            folder = f"StateDirectory={_word(self.data.relative_to(STATE))}\nStateDirectoryMode=0700"
+        else:
+            folder = f"ReadWritePaths={_word(self.data)}"
+        return f"""\
+{self._as_user()}Environment={_word(f"SAWMILL_DATA_FOLDER={self.data}")}
+EnvironmentFile=-{SETTINGS}
+{folder}
+UMask=0077
+"""
 
 
 # Each night, or after the next start where the machine was off.
 _NIGHTLY = """\
 [Unit]
 Description=Nightly backup of Sawmill calibration to %f
+
 [Timer]
 OnCalendar=*-*-* 02:30:00
 RandomizedDelaySec=600
 Persistent=yes
+
 [Install]
 WantedBy=timers.target
 """

@@ -92,7 +92,13 @@ def test_a_watched_folder_and_a_backup_are_named_by_their_instances():
     assert shlex.split(watch["ExecStart"][0])[1:] == ["watch", "/etc/sawmill/%i.yaml"]
     assert watch["ProtectSystem"] == ["full"], "folders that its file names are to be written to"
     assert shlex.split(backup["ExecStart"][0])[1:] == ["backup", "%f", "--keep", "30"]
-    assert (backup["ReadWritePaths"], backup["ProtectSystem"], backup["Type"]) == (["%f"], ["strict"], ["oneshot"])
+    # A folder that is not there is named by the command, and not by systemd's status 226.
+    assert (backup["ReadWritePaths"], backup["ProtectSystem"], backup["Type"]) == (["-%f"], ["strict"], ["oneshot"])
+    assert (backup["StateDirectory"], backup["UMask"]) == (["sawmill"], ["0077"])
+    # Its user may be another one: systemd would give that one the service's data, and hand it the database's password.
+    assert not watch.keys() & {"StateDirectory", "CacheDirectory", "ReadWritePaths", "EnvironmentFile"}
+    # A share that is away at the start may come at any time.
+    assert "StartLimitBurst" not in units["sawmill-watch@.service"]["Unit"]
     for name in ("watch", "backup"):
         answer = CliRunner().invoke(main, [name, "--help"])
         assert (answer.exit_code, "--keep" in answer.output or name == "watch") == (0, True)
