@@ -232,7 +232,8 @@ WantedBy=multi-user.target
 
     def _backup(self) -> str:
         return f"""\
-# A backup into the folder of its name: systemd-escape --path --template=sawmill-backup@.timer /mnt/disk/backups says it.
+# A backup into the folder of its name:
+# systemd-escape --path --template=sawmill-backup@.timer /mnt/disk/backups says it.
 [Unit]
 Description=Backup of Sawmill calibration to %f
 After=network.target
