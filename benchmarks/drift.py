@@ -3,7 +3,7 @@
     python benchmarks/drift.py [--scans 150] [--seed 1] [--views 120 180 360 720] [--rows 1]
 
 Every scan has its own scanner, log, number of views (one of those given) and noise (0.5 to 4 % of the RMS, or counts
-with 3 000 to 30 000 photons in air), less by as much as averaging this number of rows takes off. Prints for each kind of scan
+with 3 000 to 30 000 photons in air), less by what averaging the rows takes off. Prints for each kind of scan
 the share without an answer, the RMS errors, how often value +- 1.96 standard deviations held the truth, false alarms
 of drift (against the truth), and scans whose turn is called disturbed; then the time for 768 cells.
 """
