@@ -1,0 +1,110 @@
+"""Steps and trends of a history against least squares by hand and by a dense design matrix."""
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.drift_chart.alternatives import FEWEST_OF_A_TREND, steps_and_trends
+from sawmill_worker.tomography.drift_chart.history import History
+from sawmill_worker.tomography.drift_chart.segments import OF_EACH_SIZE
+
+NO_SCATTER, NOTHING = np.asarray(1.0), np.zeros((2, 2))
+NOISE = np.random.default_rng(4)
+
+
+def covariances(number):
+    """Different, strongly correlated ones."""
+    root = NOISE.standard_normal((number, 2, 2)) @ np.diag([1.0, 1e-3]) + [[0.3, 0.0], [0.0, 1e-3]]
+    return root @ root.transpose(0, 2, 1)
+
+
+def history_of(days, means, covariance):
+    history = History.starting_at(np.asarray(days[0]), means[0], covariance[0])
+    for each in zip(days[1:], means[1:], covariance[1:], strict=True):
+        history = history.followed_by(np.asarray(each[0]), *each[1:])
+    return history
+
+
+def test_one_group_after_the_baseline_by_hand():
+    """The covariances add: 1 of the baseline, 3 of the group; and what logs may do, 5."""
+    history = history_of([0.0, 1.0], np.array([[1.0, 0.0], [4.0, 0.0]]), np.array([np.eye(2), 3.0 * np.eye(2)]))
+    steps, trends = steps_and_trends((history.baseline, *history.segments), NO_SCATTER, 5.0 * np.eye(2))
+    np.testing.assert_allclose(steps.change, [[3.0, 0.0]])
+    np.testing.assert_allclose(steps.covariance, [9.0 * np.eye(2)])
+    assert steps.likelihood == pytest.approx(9.0 / 4.0)
+    assert steps.evidence == pytest.approx(9.0 / 9.0)
+    assert trends.evidence == pytest.approx(0.0)  # one group is no trend
+
+
+def dense(days, means, covariance, shape):
+    """Twice the log-likelihood ratio, change and its covariance, of shape(days) times a constant (2,) added."""
+    size = len(days)
+    weight = np.zeros((2 * size, 2 * size))
+    for k in range(size):
+        weight[2 * k : 2 * k + 2, 2 * k : 2 * k + 2] = np.linalg.inv(covariance[k])
+    constant = np.kron(np.ones((size, 1)), np.eye(2))
+    design = np.hstack([constant, np.kron(shape[:, None], np.eye(2))])
+    values = means.ravel()
+
+    def fitted(of):
+        normal = of.T @ weight @ of
+        found = np.linalg.solve(normal, of.T @ weight @ values)
+        rest = values - of @ found
+        return found, np.linalg.inv(normal), rest @ weight @ rest
+
+    _, _, without = fitted(constant)
+    found, spread, with_change = fitted(design)
+    return without - with_change, found[2:], spread[2:, 2:]
+
+
+def test_both_models_are_generalised_least_squares_with_the_mean_unknown():
+    """Against the dense fit, at every candidate, on groups with different covariances and uneven times."""
+    size = FEWEST_OF_A_TREND + 4
+    days = 300.0 + np.cumsum(NOISE.uniform(0.001, 0.02, size))
+    covariance = covariances(size)
+    means = NOISE.standard_normal((size, 2)) * [1.0, 1e-3]
+    history = history_of(days, means, covariance)
+    steps, trends = steps_and_trends((history.baseline, *history.segments), NO_SCATTER, NOTHING)
+    # The oldest two single groups have been joined twice.
+    ends = steps.began_days
+    assert len(ends) < size - 1
+    for k, began in enumerate(ends):
+        for model, shape in ((steps, days > began), (trends, np.maximum(days - began, 0.0))):
+            if model is trends and np.count_nonzero(days > began) < FEWEST_OF_A_TREND:
+                assert model.evidence[k] == 0.0
+                continue
+            likelihood, change, spread = dense(days, means, covariance, shape.astype(float))
+            assert model.likelihood[k] == pytest.approx(likelihood, rel=1e-5)
+            np.testing.assert_allclose(model.change[k], change, rtol=1e-5)
+            np.testing.assert_allclose(model.covariance[k], spread, rtol=1e-5)
+            assert model.evidence[k] == pytest.approx(model.likelihood[k])
+
+
+def test_the_variance_ratio_divides_the_evidence():
+    history = history_of(np.arange(12.0), NOISE.standard_normal((12, 2)), covariances(12))
+    segments = (history.baseline, *history.segments)
+    believed = steps_and_trends(segments, NO_SCATTER, NOTHING)
+    doubted = steps_and_trends(segments, np.asarray(4.0), NOTHING)
+    for plain, scaled in zip(believed, doubted, strict=True):
+        np.testing.assert_allclose(scaled.evidence, plain.evidence / 4.0)
+
+
+def test_a_long_history_keeps_few_segments_and_all_of_its_sums():
+    size = 1000
+    history = history_of(np.arange(float(size)), NOISE.standard_normal((size, 2)), np.tile(np.eye(2), (size, 1, 1)))
+    groups = [segment.groups for segment in history.segments]
+    assert sum(groups) == size - 1
+    assert groups == sorted(groups, reverse=True)
+    assert max(groups.count(each) for each in set(groups)) <= OF_EACH_SIZE
+    assert len(groups) <= OF_EACH_SIZE * 8
+    # Any change point is near a candidate: within half a segment, which is a sixteenth of its age.
+    ages = size - 1 - history.alternatives(NOTHING)[0].began_days
+    assert np.all(-np.diff(ages) <= (ages[:-1] + OF_EACH_SIZE - 1) / OF_EACH_SIZE)
+
+
+def test_groups_that_scatter_more_than_they_say_are_believed_less():
+    means = NOISE.standard_normal((400, 2)) * 2.0
+    history = history_of(np.arange(400.0), means, np.tile(np.eye(2), (400, 1, 1)))
+    assert history.scatter.variance_ratio == pytest.approx(4.0, rel=0.25)
+    jumped = means + 100.0 * (np.arange(400) > 200)[:, None]
+    again = history_of(np.arange(400.0), jumped, np.tile(np.eye(2), (400, 1, 1)))
+    assert again.scatter.variance_ratio == pytest.approx(float(history.scatter.variance_ratio), rel=0.05)

@@ -1,0 +1,126 @@
+"""The chart as its user feeds it: look by look."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.drift_chart.chart import LIMIT, QUIET, DriftChart, DriftKind
+from sawmill_worker.tomography.drift_chart.history import History
+from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look
+from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
+
+ALONG, TILT = 0.005, math.radians(0.09)
+LOOK = np.array([[(25.0 * TILT) ** 2 + ALONG**2, -25.0 * TILT**2], [-25.0 * TILT**2, TILT**2]])
+A_DAY = 2000
+
+
+def nowhere(_days):
+    return 0.0
+
+
+def looks(seed, number, moved=nowhere, *, outliers=0.01, larger=1.0):
+    """A day has 2 000; each has its own covariance, and some have an error of fifteen standard deviations and more."""
+    rng = np.random.default_rng(seed)
+    for k in range(number):
+        covariance = LOOK * rng.uniform(0.5, 4.0)
+        error = larger * np.linalg.cholesky(covariance) @ rng.standard_normal(2)
+        if rng.random() < outliers:
+            error *= 15.0
+        yield Look(k / A_DAY, [0.3 + moved(k / A_DAY) + error[0], 0.01 + error[1]], covariance)
+
+
+def charted(given, chart=None):
+    """The chart at the first alarm, or at the end."""
+    chart = chart or DriftChart()
+    for look in given:
+        chart = chart.with_look(look)
+        if not chart.pending and chart.finding().alarm:
+            break
+    return chart
+
+
+def test_it_learns_first_and_is_quiet_then():
+    given = list(looks(1, 200))
+    learning = charted(given[: BASELINE_LOOKS - 1])
+    assert learning.baseline is None
+    assert learning.finding().kind is DriftKind.LEARNING
+    quiet = charted(given[BASELINE_LOOKS - 1 :], learning)
+    assert quiet.baseline.estimate.looks == BASELINE_LOOKS
+    assert quiet.finding().kind is DriftKind.QUIET
+    assert 0.0 < quiet.finding().evidence < LIMIT
+
+
+@pytest.mark.parametrize("size_mm", [0.03, 0.2, -5.0])
+def test_a_jump_is_found_with_its_size_and_time(size_mm):
+    found = charted(looks(2, 1000, lambda days: size_mm * (days > 0.3013))).finding()
+    assert found.kind is DriftKind.JUMP
+    assert found.between_days[0] <= 0.3013 <= found.between_days[1] < 0.34
+    assert found.between_days[0] > 0.25
+    assert abs(found.change[0] - size_mm) < 3.0 * math.sqrt(found.covariance[0, 0])
+    assert found.log_odds > 0.0
+
+
+def test_a_trend_is_found_with_its_slope_and_time():
+    found = charted(looks(3, 2400, lambda days: 0.1 * max(days - 0.2, 0.0))).finding()
+    assert found.kind is DriftKind.TREND
+    assert found.between_days[0] <= 0.2 <= found.between_days[1]
+    assert abs(found.change[0] - 0.1) < 3.0 * math.sqrt(found.covariance[0, 0])
+    assert found.log_odds > math.log(100.0)
+
+
+def test_a_jump_stays_a_jump_half_a_day_later():
+    chart = DriftChart()
+    for look in looks(4, 1400, lambda days: 0.2 * (days > 0.2013)):
+        chart = chart.with_look(look)
+    found = chart.finding()
+    assert found.kind is DriftKind.JUMP
+    assert found.began_days == pytest.approx(0.2013, abs=0.08)
+    assert found.change[0] == pytest.approx(0.2, abs=0.02)
+
+
+def test_outliers_and_covariances_that_are_too_small_raise_no_alarm():
+    assert charted(looks(5, 800, outliers=0.05)).finding().kind is DriftKind.QUIET
+    found = charted(looks(6, 800, larger=1.5)).finding()
+    assert found.kind is DriftKind.QUIET
+    assert found.scatter == pytest.approx(1.5, rel=0.2)
+
+
+def test_quiet_scanners_stay_quiet_and_evidence_comes_near_the_limit():
+    """150 scanners with 2 000 looks each, 0.4 of a year."""
+    rng = np.random.default_rng(7)
+    start, scanners = np.asarray(0.0), 150
+    root, group = np.linalg.cholesky(LOOK), np.tile(LOOK / 10.0, (scanners, 1, 1))
+    zero = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(50.0)
+    history = History.starting_at(np.full(scanners, start), zero, group / 5.0)
+    largest = np.zeros(scanners)
+    for k in range(1, 201):
+        mean = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(10.0)
+        history = history.followed_by(np.full(scanners, k / 200.0), mean, group)
+        if k % 5 == 0:
+            largest = np.maximum(largest, history.evidence(np.zeros((2, 2))))
+    assert np.count_nonzero(largest > LIMIT) <= 3
+    assert np.median(largest) > 8.0
+    assert np.all(history.evidence(QUIET) <= history.evidence(np.zeros((2, 2))))
+
+
+def test_json_keeps_a_chart_and_goes_on_as_if_it_had_not_been_put_away():
+    given = list(looks(8, 700, lambda days: 0.05 * (days > 0.3)))
+    straight, put_away = DriftChart(), DriftChart()
+    for k, look in enumerate(given):
+        straight = straight.with_look(look)
+        if k % 37 == 0 or k == BASELINE_LOOKS:
+            put_away = chart_from_state(json.loads(json.dumps(chart_to_state(put_away))))
+        put_away = put_away.with_look(look)
+    assert chart_to_state(put_away) == chart_to_state(straight)
+    assert len(json.dumps(chart_to_state(straight))) < 20_000
+    assert straight.finding().kind is DriftKind.JUMP
+
+
+def test_a_state_that_is_none_is_refused():
+    state = chart_to_state(DriftChart())
+    with pytest.raises(ValueError, match="layout is 2 and must be 1"):
+        chart_from_state({**state, "layout": 2})
+    with pytest.raises(ValueError, match="no state of a drift chart: 'pending'"):
+        chart_from_state({name: value for name, value in state.items() if name != "pending"})

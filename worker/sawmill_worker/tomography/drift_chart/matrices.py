@@ -1,0 +1,28 @@
+"""Symmetric 2 x 2 matrices over any leading axes: faster in closed form than one call of LAPACK for each."""
+
+import numpy as np
+
+from sawmill_worker.tomography.geometry import FloatArray
+
+
+def inverse(matrices: FloatArray) -> FloatArray:
+    """Inverses (..., 2, 2) of positive definite matrices; zeros of those that are singular."""
+    first, cross, second = matrices[..., 0, 0], matrices[..., 0, 1], matrices[..., 1, 1]
+    determinant = first * second - cross**2
+    # Below rounding of its two terms a determinant is zero.
+    regular = determinant > 4.0 * np.finfo(float).eps * np.abs(first * second)
+    over = np.divide(1.0, determinant, out=np.zeros_like(determinant), where=regular)
+    inverted = np.stack([second, -cross, -cross, first], axis=-1) * over[..., None]
+    return inverted.reshape(matrices.shape)
+
+
+def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Products (..., 2) of matrices (..., 2, 2) and vectors (..., 2)."""
+    product: FloatArray = np.einsum("...ij,...j->...i", matrices, vectors)
+    return product
+
+
+def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
+    """x^T P x, (...), of vectors (..., 2) and matrices (..., 2, 2): chi-squared where P is the inverse covariance."""
+    length: FloatArray = np.einsum("...i,...ij,...j->...", vectors, precision, vectors)
+    return length
