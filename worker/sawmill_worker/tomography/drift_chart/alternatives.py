@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.drift_chart.matrices import inverse, squared_length, times
+from sawmill_worker.tomography.drift_chart.matrices import inverse, sandwich, squared_length, times
 from sawmill_worker.tomography.drift_chart.segments import Segment, moved
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -90,7 +90,7 @@ def steps_and_trends(
     right = weighted_rest[..., 1, :] + span[..., None] * weighted_rest[..., 0, :]
     every = inverse(before[-1] + rest[-1, ..., 0, :, :])
     mean = times(every, weighted_before[-1] + weighted_rest[-1, ..., 0, :])
-    slope_covariance = inverse(square - along @ every @ along)
+    slope_covariance = inverse(square - sandwich(along, every))
     slope = times(slope_covariance, right - times(along, mean))
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]

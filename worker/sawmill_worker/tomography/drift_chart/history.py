@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from sawmill_worker.tomography.drift_chart.alternatives import Alternatives, steps_and_trends
 from sawmill_worker.tomography.drift_chart.matrices import inverse
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
@@ -41,8 +39,3 @@ class History:
     def alternatives(self, quiet: FloatArray) -> tuple[Alternatives, Alternatives]:
         """Steps and trends, as `steps_and_trends`; there must be a segment."""
         return steps_and_trends((self.baseline, *self.segments), self.scatter.variance_ratio, quiet)
-
-    def evidence(self, quiet: FloatArray) -> FloatArray:
-        """The chart's statistic, (...): the largest evidence of any step or trend."""
-        largest: FloatArray = np.maximum(*(each.evidence.max(axis=0) for each in self.alternatives(quiet)))
-        return largest

@@ -18,11 +18,20 @@ def inverse(matrices: FloatArray) -> FloatArray:
 
 def times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Products (..., 2) of matrices (..., 2, 2) and vectors (..., 2)."""
-    product: FloatArray = np.einsum("...ij,...j->...i", matrices, vectors)
-    return product
+    first, second = vectors[..., 0], vectors[..., 1]
+    return np.stack([row[..., 0] * first + row[..., 1] * second for row in np.moveaxis(matrices, -2, 0)], axis=-1)
 
 
 def squared_length(vectors: FloatArray, precision: FloatArray) -> FloatArray:
     """x^T P x, (...), of vectors (..., 2) and matrices (..., 2, 2): chi-squared where P is the inverse covariance."""
-    length: FloatArray = np.einsum("...i,...ij,...j->...", vectors, precision, vectors)
+    first, second = vectors[..., 0], vectors[..., 1]
+    length: FloatArray = (
+        precision[..., 0, 0] * first**2 + 2.0 * precision[..., 0, 1] * first * second + precision[..., 1, 1] * second**2
+    )
     return length
+
+
+def sandwich(outer: FloatArray, inner: FloatArray) -> FloatArray:
+    """A B A, (..., 2, 2)."""
+    columns = (times(outer, times(inner, outer[..., :, k])) for k in range(2))
+    return np.stack(list(columns), axis=-1)

@@ -9,7 +9,7 @@ from sawmill_worker.tomography.geometry import FloatArray
 
 # Chi-squared of 2 degrees of freedom beyond which a difference counts as this: 1 of 400 is normal.
 LARGEST = 12.0
-# Covariances are believed as if so many groups had shown them to be right.
+# Covariances are believed as if this number of groups had shown them to be right.
 BELIEVED = 20
 # What a bounded difference of groups is in the mean, 2 r (1 - exp(-LARGEST / 2 r)), by the variance ratio r.
 _RATIOS = np.geomspace(0.1, 100.0, 400)

@@ -64,7 +64,7 @@ class Segment:
 
 
 def moved(precision: FloatArray, weighted: FloatArray, later_days: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A segment's sums with times counted from so many days earlier, (...)."""
+    """A segment's sums with times counted from that number of days earlier, (...)."""
     later = later_days[..., None, None]
     plain, once, twice = (precision[..., k, :, :] for k in range(3))
     values, sloping = weighted[..., 0, :], weighted[..., 1, :]
