@@ -108,15 +108,19 @@ def asked(store, attempt, finish, known):
     tolerances = Tolerances(ray_change_mm=0.25)
     store.scanners.create(ScannerSpec(name="Line 2", constants=CONSTANTS, tolerances=tolerances), scanner_id="line-2")
 
-    def ask(stack, *, rows=None):
+    def ask(stack, *, rows=None, deviations=None, averaged_rows=None):
         buffer = io.BytesIO()
-        np.save(buffer, stack.astype(np.float32))
+        if deviations is None:
+            np.save(buffer, stack.astype(np.float32))
+        else:
+            np.savez(buffer, mean=stack.astype(np.float32), deviations=deviations.astype(np.float32))
         step = 360.0 / len(stack)
         spec = ScanSpec(
             scanner_id="line-2",
             data=DataKind.LINE_INTEGRALS,
             angles_deg=f"{step / 2}:{step}",
             phantom_id="l-shape",
+            averaged_rows=averaged_rows,
         )
         scan = store.scans.accept(spec, store.files.receive([buffer.getvalue()], max_bytes=10**8))
         reading = attempt(JobKind.INGEST)
@@ -151,6 +155,44 @@ def test_twenty_views_are_compared_two_by_two(look, log_scan):
     assert (still.moved, moved.moved) == (False, True)
     assert any("flat field" in blind for blind in still.not_seen)
     assert still.change_standard_deviation.source_to_detector_mm is None
+
+
+def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, store):
+    rows = log_scan(TURNTABLE, views=20)[:, None] + 0.01 * np.random.default_rng(5).standard_normal((20, 40, 384))
+    of_stack = DriftResult.model_validate(run(asked(rows)))
+    looking = asked(rows.mean(axis=1), averaged_rows=40)
+    of_mean = DriftResult.model_validate(run(looking))
+    assert of_mean.change.cor_column_mm == pytest.approx(of_stack.change.cor_column_mm, abs=1e-4)
+    assert of_mean.moved
+    came, masked = of_mean.adjustments
+    assert came == "It came as the mean of the line integrals of 40 rows, without standard deviations."
+    assert "No ray of it was masked" in masked
+    assert store.scans.get(looking.given.scan.id).remarks == of_mean.adjustments
+    # 20 views of 384 cells: what is sent is no more than their numbers and a header.
+    assert looking.given.scan.size_bytes == 4 * 20 * 384 + 128
+
+
+def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn):
+    """A shadow of six cells that goes round with the log."""
+    rays, deviations = log_scan(views=20), np.full((20, 384), 0.01)
+    at = (192 + 40 * np.sin(turn(20))).astype(int)[:, None] + np.arange(6)
+    nailed, masked = rays.copy(), deviations.copy()
+    nailed[np.arange(20)[:, None], at] += 0.4
+    masked[np.arange(20)[:, None], at] = np.inf
+    sound, mended = (
+        DriftResult.model_validate(run(asked(mean, deviations=of, averaged_rows=300)))
+        for mean, of in ((rays, deviations), (nailed, masked))
+    )
+    uncertain = mended.change_standard_deviation.cor_column_mm
+    assert abs(mended.change.cor_column_mm - sound.change.cor_column_mm) < 2.0 * uncertain
+    assert uncertain > sound.change_standard_deviation.cor_column_mm
+    assert not mended.moved
+    assert mended.adjustments[1] == "120 of 7680 rays were masked, and interpolated along the detector."
+
+
+def test_of_a_mean_no_rows_can_be_chosen(asked, log_scan):
+    with pytest.raises(JobFailure, match="the scan is the mean of 300 rows, which are not kept: leave rows out"):
+        run(asked(log_scan(views=20), averaged_rows=300, rows="0:1"))
 
 
 def test_sparse_views_are_the_asker_s_to_mend(asked, log_scan):

@@ -375,15 +375,16 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
     """
     _check_same_scanner(scan, calibration)
     with input_errors():
-        mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step)
+        mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
     given = DriftInput(
         sinogram=mean.sinogram,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
         calibration=calibration.result,
         input_sha256=scan.sha256,
+        deviations=mean.deviations,
         tolerance_mm=tolerance_mm,
-        remarks=mean.remarks,
+        remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
     )
     with input_errors():
         return Drift(run_drift(given))

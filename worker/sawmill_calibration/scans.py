@@ -62,6 +62,10 @@ class Scan:
         Of the file, or of the array.
     remarks : tuple of str
         What was done to the data on reading.
+    averaged_rows : int or None
+        Of a scan whose one row came as the mean of rows: their number.
+    deviations : (views, rows, cells) float32, or None
+        Standard deviations of the line integrals, where they came with them.
     """
 
     line_integrals: NDArray[np.float32] = field(repr=False)
@@ -74,6 +78,8 @@ class Scan:
     from_counts: bool = False
     sha256: str = ""
     remarks: tuple[str, ...] = ()
+    averaged_rows: int | None = None
+    deviations: NDArray[np.float32] | None = field(default=None, repr=False)
 
     @classmethod
     def from_arrays(
@@ -179,6 +185,7 @@ def read_scan(
     darks: str | Path | None = None,
     rows: str | None = None,
     views: int | None = None,
+    averaged_rows: int | None = None,
     air: AirCorrection | str = AirCorrection.AUTO,
     faulty_cells: FaultyCells | str = FaultyCells.AUTO,
     rings: RingRemoval | str = RingRemoval.OFF,
@@ -207,6 +214,8 @@ def read_scan(
         `A:B` or `A:B:STEP`; all by default.
     views : int, optional
         Use every (total / views)-th view.
+    averaged_rows : int, optional
+        The number of detector rows whose line integrals were averaged into the file's one row.
     air, faulty_cells, rings, align_rows : str
         What is done to the data (docs/preparing.md).
 
@@ -225,6 +234,7 @@ def read_scan(
             "follow_links": follow_links,
             "flats": None if flats is None else Path(flats),
             "darks": None if darks is None else Path(darks),
+            "averaged_rows": averaged_rows,
             "air": air,
             "faulty_cells": faulty_cells,
             "rings": rings,
@@ -245,6 +255,8 @@ def read_scan(
                 from_counts=used.counts,
                 sha256=used.sha256,
                 remarks=used.remarks,
+                averaged_rows=averaged_rows,
+                deviations=used.deviations,
             )
 
 

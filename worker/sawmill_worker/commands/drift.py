@@ -11,9 +11,9 @@ from sawmill_worker.vocabulary import Progress, ProgressCallback
 def check_drift(
     scan: ScanSource, calibration: CalibrationSource, *, tolerance_mm: float, on_progress: ProgressCallback
 ) -> DriftResult:
-    """Read, pair opposite rays, compare."""
+    """Read, pair rays or views, compare."""
     with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
-        mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step)
+        mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
         sinogram=mean.sinogram,
@@ -21,7 +21,8 @@ def check_drift(
         rows=used.rows,
         calibration=known,
         input_sha256=used.sha256,
+        deviations=mean.deviations,
         tolerance_mm=tolerance_mm,
-        remarks=mean.remarks,
+        remarks=mean.remarks if scan.options.averaged_rows is None else (*used.remarks, *mean.remarks),
     )
     return run_drift(given)

@@ -2,16 +2,19 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.contracts.preparing import PrepareOptions
-from sawmill_worker.vocabulary import DataKind
+from sawmill_worker.vocabulary import DataKind, RowAlignment
+
+# Of any detector, or of all rows of a log along its length.
+MOST_AVERAGED_ROWS = 100_000
 
 
 class ScanState(StrEnum):
@@ -46,6 +49,30 @@ class ScanFileOptions(PrepareOptions):
     data: DataKind = Field(description="What the numbers are; never guessed.", examples=["counts"])
     dataset: Dataset = None
     angles_deg: AnglesText = None
+    averaged_rows: int | None = Field(
+        None,
+        ge=1,
+        le=MOST_AVERAGED_ROWS,
+        description="The file is (views, detector): each line integral is the mean over this number of detector rows. "
+        "NaN masks a ray; an array `deviations` beside them, in NPZ, MAT or HDF5, has their standard deviations. Null: "
+        "rows as they were measured.",
+        examples=[1000],
+    )
+
+    @model_validator(mode="after")
+    def _are_averaged_as_line_integrals(self) -> Self:
+        if self.averaged_rows is None:
+            return self
+        if self.data is DataKind.COUNTS:
+            msg = (
+                "averaged_rows goes with line-integrals, not counts: -ln of a mean is not the mean of -ln, so take "
+                "-ln((counts - dark) / (flat - dark)) of every row first, average that over the rows and send it"
+            )
+            raise ValueError(msg)
+        if self.align_rows is not RowAlignment.OFF:
+            msg = f"align_rows {self.align_rows.value!r} moves rows, which averaged_rows says are averaged: leave it out"
+            raise ValueError(msg)
+        return self
 
 
 class UnregisteredScanOptions(ScanFileOptions):

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import OutOfRange, check_index, library_errors_translated
 from sawmill_worker.files.hdf5 import open_hdf5
-from sawmill_worker.files.scan_layout import AIR_LEVEL, ANGLES, CELL_PITCH, DATA, ROW_PITCH, ROWS_PRESENT, USABLE
+from sawmill_worker.files.scan_layout import (
+    AIR_LEVEL,
+    ANGLES,
+    CELL_PITCH,
+    DATA,
+    DEVIATIONS,
+    ROW_PITCH,
+    ROWS_PRESENT,
+    USABLE,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +36,8 @@ class StoredScan:
         Mean flat less mean dark field; None where the scan was given as line integrals.
     detector_pitch_mm : float
     row_pitch_mm : float or None
+    deviations : (views, rows, detector) float32, or None
+        Standard deviations of the line integrals, where they came with them.
     """
 
     line_integrals: NDArray[np.float32]
@@ -34,6 +45,7 @@ class StoredScan:
     air_level: NDArray[np.float32] | None
     detector_pitch_mm: float
     row_pitch_mm: float | None
+    deviations: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +65,8 @@ class OpenScan:
         Which rows each view has, where some lack some: those are NaN in the data.
     usable_rows : (first, one after the last) or None
         The rows that enough views have, where some lack some.
+    deviations : dataset or None
+        The standard deviations of the line integrals, where they came with them.
     """
 
     shape: tuple[int, int, int]
@@ -63,6 +77,7 @@ class OpenScan:
     air_level: h5py.Dataset | None
     present: NDArray[np.bool_] | None = None
     usable_rows: tuple[int, int] | None = None
+    deviations: h5py.Dataset | None = None
 
     def rows(self, selected: slice | range, views: NDArray[np.integer] | None = None) -> NDArray[np.float32]:
         """Line integrals (views, rows, detector) float32 of some rows, and of some views or all.
@@ -76,6 +91,15 @@ class OpenScan:
         with library_errors_translated("HDF5"):
             stack: NDArray[np.float32] = self.data[:, slice(selected.start, selected.stop, selected.step), :]
         return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
+
+    def deviations_of(
+        self, selected: slice | range, views: NDArray[np.integer] | None = None
+    ) -> NDArray[np.float32] | None:
+        """Standard deviations (views, rows, detector) of some rows and views; None where they are not known."""
+        if self.deviations is None:
+            return None
+        known: NDArray[np.float32] = self.deviations[:, slice(selected.start, selected.stop, selected.step), :]
+        return known if views is None else known[views]
 
 
 @contextmanager
@@ -92,6 +116,7 @@ def open_scan(path: Path) -> Iterator[OpenScan]:
             air_level=file.get(AIR_LEVEL),
             present=present,
             usable_rows=usable_rows,
+            deviations=file.get(DEVIATIONS),
         )
 
 
@@ -123,6 +148,7 @@ def read_stored_scan(path: Path, rows: slice | None = None, views: NDArray[np.in
             air_level=None if scan.air_level is None else scan.air_level[selected, :],
             detector_pitch_mm=scan.detector_pitch_mm,
             row_pitch_mm=scan.row_pitch_mm,
+            deviations=scan.deviations_of(selected, views),
         )
 
 

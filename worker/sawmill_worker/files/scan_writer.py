@@ -16,6 +16,7 @@ from sawmill_worker.files.nexus import CHUNK_BYTES, PACKED, new_entry, new_group
 from sawmill_worker.files.scan_layout import (
     AIR_LEVEL,
     DATA,
+    DEVIATIONS,
     LINE_INTEGRALS,
     PROVENANCE,
     ROW_SHIFT_DEVIATIONS,
@@ -61,6 +62,7 @@ class NewScan:
         row_shifts: NDArray[np.float64] | None = None,
         row_shift_deviations: NDArray[np.float64] | None = None,
         rows_present: RowsPresent | None = None,
+        deviations: NDArray[np.float32] | None = None,
     ) -> None:
         """Write what is known when all line integrals are there.
 
@@ -72,10 +74,14 @@ class NewScan:
             The standard deviation of each shift.
         rows_present : RowsPresent or None
             None where every view has all rows.
+        deviations : (views, detector) float32, or None
+            Standard deviations of the line integrals of the one row; None where they are not known.
         """
         if rows_present is not None:
             self.data.file[ROWS_PRESENT] = rows_present.of_views.astype(np.uint8)
             self.data.file[ROWS_PRESENT].attrs[USABLE] = rows_present.usable
+        if deviations is not None:
+            write_scalar(self.data.file, DEVIATIONS, deviations[:, np.newaxis], "1")
         if air_level is not None:
             write_scalar(self.data.file, AIR_LEVEL, air_level.astype(np.float32), "counts")
         group = new_group(self.data.file, PROVENANCE, "NXcollection")

@@ -26,21 +26,28 @@ def run(attempt: Attempt) -> dict[str, Any]:
             f"and the scan of {shape.detector} of {now.detector_pitch_mm:.9g} mm: "
             "calibrate the scanner as it is now",
         )
+    if scan.averaged_rows is not None and asked.options.rows is not None:
+        raise refused(
+            "rows-outside",
+            f"rows {asked.options.rows} were asked for, but the scan is the mean of {scan.averaged_rows} rows, which "
+            "are not kept: leave rows out",
+        )
     rows = chosen_rows(asked.options.rows, shape.rows, scan.usable_rows)
     attempt.report_stage(0.1, "read")
     stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views))
     attempt.report_stage(0.5, "pair rays")
-    mean = mean_of_common_rows(stored.line_integrals, rows.start)
+    mean = mean_of_common_rows(stored.line_integrals, rows.start, deviations=stored.deviations)
     given = DriftInput(
         sinogram=mean.sinogram,
         angles_rad=stored.angles_rad,
         rows=(rows.start, rows.stop),
         calibration=calibration,
         input_sha256=scan.sha256,
+        deviations=mean.deviations,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.ray_change_mm,
         tolerance_scale_percent=scanner.tolerances.scale_percent,
-        remarks=mean.remarks,
+        remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
     )
     return run_drift(given).model_dump(mode="json")
 

@@ -30,6 +30,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         detector_pitch_mm=constants.detector_pitch_mm,
         row_pitch_mm=constants.row_pitch_mm,
         rows_missing=scan.align_rows is not RowAlignment.OFF,
+        averaged_rows=scan.averaged_rows,
         free_bytes=memory_available(),
     )
     with reading as read:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.arrays import check_fields
+from sawmill_worker.readers.averaged import AveragedRows
 from sawmill_worker.readers.contents import Projections
 from sawmill_worker.readers.plausible import (
     LINE_INTEGRALS,
@@ -51,6 +52,8 @@ class CanonicalScan:
         Values that could serve as pitch or distance, where the file does not state what they are.
     others : tuple of Path
         Further files that were read.
+    averaged : AveragedRows or None
+        Of a scan whose one row is a mean over rows: masked rays are NaN.
 
     Raises
     ------
@@ -70,6 +73,7 @@ class CanonicalScan:
     rows_missing: bool = False
     unused: str | None = None
     others: tuple[Path, ...] = ()
+    averaged: AveragedRows | None = None
 
     def __post_init__(self) -> None:
         check_scan(self)
@@ -131,7 +135,10 @@ class CanonicalScan:
         samples = self.projections.read(views, rows)
         if self.counts and self.rows_missing:
             samples[~samples.any(axis=2)] = np.nan
-        missing[views, rows] = self._missing_rows(samples, views.start, rows.start)
+        if self.averaged is None:
+            missing[views, rows] = self._missing_rows(samples, views.start, rows.start)
+        else:
+            self.averaged.mask(samples, views.start)
         outside.add(samples, views.start, rows.start)
         return Block(views, rows, samples)
 

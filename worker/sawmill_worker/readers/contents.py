@@ -66,6 +66,8 @@ class FileContents:
     projections : Projections
         As stored: counts or line integrals, which no file states reliably.
     flats, darks : like the projections, or with one dimension less where there is a single one, float32
+    deviations : like the projections, float32
+        Their standard deviations.
     angles_deg : (views,) float64, degrees
     angles_unit : str or None
         That in which the file has its angles.
@@ -85,6 +87,7 @@ class FileContents:
     projections: Projections
     flats: NDArray[np.float32] | None = None
     darks: NDArray[np.float32] | None = None
+    deviations: NDArray[np.float32] | None = None
     angles_deg: NDArray[np.float64] | None = None
     angles_unit: str | None = None
     angles_unusable: str | None = None

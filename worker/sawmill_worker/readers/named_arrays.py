@@ -18,6 +18,7 @@ from sawmill_worker.readers.wanted import Wanted
 
 PROJECTION_NAMES = ("projections", "sinogram", "data", "arr")
 OTHER_NAMES = frozenset({"angles_deg", "angles_rad", "flats", "darks"})
+DEVIATIONS = "deviations"
 # What these are by their names, as words that follow the shape; the others' shapes speak for themselves.
 OF_OTHERS = {"flats": " of flat fields by its name", "darks": " of dark fields by its name"}
 MOST_NAMES_QUOTED = 12
@@ -83,6 +84,7 @@ def read_named_arrays(arrays: NamedArrays, wanted: Wanted, remarks: tuple[str, .
         projections=arrays.projections(name),
         flats=_optional(arrays, "flats"),
         darks=_optional(arrays, "darks"),
+        deviations=_optional(arrays, DEVIATIONS) if wanted.deviations else None,
         angles_deg=angles.deg,
         angles_unit=angles.unit,
         angles_unusable=f"no name states meaning and unit of {', '.join(lists)}" if lists else None,
@@ -103,9 +105,8 @@ def _named(infos: Mapping[str, ArrayInfo], dataset: str) -> str:
 def _only_candidate(infos: Mapping[str, ArrayInfo], wanted: Wanted) -> str:
     if wanted.fields is not None and wanted.fields in infos:
         return wanted.fields
-    possible = [
-        name for name, info in infos.items() if name not in OTHER_NAMES and not _unfit(info, wanted.least_images)
-    ]
+    others = OTHER_NAMES | {DEVIATIONS} if wanted.deviations else OTHER_NAMES
+    possible = [name for name, info in infos.items() if name not in others and not _unfit(info, wanted.least_images)]
     usual = [name for name in possible if name in PROJECTION_NAMES]
     candidates = usual or possible
     if not candidates:

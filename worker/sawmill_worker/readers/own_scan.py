@@ -15,6 +15,7 @@ from sawmill_worker.files.scan_layout import (
     ANGLES,
     CELL_PITCH,
     DATA,
+    DEVIATIONS,
     ENTRY,
     LINE_INTEGRALS,
     PROVENANCE,
@@ -55,6 +56,9 @@ def _is_whole(file: h5py.File) -> bool:
     if data is None or angles is None or x_pitch is None or data.dtype != np.float32 or data.ndim != 3:
         return False
     if not data.size or angles.shape != data.shape[:1] or not (np.abs(angles[()]) <= LARGEST_ANGLE_DEG).all():
+        return False
+    deviations = numbers(file, DEVIATIONS, bounds)
+    if deviations is not None and (deviations.dtype != np.float32 or deviations.shape != data.shape):
         return False
     if not _rows_present_are_whole(file, data.shape[:2], bounds.whole):
         return False

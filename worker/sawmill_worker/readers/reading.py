@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sawmill_worker.files.errors import UnreadableScan, library_errors_translated
 from sawmill_worker.readers.angles import AnglesGiven
 from sawmill_worker.readers.arrays import MAX_BYTES, Bounds, as_fields
+from sawmill_worker.readers.averaged import AveragedRows
 from sawmill_worker.readers.canonical import CanonicalScan
 from sawmill_worker.readers.contents import FileContents, Projections
 from sawmill_worker.readers.given_fields import with_fields
@@ -35,6 +36,7 @@ def reading_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
+    averaged_rows: int | None = None,
     flats: Path | None = None,
     darks: Path | None = None,
     follow_links: bool = False,
@@ -59,6 +61,8 @@ def reading_scan(
         Known distances between cells and between rows; a file with other values is refused.
     rows_missing : bool
         Whether views may lack rows at the top or the bottom: NaN in every cell, of counts also zero. They become NaN.
+    averaged_rows : int, optional
+        The number of detector rows whose line integrals were averaged into the one row of the file.
     flats, darks : Path, optional
         Files of the flat and of the dark fields, where the scan's file carries none.
     follow_links : bool
@@ -82,6 +86,7 @@ def reading_scan(
     opened = reading_contents(
         path,
         dataset=dataset,
+        deviations=averaged_rows is not None,
         flats=flats,
         darks=darks,
         follow_links=follow_links,
@@ -96,6 +101,7 @@ def reading_scan(
             detector_pitch_mm=detector_pitch_mm,
             row_pitch_mm=row_pitch_mm,
             rows_missing=rows_missing,
+            averaged_rows=averaged_rows,
         )
 
 
@@ -104,6 +110,7 @@ def reading_contents(
     path: Path,
     *,
     dataset: str | None = None,
+    deviations: bool = False,
     flats: Path | None = None,
     darks: Path | None = None,
     follow_links: bool = False,
@@ -122,7 +129,7 @@ def reading_contents(
         linked = LinkedFiles(files) if follow_links else None
         bounds = replace(reading_bounds(free_bytes, max_bytes), linked=linked)
         with library_errors_translated(recognised.name):
-            contents = recognised.read(path, Wanted(dataset), bounds, files)
+            contents = recognised.read(path, Wanted(dataset, deviations=deviations), bounds, files)
             _check_piece(contents.projections, bounds.piece)
         contents = with_fields(contents, flats, darks, bounds)
         others = contents.others if linked is None else (*contents.others, *linked.paths)
@@ -144,6 +151,7 @@ def canonical_scan(
     detector_pitch_mm: float | None = None,
     row_pitch_mm: float | None = None,
     rows_missing: bool = False,
+    averaged_rows: int | None = None,
 ) -> CanonicalScan:
     """What a file holds, compared with what was given beside it; parameters as in `reading_scan`.
 
@@ -171,6 +179,9 @@ def canonical_scan(
         rows_missing=rows_missing,
         unused=contents.unused,
         others=contents.others,
+        averaged=(
+            None if averaged_rows is None else AveragedRows.of(averaged_rows, projections.shape, contents.deviations)
+        ),
     )
 
 

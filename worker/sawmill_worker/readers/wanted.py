@@ -21,10 +21,13 @@ class Wanted:
         Its path or name, where the file holds several arrays; None for the only one that can be meant.
     fields : FieldKind or None
         Fields that have a file of their own; None for the projections of a scan, with all that stands beside them.
+    deviations : bool
+        Whether the projections' standard deviations may stand beside them.
     """
 
     dataset: str | None = None
     fields: FieldKind | None = None
+    deviations: bool = False
 
     @property
     def least_images(self) -> int:

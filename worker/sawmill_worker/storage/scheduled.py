@@ -106,6 +106,8 @@ def _check_drift(session: Session, drifts: Asked[DriftAsk, Any], row: ScheduleRo
     newest = next_log(session, row.scanner_id)
     if newest is None:
         return Outcome("no-new-log-scan")
-    ask = DriftAsk(scan_id=newest, **row.drift_options)
+    # What came as a mean has no rows to choose from.
+    is_mean = session.get_one(ScanRow, newest).spec.get("averaged_rows") is not None
+    ask = DriftAsk(scan_id=newest, **row.drift_options | ({"rows": None} if is_mean else {}))
     queued = drifts.queue(session, ask, now, priority=Priority.BATCH)
     return Outcome("queued", drift_id=queued.id)

@@ -37,6 +37,8 @@ class DriftInput:
 
     Attributes
     ----------
+    deviations : (views, detector) or None
+        Standard deviations of the sinogram; None where they are not known.
     log_radius_mm : float or None
         Of the disc in which rays are counted; None takes the calibration's own.
     remarks : tuple of str
@@ -48,6 +50,7 @@ class DriftInput:
     rows: tuple[int, int]
     calibration: CalibrationResult
     input_sha256: str
+    deviations: FloatArray | None = None
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
     tolerance_scale_percent: float = 0.5
@@ -55,16 +58,27 @@ class DriftInput:
 
 
 class CommonMean(NamedTuple):
-    """The mean (views, detector) over the rows that every view has, and what was left out, in sentences."""
+    """The mean (views, detector) over the rows that every view has, and what was left out, in sentences.
+
+    Its standard deviations (views, detector) are None where those of the rows are not known.
+    """
 
     sinogram: FloatArray
     remarks: tuple[str, ...]
+    deviations: FloatArray | None
 
 
-def mean_of_common_rows(stack: NDArray[np.float32], first_row: int, row_step: int = 1) -> CommonMean:
+def mean_of_common_rows(
+    stack: NDArray[np.float32], first_row: int, row_step: int = 1, deviations: NDArray[np.float32] | None = None
+) -> CommonMean:
     """Of a stack (views, rows, detector): views compare only where they cross the same part of the log.
 
     Refused where no row is in every view.
+
+    Parameters
+    ----------
+    deviations : (views, rows, detector), optional
+        Standard deviations of the stack.
     """
     common = rows_of_all(stack)
     if not common.any():
@@ -73,7 +87,10 @@ def mean_of_common_rows(stack: NDArray[np.float32], first_row: int, row_step: in
     left_out = first_row + row_step * np.flatnonzero(~common)
     remarks = (f"rows {', '.join(map(str, left_out))} were left out, which some views lack",) if left_out.size else ()
     # A view of the stack where all rows are there: nothing is copied.
-    return CommonMean((stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64), remarks)
+    mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
+    if deviations is None:
+        return CommonMean(mean, remarks, None)
+    return CommonMean(mean, remarks, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum())
 
 
 def run_drift(given: DriftInput) -> DriftResult:
@@ -83,7 +100,9 @@ def run_drift(given: DriftInput) -> DriftResult:
     scanner, calibrated = known.scanner, known.source_frame
     refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
-    fit = detector_fit(scanner, given.sinogram, given.angles_rad, calibrated, known.rotation)
+    fit = detector_fit(
+        scanner, given.sinogram, given.angles_rad, calibrated, known.rotation, deviations=given.deviations
+    )
     covariance = None if known.covariance is None else np.array(known.covariance)
     changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     turned_over = fit.rotation is not known.rotation

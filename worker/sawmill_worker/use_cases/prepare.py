@@ -18,6 +18,7 @@ from sawmill_worker.tomography.preparing.line_integrals import SATURATION, Expos
 from sawmill_worker.tomography.preparing.row_corrections import Corrections, RowCorrector
 from sawmill_worker.tomography.present_rows import present_rows
 from sawmill_worker.use_cases.aligning import AlignedRows, Views, align_rows
+from sawmill_worker.use_cases.averaged import AveragedRays
 from sawmill_worker.use_cases.capacity import check_disk_for_scan
 from sawmill_worker.vocabulary import AirCorrection, FaultyCells, Progress, ProgressCallback, RingRemoval, RowAlignment
 
@@ -99,7 +100,8 @@ def prepare_scan(
         views_together=min(step_views, at_a_time) if by_views or aligns else None,
     )
     with scan as written:
-        present = _copy(read, written.data, None if afterwards else preparation, window_bytes, progress)
+        averaged = None if read.averaged is None else AveragedRays(read.averaged)
+        present = _copy(read, written.data, averaged, None if afterwards else preparation, window_bytes, progress)
 
         prepare = partial(_prepare_rows, written.data, preparation, window_bytes, progress) if afterwards else None
         aligned: AlignedRows | None = None
@@ -115,7 +117,8 @@ def prepare_scan(
         elif prepare is not None:
             prepare()
         preparation.check_signal()
-        remarks = (*read.remarks, *preparation.remarks())
+        came_as = () if averaged is None else averaged.remarks()
+        remarks = (*read.remarks, *came_as, *preparation.remarks())
         if aligned is not None:
             remarks = (*remarks, aligned.remark(options.align_rows))
         lacking = None if aligned is None or aligned.present.all() else RowsPresent(aligned.present, aligned.usable)
@@ -125,6 +128,7 @@ def prepare_scan(
             row_shifts=None if aligned is None else aligned.shifts.rows,
             row_shift_deviations=None if aligned is None else aligned.shifts.standard_deviation,
             rows_present=lacking,
+            deviations=None if averaged is None else averaged.deviations,
         )
         return PreparedScan(written.data.shape, remarks, None if lacking is None else lacking.usable)
 
@@ -233,6 +237,7 @@ def _within(window_bytes: int, shape: tuple[int, ...]) -> int:
 def _copy(
     read: CanonicalScan,
     data: h5py.Dataset,
+    averaged: AveragedRays | None,
     preparation: _RowPreparation | None,
     window_bytes: int,
     progress: _PassProgress,
@@ -240,6 +245,8 @@ def _copy(
     """Copy every sample into the dataset, prepared where a preparation is given; which rows (views, rows) are there."""
     present = np.empty(read.shape[:2], bool)
     for block in read.blocks(window_bytes):
+        if averaged is not None:
+            averaged.bridge(block.samples, block.views.start)
         present[block.views, block.rows] = present_rows(block.samples)
         if preparation is not None:
             preparation.apply(block.samples, block.rows.start)

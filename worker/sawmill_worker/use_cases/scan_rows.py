@@ -49,6 +49,8 @@ class ScanRows:
         The first row, the one after the last, and every which of them was asked for.
     on_progress : callable
         Called with the progress from here on.
+    deviations : (views, rows, detector) float32, or None
+        Standard deviations of the rows asked for, where the scan came with them.
     """
 
     read: Callable[[int, int], Stack]
@@ -62,6 +64,7 @@ class ScanRows:
     sha256: str
     remarks: tuple[str, ...]
     on_progress: ProgressCallback
+    deviations: Stack | None = None
 
     def stack(self) -> Stack:
         """All of them (views, rows, detector); refused where they do not fit into the free memory."""
@@ -106,7 +109,8 @@ def open_rows(
 def _needs_no_preparing(source: ScanSource) -> bool:
     """Whether no flag has to be compared with the file or done to it."""
     options = source.options
-    beside = (options.dataset, source.angles, options.row_pitch_mm, options.flats, options.darks)
+    of_file = (options.dataset, source.angles, options.row_pitch_mm, options.averaged_rows)
+    beside = (*of_file, options.flats, options.darks)
     bare = all(given is None for given in beside)
     if not (bare and options.data is DataKind.LINE_INTEGRALS and source.prepare == PrepareOptions()):
         return False
@@ -138,6 +142,7 @@ def _prepared_rows(
             detector_pitch_mm=source.options.detector_pitch_mm,
             row_pitch_mm=source.options.row_pitch_mm,
             rows_missing=source.prepare.align_rows is not RowAlignment.OFF,
+            averaged_rows=source.options.averaged_rows,
             flats=source.options.flats,
             darks=source.options.darks,
             follow_links=source.options.follow_links,
@@ -213,6 +218,7 @@ def _rows_of(
         sha256=_sha256([source.path, *others]),
         remarks=remarks,
         on_progress=on_progress,
+        deviations=scan.deviations_of(rows, views),
     )
 
 

@@ -1,0 +1,159 @@
+"""Scans that come as the mean of line integrals over rows: what may stand beside it, and what is refused."""
+
+import io
+import re
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+import scipy.io
+
+from sawmill_worker.files.errors import UnreadableScan
+from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.readers.reading import reading_scan
+
+VIEWS, CELLS = 9, 64
+# Chords of a disc in the middle of the detector.
+MEAN = np.tile(np.sqrt(np.clip(1.0 - np.linspace(-1.6, 1.6, CELLS) ** 2, 0.0, None)), (VIEWS, 1)).astype(np.float32)
+DEVIATIONS = np.full((VIEWS, CELLS), 0.01, np.float32)
+
+
+def put(array, value, at=(3, 30)):
+    changed = array.copy()
+    changed[at] = value
+    return changed
+
+
+@pytest.fixture
+def read(tmp_path):
+    """What a file is read as: its rays (views, detector) and what stands beside them."""
+
+    def of(content, *, rows=1000, **given):
+        path = tmp_path / "mean"
+        path.write_bytes(content)
+        given = {"counts": False, "angles_deg": AngleSteps(0.0, 40.0), "averaged_rows": rows} | given
+        with reading_scan(path, **given) as scan:
+            (block,) = scan.blocks(2**20)
+            return replace(scan, projections=block.samples[:, 0])
+
+    return of
+
+
+def npy(array, **options):
+    buffer = io.BytesIO()
+    np.save(buffer, array, **options)
+    return buffer.getvalue()
+
+
+def npz(**arrays):
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def hdf5(**arrays):
+    buffer = io.BytesIO()
+    with h5py.File(buffer, "w") as file:
+        for name, array in arrays.items():
+            file[name] = array
+    return buffer.getvalue()
+
+
+def mat(**arrays):
+    buffer = io.BytesIO()
+    scipy.io.savemat(buffer, arrays)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "stored",
+    [
+        MEAN,
+        MEAN.astype(np.float64),
+        MEAN.astype(">f4"),
+        np.asfortranarray(MEAN.astype("<f8")),
+        MEAN[:, None],
+    ],
+    ids=["float32", "float64", "big-endian", "fortran-order", "one-row"],
+)
+def test_any_array_of_real_numbers_is_the_same_mean(read, stored):
+    scan = read(npy(stored))
+    np.testing.assert_array_equal(scan.projections, MEAN)
+    assert (scan.averaged.rows, scan.averaged.deviations) == (1000, None)
+
+
+@pytest.mark.parametrize("written", [npz, hdf5, mat])
+def test_deviations_stand_beside_the_mean_by_their_name(read, written):
+    scan = read(written(mean=MEAN, deviations=DEVIATIONS))
+    np.testing.assert_array_equal(scan.projections, MEAN)
+    np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
+
+
+def test_deviations_of_one_row_have_its_shape(read):
+    scan = read(npz(mean=MEAN[:, None], deviations=DEVIATIONS[:, None]))
+    np.testing.assert_array_equal(scan.averaged.deviations, DEVIATIONS)
+
+
+def test_a_ray_is_masked_by_nan_or_by_an_infinite_deviation(read):
+    scan = read(npz(mean=put(MEAN, np.nan), deviations=put(put(DEVIATIONS, np.nan), np.inf, (5, 7))))
+    assert np.argwhere(np.isnan(scan.projections)).tolist() == [[3, 30], [5, 7]]
+
+
+NOT_SO = {
+    "several rows": (
+        npy(np.zeros((VIEWS, 3, CELLS), np.float32)),
+        "wrong-shape",
+        r"1000 rows were averaged, .*\(9, 3",
+    ),
+    "one axis": (npy(MEAN[0]), "wrong-shape", r"has the shape \(64,\)"),
+    "infinite": (npy(put(MEAN, np.inf)), "not-finite", "view 3, row 0, cell 30 is inf"),
+    "a view of NaN": (npy(put(MEAN, np.nan, 4)), "not-finite", "64 of 64 rays of view 4 are masked"),
+    "many masked": (npy(put(MEAN, np.nan, (4, slice(13)))), "not-finite", "13 of 64 rays of view 4 .* at most 20%"),
+    "objects": (npy(MEAN.astype(object)), "wrong-type", r"texts or objects"),
+    "text": (npy(MEAN.astype(str)), "wrong-type", "text"),
+    "complex": (npy(MEAN.astype(np.complex64)), "wrong-type", "complex numbers"),
+    "huge header": (npy(MEAN).replace(b"\x76\x00{", b"\xff\xff{", 1), "too-large", "claims to have 65535 bytes"),
+    "cut short": (npy(MEAN)[:-4], "truncated-file", "declares 2304 bytes of data and the file holds 2300"),
+    "many values": (npy(MEAN * 1e7), "out-of-range", "no line integral is larger"),
+    "counts": (
+        npy(4e4 * np.exp(-MEAN)),
+        "contradiction",
+        r"fall from 4e\+04 at .* to 1\.47e\+04 .* every row first",
+    ),
+    "transmissions": (npy(np.exp(-MEAN)), "contradiction", "-ln of a mean is not the mean of -ln"),
+    "logarithms": (npy(-MEAN), "contradiction", "line integrals rise"),
+    "deviations of a view": (npz(p=MEAN, deviations=DEVIATIONS[:, 0]), "wrong-shape", r"shape \(9,\) and .* \(9, 64\)"),
+    "deviations of others": (npz(p=MEAN, deviations=DEVIATIONS[1:]), "wrong-shape", r"\(8, 64\) and .* \(9, 64\)"),
+    "negative": (npz(p=MEAN, deviations=put(DEVIATIONS, -0.1)), "out-of-range", "view 3, cell 30 is -0.1; .* above 0"),
+    "zero": (npz(p=MEAN, deviations=put(DEVIATIONS, 0)), "out-of-range", "view 3, cell 30 is 0; it must be above"),
+    "NaN deviation": (npz(p=MEAN, deviations=put(DEVIATIONS, np.nan)), "out-of-range", "view 3, cell 30 is nan"),
+    "deviations as objects": (
+        npz(p=MEAN, deviations=DEVIATIONS.astype(object)),
+        "wrong-type",
+        "'deviations' is of type",
+    ),
+    "flat fields": (npz(projections=MEAN, flats=DEVIATIONS), "contradiction", "flat or dark fields, as counts do"),
+}
+
+
+@pytest.mark.parametrize("what", NOT_SO)
+def test_what_cannot_be_the_mean_of_line_integrals_is_refused_in_a_sentence(read, what):
+    content, code, sentence = NOT_SO[what]
+    with pytest.raises(UnreadableScan, match=re.compile(sentence)) as refusal:
+        read(content)
+    assert (refusal.value.code, str(refusal.value).count("\n")) == (code, 0)
+
+
+def test_a_log_of_a_tenth_of_the_detector_is_told_from_its_transmissions(read):
+    across = np.linspace(-1.0, 1.0, 768)
+    thin = np.tile(0.3 * np.sqrt(np.clip(1.0 - (across / 0.1) ** 2, 0.0, None)), (VIEWS, 1))
+    noisy = thin + 0.01 * np.random.default_rng(1).standard_normal(thin.shape)
+    read(npy(noisy))
+    with pytest.raises(UnreadableScan, match="as counts and transmissions do"):
+        read(npy(np.exp(-noisy)))
+
+
+def test_a_mean_is_nan_and_refused_where_nobody_says_that_it_is_one(read):
+    with pytest.raises(UnreadableScan, match="every value must be a finite number"):
+        read(npy(put(MEAN, np.nan)), rows=None)
