@@ -157,9 +157,11 @@ def test_twenty_views_are_compared_two_by_two(look, log_scan):
     assert still.change_standard_deviation.source_to_detector_mm is None
 
 
-def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, store):
+def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, finish, store):
     rows = log_scan(TURNTABLE, views=20)[:, None] + 0.01 * np.random.default_rng(5).standard_normal((20, 40, 384))
-    of_stack = DriftResult.model_validate(run(asked(rows)))
+    asked_first = asked(rows)
+    finish(asked_first, run(asked_first))
+    of_stack = store.drifts.get(asked_first.job.subject_id).result
     looking = asked(rows.mean(axis=1), averaged_rows=40)
     of_mean = DriftResult.model_validate(run(looking))
     assert of_mean.change.cor_column_mm == pytest.approx(of_stack.change.cor_column_mm, abs=1e-4)
@@ -172,17 +174,19 @@ def test_the_mean_of_the_rows_is_answered_as_the_stack_is(asked, log_scan, store
     assert looking.given.scan.size_bytes == 4 * 20 * 384 + 128
 
 
-def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn):
+def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn, finish, store):
     """A shadow of six cells that goes round with the log."""
     rays, deviations = log_scan(views=20), np.full((20, 384), 0.01)
     at = (192 + 40 * np.sin(turn(20))).astype(int)[:, None] + np.arange(6)
     nailed, masked = rays.copy(), deviations.copy()
     nailed[np.arange(20)[:, None], at] += 0.4
     masked[np.arange(20)[:, None], at] = np.inf
-    sound, mended = (
-        DriftResult.model_validate(run(asked(mean, deviations=of, averaged_rows=300)))
-        for mean, of in ((rays, deviations), (nailed, masked))
-    )
+    looked = []
+    for mean, known in ((rays, deviations), (nailed, masked)):
+        looking = asked(mean, deviations=known, averaged_rows=300)
+        finish(looking, run(looking))
+        looked.append(store.drifts.get(looking.job.subject_id).result)
+    sound, mended = looked
     uncertain = mended.change_standard_deviation.cor_column_mm
     assert abs(mended.change.cor_column_mm - sound.change.cor_column_mm) < 2.0 * uncertain
     assert uncertain > sound.change_standard_deviation.cor_column_mm

@@ -38,6 +38,18 @@ def test_how_a_scan_is_prepared_is_given_at_the_upload(seeded):
     ]
 
 
+def test_the_mean_of_rows_is_sent_as_line_integrals_and_never_as_counts(seeded, store, woken):
+    mean = "/v1/scans?scanner_id=example&averaged_rows=1000&data="
+    refused = seeded.post(mean + "counts", content=b"x")
+    assert (refused.status_code, refused.json()["code"], woken) == (422, "invalid-request", [])
+    (error,) = refused.json()["errors"]
+    assert "-ln of a mean is not the mean of -ln, so take -ln((counts - dark) / (flat - dark))" in error["message"]
+    assert leftovers(store) == []
+    answer = seeded.post(mean + "line-integrals&angles_deg=9:18", content=b"x")
+    assert seeded.get(answer.headers["Location"]).json()["averaged_rows"] == 1000
+    assert seeded.get("/v1/scans/example").json()["averaged_rows"] is None
+
+
 def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
     seen = []
     seeded.app = create_app(settings, store, lambda job_id: seen.append(store.jobs.get(job_id).state))
@@ -56,6 +68,8 @@ def test_the_wake_up_goes_out_after_the_commit(store, settings, seeded):
         ("scanner_id=example&data=counts&phantom_rows=5:2", 422, "invalid-request"),
         ("scanner_id=example&data=counts&angle=3", 422, "invalid-request"),
         ("scanner_id=example&data=counts&align_rows=guess", 422, "invalid-request"),
+        ("scanner_id=example&data=line-integrals&averaged_rows=0", 422, "invalid-request"),
+        ("scanner_id=example&data=line-integrals&averaged_rows=9&align_rows=profile", 422, "invalid-request"),
     ],
 )
 def test_a_refused_upload_leaves_nothing(seeded, store, woken, query, status, code):

@@ -135,11 +135,13 @@ def test_what_happens_on_a_pass_is_the_schedule_s_to_say(store, scanner, clock, 
 def log_scan(store, scanner, finish, clock):
     """Add a scan without a phantom."""
 
-    def add(views=360, last_deg=359.0):
+    def add(views=360, last_deg=359.0, averaged_rows=None):
         clock.advance(minutes=1)
-        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+        data = DataKind.COUNTS if averaged_rows is None else DataKind.LINE_INTEGRALS
+        spec = ScanSpec(scanner_id=scanner.id, data=data, averaged_rows=averaged_rows)
         accepted = store.scans.accept(spec, store.files.receive([b"log"], max_bytes=10))
-        finish(store, shape={"views": views, "rows": 16, "detector": 768}, angular_range_deg=[0.0, last_deg])
+        rows = 16 if averaged_rows is None else 1
+        finish(store, shape={"views": views, "rows": rows, "detector": 768}, angular_range_deg=[0.0, last_deg])
         return accepted.id
 
     return add
@@ -218,6 +220,14 @@ def missed(store, schedule):
     """The due times that were announced as missed, each with the reason."""
     events = (event for event in store.events.following(0) if event.what == "schedule-missed")
     return [(event.detail["due_at"], event.detail["reason"]) for event in events if event.subject_id == schedule.id]
+
+
+@pytest.mark.usefixtures("active", "checks")
+def test_a_log_that_came_as_the_mean_of_rows_is_checked_whatever_rows_the_schedule_names(store, log_scan, clock):
+    sent = log_scan(views=20, averaged_rows=1000)
+    clock.advance(minutes=30)
+    check = store.drifts.get(store.schedules.run_due()[0].drift_id)
+    assert (check.scan_id, check.options.rows) == (sent, None)
 
 
 @pytest.mark.usefixtures("active")

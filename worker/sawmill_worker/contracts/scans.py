@@ -70,7 +70,9 @@ class ScanFileOptions(PrepareOptions):
             )
             raise ValueError(msg)
         if self.align_rows is not RowAlignment.OFF:
-            msg = f"align_rows {self.align_rows.value!r} moves rows, which averaged_rows says are averaged: leave it out"
+            msg = (
+                f"align_rows {self.align_rows.value!r} moves rows, which averaged_rows says are averaged: leave it out"
+            )
             raise ValueError(msg)
         return self
 
