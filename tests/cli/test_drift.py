@@ -2,6 +2,8 @@
 
 import json
 
+import h5py
+import numpy as np
 import pytest
 from calibration_answers import write_answer
 
@@ -83,6 +85,34 @@ def test_sparse_views_are_compared_two_by_two(run, log_scans, known, thinned):
     assert (reported["method"], reported["moved"]) == ("view-pairs", True)
     before, after = (Theta.from_vector(map(float, theta.split(","))).source_frame(859.46) for theta in (THETA, MOVED))
     assert reported["change"]["cor_column_mm"] == pytest.approx(after.cor_column_mm - before.cor_column_mm, abs=0.6)
+
+
+@pytest.fixture(scope="session")
+def mean(log_scans):
+    """The mean of the rows of the sparse scan's line integrals, and each view's angle."""
+    with h5py.File(log_scans / "sparse.h5") as file:
+        kind, images = (file[f"entry/instrument/detector/{name}"][()] for name in ("image_key", "data"))
+        angles_deg = file["entry/sample/rotation_angle"][()][kind == 0]
+    flat, dark = (images[kind == key].mean(axis=0) for key in (1, 2))
+    rays = -np.log((images[kind == 0] - dark) / (flat - dark))
+    np.savez(log_scans / "mean.npz", mean=rays.mean(axis=1).astype(np.float32), angles_deg=angles_deg)
+    return log_scans / "mean.npz", ("--detector-pitch-mm", "3.0")
+
+
+def test_the_mean_of_the_rows_shows_what_the_stack_shows(run, log_scans, mean, known):
+    file, pitch = mean
+    flags = ("--calibration", known, "--json")
+    stack = json.loads(run("drift", log_scans / "sparse.h5", "--data", "counts", *flags).stdout)
+    as_mean = ("--data", "line-integrals", "--averaged-rows", 2, *pitch)
+    sent = json.loads(run("drift", file, *as_mean, *flags).stdout)
+    assert sent["change"]["cor_column_mm"] == pytest.approx(stack["change"]["cor_column_mm"], abs=0.01)
+    assert sent["adjustments"][0].startswith("It came as the mean of the line integrals of 2 rows")
+
+
+def test_the_mean_of_counts_is_wrong_use(wrong_use, mean, known):
+    file, pitch = mean
+    reported = wrong_use("drift", file, "--data", "counts", "--averaged-rows", 2, *pitch, "--calibration", known)
+    assert "averaged_rows goes with line-integrals, not counts" in " ".join(reported.split())
 
 
 def test_too_few_views_have_no_answer(failure, log_scans, known):
