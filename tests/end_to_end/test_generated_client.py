@@ -112,8 +112,10 @@ def test_the_page_s_programs_do_the_whole_job(tmp_path, offline, serve, client_f
     for folder in (tmp_path, tmp_path / "python"):
         check_files(folder)
     assert "pass\n" in printed
+    assert all("nothing moved that this scan can show" in each for each in (printed, said))
     assert "there is no scan 'no-such-scan'" in printed
     assert '"code":"scan-not-found"' in (tmp_path / "problem.json").read_text()
     assert said.startswith("pass 3")
     assert "404 scan-not-found there is no scan 'no-such-scan'" in said
-    assert f"{2 * (tmp_path / 'mill.h5').stat().st_size} bytes in scans" in said  # once whole, once in parts
+    sent = 2 * (tmp_path / "mill.h5").stat().st_size + (tmp_path / "mean.npy").stat().st_size
+    assert f"{sent} bytes in scans" in said  # the stack once whole, once in parts; its log's mean
