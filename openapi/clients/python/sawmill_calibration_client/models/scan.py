@@ -53,6 +53,10 @@ class Scan:
     """ START:STEP in degrees, or every view's angle separated by commas; where the file carries none. """
     angular_range_deg: list[float] | None | Unset = UNSET
     """ First and last view's angle, degrees. Null: it has not been read. """
+    averaged_rows: int | None | Unset = UNSET
+    """ The file is (views, detector): each line integral is the mean over this number of detector rows. NaN masks a
+    ray; an array `deviations` beside them, in NPZ, MAT or HDF5, has their standard deviations. Null: rows as they
+    were measured. """
     dataset: None | str | Unset = UNSET
     """ Path or variable of the projections, where the file holds several. Null: not given. """
     faulty_cells: FaultyCells | Unset = UNSET
@@ -122,6 +126,12 @@ class Scan:
 
         else:
             angular_range_deg = self.angular_range_deg
+
+        averaged_rows: int | None | Unset
+        if isinstance(self.averaged_rows, Unset):
+            averaged_rows = UNSET
+        else:
+            averaged_rows = self.averaged_rows
 
         dataset: None | str | Unset
         if isinstance(self.dataset, Unset):
@@ -210,6 +220,8 @@ class Scan:
             field_dict["angles_deg"] = angles_deg
         if angular_range_deg is not UNSET:
             field_dict["angular_range_deg"] = angular_range_deg
+        if averaged_rows is not UNSET:
+            field_dict["averaged_rows"] = averaged_rows
         if dataset is not UNSET:
             field_dict["dataset"] = dataset
         if faulty_cells is not UNSET:
@@ -306,6 +318,15 @@ class Scan:
             return cast(list[float] | None | Unset, data)
 
         angular_range_deg = _parse_angular_range_deg(d.pop("angular_range_deg", UNSET))
+
+        def _parse_averaged_rows(data: object) -> int | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(int | None | Unset, data)
+
+        averaged_rows = _parse_averaged_rows(d.pop("averaged_rows", UNSET))
 
         def _parse_dataset(data: object) -> None | str | Unset:
             if data is None:
@@ -426,6 +447,7 @@ class Scan:
             align_rows=align_rows,
             angles_deg=angles_deg,
             angular_range_deg=angular_range_deg,
+            averaged_rows=averaged_rows,
             dataset=dataset,
             faulty_cells=faulty_cells,
             format_=format_,

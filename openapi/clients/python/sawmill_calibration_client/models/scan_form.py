@@ -38,6 +38,10 @@ class ScanForm:
     """ How views that lost rows are aligned along the log. """
     angles_deg: str | Unset = UNSET
     """ START:STEP in degrees, or every view's angle separated by commas; where the file carries none. """
+    averaged_rows: int | Unset = UNSET
+    """ The file is (views, detector): each line integral is the mean over this number of detector rows. NaN masks a
+    ray; an array `deviations` beside them, in NPZ, MAT or HDF5, has their standard deviations. Null: rows as they
+    were measured. """
     dataset: str | Unset = UNSET
     """ Path or variable of the projections, where the file holds several. Null: not given. """
     faulty_cells: FaultyCells | Unset = UNSET
@@ -70,6 +74,8 @@ class ScanForm:
             align_rows = self.align_rows.value
 
         angles_deg = self.angles_deg
+
+        averaged_rows = self.averaged_rows
 
         dataset = self.dataset
 
@@ -106,6 +112,8 @@ class ScanForm:
             field_dict["align_rows"] = align_rows
         if angles_deg is not UNSET:
             field_dict["angles_deg"] = angles_deg
+        if averaged_rows is not UNSET:
+            field_dict["averaged_rows"] = averaged_rows
         if dataset is not UNSET:
             field_dict["dataset"] = dataset
         if faulty_cells is not UNSET:
@@ -140,6 +148,9 @@ class ScanForm:
 
         if not isinstance(self.angles_deg, Unset):
             files.append(("angles_deg", (None, str(self.angles_deg).encode(), "text/plain")))
+
+        if not isinstance(self.averaged_rows, Unset):
+            files.append(("averaged_rows", (None, str(self.averaged_rows).encode(), "text/plain")))
 
         if not isinstance(self.dataset, Unset):
             files.append(("dataset", (None, str(self.dataset).encode(), "text/plain")))
@@ -189,6 +200,8 @@ class ScanForm:
 
         angles_deg = d.pop("angles_deg", UNSET)
 
+        averaged_rows = d.pop("averaged_rows", UNSET)
+
         dataset = d.pop("dataset", UNSET)
 
         _faulty_cells = d.pop("faulty_cells", UNSET)
@@ -225,6 +238,7 @@ class ScanForm:
             air=air,
             align_rows=align_rows,
             angles_deg=angles_deg,
+            averaged_rows=averaged_rows,
             dataset=dataset,
             faulty_cells=faulty_cells,
             name=name,

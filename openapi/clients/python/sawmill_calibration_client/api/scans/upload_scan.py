@@ -26,6 +26,7 @@ def _get_kwargs(
     data: DataKind,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    averaged_rows: int | Unset = UNSET,
     scanner_id: str,
     name: str | Unset = "scan",
     phantom_id: str | Unset = UNSET,
@@ -71,6 +72,8 @@ def _get_kwargs(
     params["dataset"] = dataset
 
     params["angles_deg"] = angles_deg
+
+    params["averaged_rows"] = averaged_rows
 
     params["scanner_id"] = scanner_id
 
@@ -213,6 +216,7 @@ def sync_detailed(
     data: DataKind,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    averaged_rows: int | Unset = UNSET,
     scanner_id: str,
     name: str | Unset = "scan",
     phantom_id: str | Unset = UNSET,
@@ -246,6 +250,9 @@ def sync_detailed(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        averaged_rows (int | Unset): The file is (views, detector): each line integral is the mean
+            over this number of detector rows. NaN masks a ray; an array `deviations` beside them, in
+            NPZ, MAT or HDF5, has their standard deviations. Null: rows as they were measured.
         scanner_id (str): Id of the scanner that made it.
         name (str | Unset): What people call it. Default: 'scan'.
         phantom_id (str | Unset): The phantom in this scan; null for a scan without one.
@@ -278,6 +285,7 @@ def sync_detailed(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        averaged_rows=averaged_rows,
         scanner_id=scanner_id,
         name=name,
         phantom_id=phantom_id,
@@ -306,6 +314,7 @@ def sync(
     data: DataKind,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    averaged_rows: int | Unset = UNSET,
     scanner_id: str,
     name: str | Unset = "scan",
     phantom_id: str | Unset = UNSET,
@@ -339,6 +348,9 @@ def sync(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        averaged_rows (int | Unset): The file is (views, detector): each line integral is the mean
+            over this number of detector rows. NaN masks a ray; an array `deviations` beside them, in
+            NPZ, MAT or HDF5, has their standard deviations. Null: rows as they were measured.
         scanner_id (str): Id of the scanner that made it.
         name (str | Unset): What people call it. Default: 'scan'.
         phantom_id (str | Unset): The phantom in this scan; null for a scan without one.
@@ -372,6 +384,7 @@ def sync(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        averaged_rows=averaged_rows,
         scanner_id=scanner_id,
         name=name,
         phantom_id=phantom_id,
@@ -394,6 +407,7 @@ async def asyncio_detailed(
     data: DataKind,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    averaged_rows: int | Unset = UNSET,
     scanner_id: str,
     name: str | Unset = "scan",
     phantom_id: str | Unset = UNSET,
@@ -427,6 +441,9 @@ async def asyncio_detailed(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        averaged_rows (int | Unset): The file is (views, detector): each line integral is the mean
+            over this number of detector rows. NaN masks a ray; an array `deviations` beside them, in
+            NPZ, MAT or HDF5, has their standard deviations. Null: rows as they were measured.
         scanner_id (str): Id of the scanner that made it.
         name (str | Unset): What people call it. Default: 'scan'.
         phantom_id (str | Unset): The phantom in this scan; null for a scan without one.
@@ -459,6 +476,7 @@ async def asyncio_detailed(
         data=data,
         dataset=dataset,
         angles_deg=angles_deg,
+        averaged_rows=averaged_rows,
         scanner_id=scanner_id,
         name=name,
         phantom_id=phantom_id,
@@ -485,6 +503,7 @@ async def asyncio(
     data: DataKind,
     dataset: str | Unset = UNSET,
     angles_deg: str | Unset = UNSET,
+    averaged_rows: int | Unset = UNSET,
     scanner_id: str,
     name: str | Unset = "scan",
     phantom_id: str | Unset = UNSET,
@@ -518,6 +537,9 @@ async def asyncio(
             Null: not given.
         angles_deg (str | Unset): START:STEP in degrees, or every view's angle separated by
             commas; where the file carries none.
+        averaged_rows (int | Unset): The file is (views, detector): each line integral is the mean
+            over this number of detector rows. NaN masks a ray; an array `deviations` beside them, in
+            NPZ, MAT or HDF5, has their standard deviations. Null: rows as they were measured.
         scanner_id (str): Id of the scanner that made it.
         name (str | Unset): What people call it. Default: 'scan'.
         phantom_id (str | Unset): The phantom in this scan; null for a scan without one.
@@ -552,6 +574,7 @@ async def asyncio(
             data=data,
             dataset=dataset,
             angles_deg=angles_deg,
+            averaged_rows=averaged_rows,
             scanner_id=scanner_id,
             name=name,
             phantom_id=phantom_id,
