@@ -9,6 +9,7 @@ import pytest
 from sawmill_worker.tomography.drift_chart.chart import LIMIT, QUIET, DriftChart, DriftKind
 from sawmill_worker.tomography.drift_chart.history import History
 from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look
+from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
 
 ALONG, TILT = 0.005, math.radians(0.09)
@@ -70,9 +71,10 @@ def test_a_trend_is_found_with_its_slope_and_time():
     assert found.log_odds > math.log(100.0)
 
 
-def test_a_jump_stays_a_jump_half_a_day_later():
+def test_a_jump_stays_a_jump_hours_later():
     chart = DriftChart()
-    for look in looks(4, 1400, lambda days: 0.2 * (days > 0.2013)):
+    # The candidates near the jump have been joined by then.
+    for look in looks(4, 900, lambda days: 0.2 * (days > 0.2013)):
         chart = chart.with_look(look)
     found = chart.finding()
     assert found.kind is DriftKind.JUMP
@@ -81,8 +83,8 @@ def test_a_jump_stays_a_jump_half_a_day_later():
 
 
 def test_outliers_and_covariances_that_are_too_small_raise_no_alarm():
-    assert charted(looks(5, 800, outliers=0.05)).finding().kind is DriftKind.QUIET
-    found = charted(looks(6, 800, larger=1.5)).finding()
+    assert charted(looks(5, 500, outliers=0.05)).finding().kind is DriftKind.QUIET
+    found = charted(looks(6, 500, larger=1.5)).finding()
     assert found.kind is DriftKind.QUIET
     assert found.scatter == pytest.approx(1.5, rel=0.2)
 
@@ -93,7 +95,8 @@ def test_quiet_scanners_stay_quiet_and_evidence_comes_near_the_limit():
     start, scanners = np.asarray(0.0), 150
     root, group = np.linalg.cholesky(LOOK), np.tile(LOOK / 10.0, (scanners, 1, 1))
     zero = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(50.0)
-    history = History.starting_at(np.full(scanners, start), zero, group / 5.0)
+    scatter = Scatter.of_looks(zero[:, None], 10.0 * group[:, None])
+    history = History.starting_at(np.full(scanners, start), zero, group / 5.0, scatter)
     largest = np.zeros(scanners)
     for k in range(1, 201):
         mean = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(10.0)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.drift_chart.matrices import inverse, sandwich, squared_length, times
+from sawmill_worker.tomography.drift_chart.matrices import inverse, sandwich, scaled, squared_length, times
 from sawmill_worker.tomography.drift_chart.segments import Segment, moved
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -52,7 +52,7 @@ class Alternatives:
 
 
 def steps_and_trends(
-    segments: Sequence[Segment], variance_ratio: FloatArray, quiet: FloatArray
+    segments: Sequence[Segment], ratio: FloatArray, quiet: FloatArray
 ) -> tuple[Alternatives, Alternatives]:
     """Both models.
 
@@ -60,8 +60,8 @@ def steps_and_trends(
     ----------
     segments : of (...)
         Oldest first, two or more; none but the first is before the first candidate.
-    variance_ratio : (...) float64
-        What the looks' covariances are multiplied by.
+    ratio : (..., 2, 2) float64
+        What a whitened covariance is in truth, as `Scatter.ratio`.
     quiet : (2, 2) float64
         Covariance of changes from one time to another that are none of the geometry's.
     """
@@ -75,11 +75,10 @@ def steps_and_trends(
     weighted_before = np.cumsum(weighted[:-1, ..., 0, :], axis=0)
     weighted_rest = np.cumsum(weighted[:0:-1], axis=0)[::-1]
     began = np.stack([segment.last_days for segment in segments[:-1]])
-    ratio = variance_ratio[..., None, None]
 
     before_covariance, after_covariance = inverse(before), inverse(rest[..., 0, :, :])
     step = times(after_covariance, weighted_rest[..., 0, :]) - times(before_covariance, weighted_before)
-    steps = Alternatives.of(began, step, ratio * (before_covariance + after_covariance), quiet)
+    steps = Alternatives.of(began, step, scaled(before_covariance + after_covariance, ratio), quiet)
 
     span = now - began
     ago = span[..., None, None]
@@ -95,4 +94,4 @@ def steps_and_trends(
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
     slope[groups < FEWEST_OF_A_TREND] = 0.0
-    return steps, Alternatives.of(began, slope, ratio * slope_covariance, quiet * over_span)
+    return steps, Alternatives.of(began, slope, scaled(slope_covariance, ratio), quiet * over_span)

@@ -11,7 +11,8 @@ import numpy as np
 
 from sawmill_worker.tomography.drift_chart.alternatives import Alternatives
 from sawmill_worker.tomography.drift_chart.history import History
-from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Baseline, Look, pooled
+from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Baseline, Look, pooled, stacked
+from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.geometry import FloatArray
 
 # Looks that are pooled before they are judged: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
@@ -46,7 +47,7 @@ class Finding:
     evidence, limit : float
         Chi-squared of the change that has most of it, and the limit above which that is an alarm.
     scatter : float
-        How many times farther groups of looks scatter than their covariances say; at least 1.
+        How many times farther looks scatter than their covariances say (root mean square); at least 1.
     began_days : float or None
         Of a jump or a trend: the time of the last looks before it, in days since the calibration.
     between_days : (float, float) or None
@@ -103,8 +104,9 @@ class DriftChart:
                 return replace(self, pending=pending)
             baseline = Baseline.of(pending)
             zero = baseline.estimate
+            scatter = Scatter.of_looks(*stacked(pending))
             days = np.asarray(baseline.until_days)
-            return DriftChart((), baseline, History.starting_at(days, zero.change, zero.covariance))
+            return DriftChart((), baseline, History.starting_at(days, zero.change, zero.covariance, scatter))
         if len(pending) < GROUP_LOOKS:
             return replace(self, pending=pending)
         group = pooled(pending)
@@ -115,7 +117,7 @@ class DriftChart:
         """What the complete groups say."""
         if self.history is None:
             return Finding(DriftKind.LEARNING)
-        scatter = float(np.sqrt(self.history.scatter.variance_ratio))
+        scatter = float(np.sqrt(0.5 * np.trace(self.history.scatter.ratio)))
         if not self.history.segments:
             return Finding(DriftKind.QUIET, scatter=scatter)
         now = float(self.history.segments[-1].last_days)

@@ -26,10 +26,9 @@ class History:
     scatter: Scatter
 
     @classmethod
-    def starting_at(cls, days: FloatArray, mean: FloatArray, covariance: FloatArray) -> "History":
-        """With the baseline alone: its last time (...), mean (..., 2) and covariance (..., 2, 2)."""
-        baseline = Segment.of_group(days, mean, inverse(covariance))
-        return cls(baseline, (), Scatter.starting_at(mean, covariance))
+    def starting_at(cls, days: FloatArray, mean: FloatArray, covariance: FloatArray, scatter: Scatter) -> "History":
+        """With the baseline alone: its last time (...), mean (..., 2), covariance (..., 2, 2) and looks' scatter."""
+        return cls(Segment.of_group(days, mean, inverse(covariance)), (), scatter)
 
     def followed_by(self, days: FloatArray, mean: FloatArray, covariance: FloatArray) -> "History":
         """With one pooled group more: its mean time (...), mean (..., 2) and covariance (..., 2, 2)."""
@@ -38,4 +37,4 @@ class History:
 
     def alternatives(self, quiet: FloatArray) -> tuple[Alternatives, Alternatives]:
         """Steps and trends, as `steps_and_trends`; there must be a segment."""
-        return steps_and_trends((self.baseline, *self.segments), self.scatter.variance_ratio, quiet)
+        return steps_and_trends((self.baseline, *self.segments), self.scatter.ratio, quiet)

@@ -126,6 +126,11 @@ def _outlying(distance: FloatArray) -> NDArray[np.bool_]:
     return far
 
 
+def stacked(looks: Sequence[Look]) -> tuple[FloatArray, FloatArray]:
+    """Their changes (looks, 2) and covariances (looks, 2, 2)."""
+    return np.stack([look.change for look in looks]), np.stack([look.covariance for look in looks])
+
+
 def pooled(looks: Sequence[Look]) -> PooledLook:
     """One estimate from looks whose covariances may differ, without outliers.
 
@@ -136,7 +141,7 @@ def pooled(looks: Sequence[Look]) -> PooledLook:
     """
     if not looks:
         raise ValueError("0 looks cannot be pooled: give at least one")
-    means = pooled_means(np.stack([look.change for look in looks]), np.stack([look.covariance for look in looks]))
+    means = pooled_means(*stacked(looks))
     return PooledLook(
         float(np.mean([look.days for look in looks])),
         means.mean,

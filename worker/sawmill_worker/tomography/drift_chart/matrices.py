@@ -35,3 +35,26 @@ def sandwich(outer: FloatArray, inner: FloatArray) -> FloatArray:
     """A B A, (..., 2, 2)."""
     columns = (times(outer, times(inner, outer[..., :, k])) for k in range(2))
     return np.stack(list(columns), axis=-1)
+
+
+def whitened(vectors: FloatArray, covariance: FloatArray) -> FloatArray:
+    """L^-1 x, (..., 2), with L the lower Cholesky factor of the covariance (..., 2, 2)."""
+    first, cross, second = _cholesky(covariance)
+    along = vectors[..., 0] / first
+    return np.stack([along, (vectors[..., 1] - cross * along) / second], axis=-1)
+
+
+def scaled(covariance: FloatArray, ratio: FloatArray) -> FloatArray:
+    """L M L^T, (..., 2, 2), with L the lower Cholesky factor of the covariance and M the ratio (..., 2, 2)."""
+    first, cross, second = _cholesky(covariance)
+    upper, mixed, lower = ratio[..., 0, 0], ratio[..., 0, 1], ratio[..., 1, 1]
+    off = first * (upper * cross + mixed * second)
+    last = upper * cross**2 + 2.0 * mixed * cross * second + lower * second**2
+    return np.stack([first**2 * upper, off, off, last], axis=-1).reshape(covariance.shape)
+
+
+def _cholesky(covariance: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Upper left, lower left and lower right, (...) each; zeros of zeros."""
+    first = np.sqrt(covariance[..., 0, 0])
+    cross = np.divide(covariance[..., 1, 0], first, out=np.zeros_like(first), where=first > 0.0)
+    return first, cross, np.sqrt(np.maximum(covariance[..., 1, 1] - cross**2, 0.0))

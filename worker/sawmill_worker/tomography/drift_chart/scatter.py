@@ -1,55 +1,64 @@
-"""How much farther pooled groups of looks scatter than their covariances say."""
+"""How much farther looks scatter than their covariances say."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from sawmill_worker.tomography.drift_chart.matrices import inverse, squared_length
+from sawmill_worker.tomography.drift_chart.matrices import inverse, squared_length, whitened
 from sawmill_worker.tomography.geometry import FloatArray
 
-# Chi-squared of 2 degrees of freedom beyond which a difference counts as this: 1 of 400 is normal.
+# A difference whose chi-squared of 2 degrees of freedom is larger counts as one of this: 1 of 400 is normal.
 LARGEST = 12.0
-# Covariances are believed as if this number of groups had shown them to be right.
-BELIEVED = 20
-# What a bounded difference of groups is in the mean, 2 r (1 - exp(-LARGEST / 2 r)), by the variance ratio r.
-_RATIOS = np.geomspace(0.1, 100.0, 400)
-_MEANS = 2.0 * _RATIOS * -np.expm1(-LARGEST / (2.0 * _RATIOS))
+# Covariances are believed as if this number of differences had shown them to be right.
+BELIEVED = 10
 
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """Differences of neighbouring groups: neither a jump nor a trend moves more than a few of them.
+    """Differences of neighbours, looks of a baseline and then groups: a jump or a trend moves few of them.
 
     Attributes
     ----------
     differences : int
         How many.
-    total : (...) float64
-        Sum of their chi-squared, each at most `LARGEST`.
+    squares : (..., 2, 2) float64
+        Sum of z z^T of the whitened differences z, each bounded by what those before it have shown (Huber 1964).
     mean, covariance : (..., 2), (..., 2, 2) float64
-        Of the latest group.
+        Of the latest look or group.
     """
 
     differences: int
-    total: FloatArray
+    squares: FloatArray
     mean: FloatArray
     covariance: FloatArray
 
     @classmethod
-    def starting_at(cls, mean: FloatArray, covariance: FloatArray) -> "Scatter":
-        """Before any difference."""
-        return cls(0, np.zeros(mean.shape[:-1]), mean, covariance)
+    def of_looks(cls, change: FloatArray, covariance: FloatArray) -> "Scatter":
+        """Of a baseline's looks: (..., looks, 2) and (..., looks, 2, 2)."""
+        scatter = cls(0, np.zeros_like(covariance[..., 0, :, :]), change[..., 0, :], covariance[..., 0, :, :])
+        for look in range(1, change.shape[-2]):
+            scatter = scatter.followed_by(change[..., look, :], covariance[..., look, :, :])
+        return scatter
 
     def followed_by(self, mean: FloatArray, covariance: FloatArray) -> "Scatter":
-        """With the difference from the latest group to the next one."""
-        distance = squared_length(mean - self.mean, inverse(covariance + self.covariance))
-        return Scatter(self.differences + 1, self.total + np.minimum(distance, LARGEST), mean, covariance)
+        """With the difference from the latest to the next one."""
+        white = whitened(mean - self.mean, covariance + self.covariance)
+        distance = squared_length(white, inverse(self._found))
+        bounded = white * np.sqrt(LARGEST / np.maximum(distance, LARGEST))[..., None]
+        squares = self.squares + bounded[..., :, None] * bounded[..., None, :]
+        return Scatter(self.differences + 1, squares, mean, covariance)
 
     @property
-    def variance_ratio(self) -> FloatArray:
-        """What covariances are multiplied by, (...): 1 where groups scatter no more than they say."""
-        if self.differences == 0:
-            return np.ones_like(self.total)
-        found = np.interp(self.total / self.differences, _MEANS, _RATIOS)
-        ratio: FloatArray = (BELIEVED + self.differences * found) / (BELIEVED + self.differences)
-        return np.maximum(ratio, 1.0)
+    def ratio(self) -> FloatArray:
+        """What a whitened covariance is, (..., 2, 2): the unit matrix where looks scatter no more than they say.
+
+        In directions in which they scatter less, they are believed as they are.
+        """
+        more, directions = np.linalg.eigh(self._found)
+        ratio: FloatArray = np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions)
+        return ratio
+
+    @property
+    def _found(self) -> FloatArray:
+        found: FloatArray = (BELIEVED * np.eye(2) + self.squares) / (BELIEVED + self.differences)
+        return found

@@ -34,7 +34,7 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
             "segments": [_segment_to_state(segment) for segment in history.segments],
             "scatter": {
                 "differences": history.scatter.differences,
-                "total": float(history.scatter.total),
+                "squares": history.scatter.squares.tolist(),
                 "mean": history.scatter.mean.tolist(),
                 "covariance": history.scatter.covariance.tolist(),
             },
