@@ -35,7 +35,7 @@ from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
 from sawmill_worker.tomography.simulate import simulate_rows
 
 TUNING_SEED, TABLE_SEED = 4000, 4100
-ROWS, ROW_PITCHES_MM = 32, (2.0, 2.5, 3.0, 4.0)
+ROWS, ROW_PITCHES_MM = 24, (2.0, 2.5, 3.0, 4.0)
 NAIL_MM, NAIL_PER_MM = 8.0, 0.08
 SMALL_KNOT_MM = 12.0
 BARK_PER_MM = 0.011

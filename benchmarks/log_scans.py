@@ -1,0 +1,108 @@
+"""The scans of benchmarks/log_table.py: the published log and whole logs, and what is measured on their images."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scanners import SCANNER
+from scans import ANGLES, GRID, LOG_NOISE, TRUE_THETA, log_sinogram, log_truth
+from scipy.ndimage import binary_dilation
+from whole_logs import TABLE_SEED, Rows, WholeLog
+
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
+from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER
+
+PUBLISHED = "published"
+# Every method's error is that of these rows: some rivals take seconds for each.
+JUDGED_STEP = 12
+# Of the contrast: what surrounds an inclusion, from here to there in pixels.
+NEAR, FAR = 2, 4
+
+
+@dataclass(frozen=True, eq=False)
+class LogScan:
+    """A scan with the truth in hand.
+
+    Attributes
+    ----------
+    lines : (rows, views, detector) float32
+        Line integrals.
+    truth : (rows, size, size) float32
+        Each pixel's area mean, 1/mm.
+    log : WholeLog, optional
+        None of the published log, which is one row.
+    """
+
+    name: str
+    projector: Projector
+    lines: Rows
+    truth: Rows
+    log: WholeLog | None
+
+    @property
+    def judged(self) -> list[int]:
+        """The rows by which all methods are compared."""
+        return list(range(min(len(self.truth) // 2, JUDGED_STEP // 2), len(self.truth), JUDGED_STEP))
+
+    def error(self, images: Rows, rows: list[int]) -> float:
+        """Mean relative error of these rows' images, all pixels of each."""
+        return float(np.mean([relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]))
+
+    def contrast(self, images: Rows, name: str) -> float | None:
+        """Contrast of the nail, or the knot, over all its rows, as a share of the truth's; None where there is none.
+
+        Of a row: the mean over the inclusion's pixels less that of the ring around them, NEAR to FAR pixels away.
+        """
+        if self.log is None:
+            return None
+        shares = self.log.inclusion_alone(name, self.projector.grid)
+        found, true = 0.0, 0.0
+        for image, truth, share in zip(images, self.truth, shares, strict=True):
+            core = share > 0.5
+            if not core.any():
+                continue
+            ring = binary_dilation(core, iterations=FAR) & ~binary_dilation(core, iterations=NEAR)
+            found += float(image[core].mean() - image[ring].mean())
+            true += float(truth[core].mean() - truth[ring].mean())
+        return found / true if true else None
+
+    def seam(self, images: Rows) -> float | None:
+        """How much more the error changes from block to block than from row to row elsewhere, a ratio.
+
+        The largest root mean square of a change at a seam over the largest elsewhere; None without a seam.
+        """
+        error = images - self.truth
+        changes = np.sqrt(np.mean(np.square(np.diff(error, axis=0)), axis=(1, 2)))
+        at_seam = np.arange(1, len(error)) % FITTED_TOGETHER == 0
+        return float(changes[at_seam].max() / changes[~at_seam].max()) if at_seam.any() else None
+
+
+def published_scan(views: int, noise: float) -> LogScan:
+    """The published log, which has 2 % noise itself: more is added, less cannot be.
+
+    Raises
+    ------
+    ValueError
+        If the noise is less than the data's own, or the number of views does not divide 360.
+    """
+    if noise < LOG_NOISE:
+        raise ValueError(f"the published log has {LOG_NOISE:g} noise: {noise:g} cannot be had")
+    if 360 % views:
+        raise ValueError(f"the published log has 360 views: {views} are no equal steps of them")
+    step = 360 // views
+    lines = log_sinogram("published")[::step]
+    more = math.sqrt(noise**2 - LOG_NOISE**2) * math.sqrt(float(np.mean(lines**2)))
+    lines = lines + more * np.random.default_rng(TABLE_SEED).standard_normal(lines.shape)
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, ANGLES[::step])
+    truth = log_truth("published").astype(np.float32)
+    return LogScan(PUBLISHED, Projector(geometry, GRID), lines[None].astype(np.float32), truth[None], None)
+
+
+def whole_scan(log: WholeLog, truth: Rows, views: int, noise: float, grid: ImageGrid) -> LogScan:
+    """A whole log by the published scanner, equal steps all round; the truth on the grid is the caller's to keep."""
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(views) + 0.5) * TAU / views)
+    lines = log.sinograms(geometry, noise=noise)
+    return LogScan(str(log.seed), Projector(geometry, grid), lines, truth, log)

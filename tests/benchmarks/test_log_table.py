@@ -1,0 +1,98 @@
+import astra
+import log_table
+import numpy as np
+import pytest
+from astra_rivals import STOPS, tuned
+from log_methods import METHODS, lowest_neighbour
+from log_scans import LogScan, whole_scan
+from stack_total_variation import StackObjective
+from whole_logs import WholeLog
+
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.noise import noise_of_each_ray
+from sawmill_worker.tomography.projector import Projector
+
+GRID = ImageGrid(32, 400.0)
+
+
+@pytest.fixture(scope="module")
+def scan():
+    log = WholeLog.random(4000, rows=5, row_pitch_mm=4.0)
+    return whole_scan(log, log.truth(GRID), 12, 0.02, GRID)
+
+
+def test_an_image_of_the_truth_has_no_error_and_all_of_the_contrast(scan):
+    log, grid = WholeLog.random(4000, rows=4, row_pitch_mm=6.0), ImageGrid(256, 400.0)
+    truth = log.truth(grid)
+    whole = LogScan("4000", Projector(scan.projector.geometry, grid), scan.lines, truth, log)
+    assert whole.error(truth, [0, 1, 2, 3]) == 0.0
+    assert whole.error(1.1 * truth, [0, 1, 2, 3]) == pytest.approx(0.1, rel=1e-4)
+    for name in ("nail", "knot"):
+        share = log.inclusion_alone(name, grid)
+        (density,) = (one.density for one in log.inclusions if one.name == name)
+        assert whole.contrast(truth, name) == pytest.approx(1.0)
+        # Half of what it adds to the wood is half of its contrast.
+        assert whole.contrast(truth - 0.5 * density * share, name) == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_error_that_begins_with_a_block_is_a_seam(scan):
+    truth = np.zeros((18, 32, 32), np.float32)
+    whole = LogScan("zeros", scan.projector, scan.lines, truth, None)
+    error = np.random.default_rng(4011).standard_normal(truth.shape).astype(np.float32)
+    assert whole.seam(error) == pytest.approx(1.0, abs=0.1)
+    error[16:] += 5.0
+    assert whole.seam(error) > 3.0
+
+
+def test_astra_stops_where_the_error_is_least(scan):
+    lines, truth = scan.lines[:1], scan.truth[:1]
+    found = tuned("CGLS", scan.projector, lines, truth)
+    assert found.iterations in STOPS["CGLS"]
+    later = [astra_image(scan, lines[0], stop) for stop in STOPS["CGLS"]]
+    errors = [scan.error(np.maximum(image, 0.0)[None], [0]) for image in later]
+    assert scan.error(found.images, [0]) == pytest.approx(errors[STOPS["CGLS"].index(found.iterations)], rel=1e-4)
+    assert scan.error(found.images, [0]) < errors[0]
+    assert scan.error(tuned("SIRT", scan.projector, lines, truth).images, [0]) < 0.9 * errors[0]
+
+
+def astra_image(scan, line, iterations):
+    """CGLS in one go."""
+    grid, scanner = scan.projector.grid, scan.projector.geometry.scanner
+    volume = astra.create_vol_geom(grid.size, grid.size, -200.0, 200.0, -200.0, 200.0)
+    rays = astra.create_proj_geom("fanflat_vec", scanner.num_detector_pixels, scan.projector.geometry.astra_vectors())
+    operator = astra.OpTomo(astra.create_projector("line_fanflat", rays, volume))
+    return operator.reconstruct("CGLS", line, iterations=iterations)
+
+
+def test_the_gradient_of_the_stack_agrees_with_finite_differences(scan):
+    rng = np.random.default_rng(4010)
+    objective = StackObjective(scan.projector, scan.lines, 20.0, 0.7, 0.004)
+    noises = np.broadcast_to(noise_of_each_ray(None, scan.lines), scan.lines.shape).astype(np.float32)
+    images = (0.01 + 0.005 * rng.standard_normal((5, 32, 32))).astype(np.float32)
+    way = (0.002 * rng.standard_normal(images.shape)).astype(np.float32)
+    _, gradient = objective.evaluate(images, noises)
+    up, down = (objective.evaluate(images + sign * 0.5 * way, noises)[0] for sign in (1.0, -1.0))
+    assert up - down == pytest.approx(float(np.vdot(gradient, way)), rel=2e-2)
+    # Rows that are alike cost nothing along the axis.
+    even = np.repeat(images[:1], 5, axis=0)
+    assert objective.penalty(even, np.zeros_like(even)) == pytest.approx(
+        StackObjective(scan.projector, scan.lines, 20.0, 0.0, 0.004).penalty(even, np.zeros_like(even)), rel=1e-5
+    )
+
+
+def test_the_search_ends_where_no_neighbour_is_lower():
+    assert lowest_neighbour(lambda at: (at[0] - 2) ** 2 + (at[1] + 1) ** 2, (0, 0)) == (2, -1)
+
+
+def test_the_command_measures_what_is_missing_and_shows_all(tmp_path, capsys):
+    tiny = ["--rows", "4", "--size", "32", "--views", "12", "--noise", "0.04", "--out", str(tmp_path)]
+    log_table.main(["--logs", "2", "--methods", "FBP", *tiny])
+    (file,) = tmp_path.iterdir()
+    first = file.read_text()
+    log_table.main(["--logs", "2,5", "--methods", "FBP", "CGLS, tuned", *tiny])
+    assert first.rstrip("}\n ")[:-1] in file.read_text()
+    assert len(list(tmp_path.iterdir())) == 2
+    shown = capsys.readouterr().out
+    assert "whole logs, 12 views, 4 % noise" in shown
+    assert shown.rstrip().endswith("(2)")
+    assert set(METHODS) > {"FBP", "CGLS, tuned"}
