@@ -6,16 +6,14 @@ there is no R in it, so u_c, tau and SDD can be fitted to any dense full-turn sc
 is that of Kak and Slaney 1988, section 3.4.3). R and psi cannot be seen.
 """
 
-import math
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import rfft
 
 from sawmill_worker.tomography.calibration.faults.screening import screen
+from sawmill_worker.tomography.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
 from sawmill_worker.tomography.disturbances import (
     ROUNDS,
     Harmonics,
@@ -23,78 +21,25 @@ from sawmill_worker.tomography.disturbances import (
     undetected_covariance,
     undisturbed,
 )
-from sawmill_worker.tomography.drift import ConjugateFit, DriftError, LogMovement, better_sense, seen_vector
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.drift import ConjugateFit, LogMovement, better_sense, seen_vector
+from sawmill_worker.tomography.full_turn import Turn, check_full_turn, even_views, nearest_view
+from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.log_movement import log_movement
 from sawmill_worker.tomography.metal import MetalSearch
 from sawmill_worker.tomography.object_extent import object_radius_mm
-from sawmill_worker.tomography.paired_rays import (
-    ALL_THREE,
-    WITHOUT_DISTANCE,
-    Pairs,
-    Solution,
-    Turn,
-    fan_angles,
-    nearest_view,
-)
+from sawmill_worker.tomography.opposite_rays import WITHOUT_DISTANCE, Solution
+from sawmill_worker.tomography.paired_rays import fan_angles
 from sawmill_worker.tomography.view_gain import view_gain
-from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG, Rotation
+from sawmill_worker.vocabulary import Rotation
 
-# Blur in views and in cells: the coarse one finds the basin and the sense of rotation, the finest one that the noise
-# allows finds the minimum.
-COARSE = (4.0, 8.0)
-FINE = ((1.0, 1.5), (1.5, 2.5), (2.0, 4.0), (3.0, 6.0))
 # From this ratio to the better residual on, the other sense of rotation is ruled out.
 DECISIVE_RATIO = 1.1
-# How far u_c (share of the detector), tau (rad) and SDD (share) may have moved and are still followed.
-REACH = (0.05, 0.2, 0.2)
-# An SDD less certain than this share of itself is not seen: it is held at the calibrated one.
-WORST_DISTANCE = 0.02
-# A u_c less certain than this share of a cell says nothing about drift.
-WORST_CELLS = 0.5
-# Nor does a tau less certain than this (rad): along so flat a basin the errors are no longer those of a linear fit.
-WORST_TILT = 0.03
 # A view whose rays differ from their opposites this many times more than the views' median does not belong to the turn;
 # where more than this share of the views would not, it is the log that moved. Its opposites differ too: only those near
 # the worst are left out at a time.
 ODD_VIEW, MOST_ODD_VIEWS, NEAR_WORST = 3.0, 0.1, 0.7
 # A gain found with a wrong geometry hides part of the error: so often are both found in turn.
 GAIN_ROUNDS = 3
-
-
-def _even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
-    """The sinogram at equidistant angles, as many as views, by periodic cubic splines through the usable ones.
-
-    Returns it, (views, cells), and the first of the angles.
-    """
-    wrapped = np.mod(angles_rad, TAU)
-    first = float(wrapped.min())
-    order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
-    knots = np.append(wrapped[order], wrapped[order[0]] + TAU)
-    values = np.concatenate([sinogram[order], sinogram[order[:1]]])
-    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
-    # Imported here: it brings half of SciPy, which every other job can do without.
-    from scipy.interpolate import CubicSpline  # noqa: PLC0415
-
-    spline = CubicSpline(knots, values, bc_type="periodic", extrapolate="periodic")
-    return np.asarray(spline(wanted), np.float64), first
-
-
-def _turn(scan: "_Scan", even: FloatArray, first_rad: float) -> Turn:
-    views = len(even)
-    spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
-    orders = np.arange(1, spectrum.shape[1] + 1)
-    left_out = np.zeros(even.shape, bool)
-    left_out[nearest_view(scan.angles_rad, first_rad, views)] = scan.left_out
-    return Turn(
-        np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)),
-        even.mean(axis=0),
-        views,
-        scan.angles_rad[~scan.usable],
-        scan.bridged,
-        left_out,
-        first_rad,
-    )
 
 
 def conjugate_fit(
@@ -123,7 +68,7 @@ def conjugate_fit(
         If the views are sparse or do not go all round, or the scan does not show the three.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
-    _check(sinogram, angles_rad)
+    check_full_turn(sinogram, angles_rad)
     screening = screen(sinogram)
     lines, metal, without_metal = _without_metal(
         scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
@@ -153,7 +98,7 @@ def conjugate_fit(
     best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
     remark = f"{disagreeing} views whose rays do not agree with their opposites were left out"
-    _check_found(scanner, best, start)
+    refuse_unseen(scanner, best, start)
     u_c, tau, sdd = (float(value) for value in best.vector)
     return ConjugateFit(
         u_c,
@@ -203,6 +148,12 @@ class _Scan:
     left_out: NDArray[np.bool_]
     done: tuple[str, ...]
 
+    def turn(self, even: FloatArray, first_rad: float) -> Turn:
+        """Of its views at equidistant angles, of which this is the first."""
+        return Turn.of(
+            even, first_rad, self.angles_rad, usable=self.usable, bridged=self.bridged, left_out=self.left_out
+        )
+
     def undisturbed(self, harmonics: Harmonics, start: SourceFrame, rotation: Rotation) -> "_Scan":
         """As it would be without these disturbances of the turn, which this sense of rotation reads."""
         sinogram, angles = undisturbed(
@@ -235,9 +186,9 @@ def _fit_without_odd_views(scan: _Scan, start: SourceFrame, rotation: Rotation) 
 
 def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
     """Of the views that are usable."""
-    even, first = _even_views(scan.sinogram, scan.angles_rad, scan.usable)
-    turn = _turn(scan, even, first)
-    basins = {sense: _basin(scan.scanner, turn.read(sense), start) for sense in Rotation}
+    even, first = even_views(scan.sinogram, scan.angles_rad, scan.usable)
+    turn = scan.turn(even, first)
+    basins = {sense: coarse_minimum(scan.scanner, turn.read(sense), start) for sense in Rotation}
     residuals = {sense: basin.rays.relative_residual for sense, basin in basins.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE_RATIO)
     vector, done = basins[rotation].vector, scan.done
@@ -245,9 +196,9 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
         fan, _ = fan_angles(scan.scanner, vector)
         gain = view_gain(even, fan, reversed_turn=rotation is Rotation.REVERSED)
         if gain is not None:
-            turn = _turn(scan, gain.removed(even), first)
+            turn = scan.turn(gain.removed(even), first)
             done = (*scan.done, gain.done)
-        best = _minimum(scan.scanner, turn.read(rotation), start, vector)
+        best = fine_minimum(scan.scanner, turn.read(rotation), start, vector)
         if gain is None or not best.settled:
             break
         vector = best.vector
@@ -269,75 +220,3 @@ def _odd_views(scan: _Scan, best: Solution, rotation: Rotation) -> NDArray[np.bo
         scan.usable & (rms > max(ODD_VIEW * float(np.median(rms)), NEAR_WORST * float(rms.max())))[at]
     )
     return odd if np.sum(odd | ~scan.usable) <= MOST_ODD_VIEWS * views else np.zeros(views, bool)
-
-
-def _reach(scanner: Scanner, start: SourceFrame) -> tuple[FloatArray, FloatArray]:
-    centre = seen_vector(start)
-    width = scanner.num_detector_pixels * scanner.detector_pitch_mm
-    reach = np.array(REACH) * [width, 1.0, start.source_to_detector_mm]
-    return centre - reach, centre + reach
-
-
-def _basin(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution:
-    """The coarse fit, with SDD held: it needs the fine structure of the log."""
-    pairs = Pairs(scanner, turn, seen_vector(start), COARSE)
-    return pairs.solve(seen_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
-
-
-def _minimum(scanner: Scanner, turn: Turn, start: SourceFrame, basin: FloatArray) -> Solution:
-    """The fit from the coarse one's end: as fine, and with as many unknowns, as the scan allows."""
-    worst = (WORST_CELLS * scanner.detector_pitch_mm, WORST_TILT, WORST_DISTANCE * start.source_to_detector_mm)
-    for free, blur in product((ALL_THREE, WITHOUT_DISTANCE), FINE):
-        pairs = Pairs(scanner, turn, basin, blur)
-        solution = pairs.solve(basin, *_reach(scanner, start), free=free, corrected=True)
-        if solution.settled and np.all(np.sqrt(np.diag(solution.covariance)) < worst):
-            break
-    return solution
-
-
-def _check_found(scanner: Scanner, solution: Solution, start: SourceFrame) -> None:
-    certain = WORST_CELLS * scanner.detector_pitch_mm
-    if not (solution.covariance[0, 0] < certain**2 and solution.covariance[1, 1] < WORST_TILT**2):
-        raise DriftError(
-            "nothing-seen",
-            f"opposite rays do not place the centre of rotation on the detector to {certain:.3g} mm and the tilt to "
-            f"{math.degrees(WORST_TILT):.2g} degrees: average more rows, scan a log that is less round or less "
-            "centred, or calibrate with the phantom",
-        )
-    if not solution.settled:
-        raise DriftError(
-            "moved-too-far",
-            f"no geometry near the calibrated one (u_c {start.cor_column_mm:.4g} mm) makes opposite rays agree: the "
-            "log moved while it was scanned, the calibration is another scanner's, or the geometry moved by more than "
-            f"{REACH[0]:.0%} of the detector; calibrate with the phantom",
-        )
-
-
-def opposite_rays_pair(angles_rad: FloatArray) -> bool:
-    """Whether views stand all round in steps so small that every ray has its opposite."""
-    return float(_gaps_deg(angles_rad).max()) <= WIDEST_MEASURED_STEP_DEG
-
-
-def _gaps_deg(angles_rad: FloatArray) -> FloatArray:
-    wrapped = np.sort(np.mod(angles_rad, TAU))
-    gaps: FloatArray = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
-    return gaps
-
-
-def _check(sinogram: FloatArray, angles_rad: FloatArray) -> None:
-    gaps = _gaps_deg(angles_rad)
-    widest, usual = float(gaps.max()), float(np.median(gaps))
-    if widest > WIDEST_MEASURED_STEP_DEG >= usual:
-        raise DriftError(
-            "partial-turn",
-            f"the views leave a gap of {widest:.3g} degrees where their usual distance is {usual:.3g}: opposite rays "
-            f"can be paired only all round the full turn, in steps of {WIDEST_STEP_DEG:g} degrees or less",
-        )
-    if widest > WIDEST_MEASURED_STEP_DEG:
-        raise DriftError(
-            "sparse-views",
-            f"the {angles_rad.size} views stand {usual:.3g} degrees apart: opposite rays can be paired only in steps "
-            f"of {WIDEST_STEP_DEG:g} degrees or less; calibrate with the phantom instead",
-        )
-    if np.ptp(sinogram, axis=0).max() == 0.0:
-        raise DriftError("nothing-seen", "every view of the sinogram is the same: scan a log while it turns")

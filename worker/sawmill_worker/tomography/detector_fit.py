@@ -1,7 +1,8 @@
 """What a scan of a log says of the detector, by opposite rays where it has them, else by pairs of views."""
 
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit, opposite_rays_pair
+from sawmill_worker.tomography.conjugate_rays import conjugate_fit
 from sawmill_worker.tomography.drift import DetectorFit
+from sawmill_worker.tomography.full_turn import opposite_rays_pair
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.view_pairs import view_pair_fit
 from sawmill_worker.vocabulary import Rotation

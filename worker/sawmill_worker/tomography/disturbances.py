@@ -15,7 +15,8 @@ from scipy.ndimage import map_coordinates
 
 from sawmill_worker.tomography.drift import Disturbance
 from sawmill_worker.tomography.geometry import FloatArray, Scanner
-from sawmill_worker.tomography.paired_rays import PairedRays, Solution, fan_angles
+from sawmill_worker.tomography.opposite_rays import Solution
+from sawmill_worker.tomography.paired_rays import PairedRays, fan_angles
 
 # A disturbance is found when the logarithm of its Bayes factor, against none, is above this: 3000 to 1
 # (benchmarks/drift.py).

@@ -28,6 +28,8 @@ class LevelledRays(NamedTuple):
         A slope, a curvature and a cubic over the detector, in the log's cells.
     air_covariance : (views + 3, views + 3) float64
         Of each view's level and of the amplitudes of those patterns, as the air gives them.
+    cell_variance : float
+        Of what a cell adds to every view, as the air shows it: the noise of the flat fields.
     """
 
     rays: FloatArray
@@ -35,6 +37,7 @@ class LevelledRays(NamedTuple):
     cells: NDArray[np.bool_]
     air_patterns: FloatArray
     air_covariance: FloatArray
+    cell_variance: float
 
 
 def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
@@ -74,13 +77,24 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
     # The levels share the error of the patterns.
     crossed = np.tile(-(of_patterns @ means)[:, None], views)
     of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
-    in_air = air.noise if deviations is None else float(np.sqrt(np.mean(deviations[:, air.cells] ** 2)))
+    left = sinogram[:, air.cells] - levels[:, None] - amplitudes @ patterns[:, air.cells]
+    in_air, cell_variance = _scatter(left)
+    if deviations is not None:
+        in_air = float(np.sqrt(np.mean(deviations[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     covariance = noise**2 * np.block([[of_levels, crossed.T], [crossed, of_patterns]])
     patterns = patterns[:, log]
     rays = sinogram[:, log] - levels[:, None] - amplitudes @ patterns
     variance = _variance(rays, noise) if deviations is None else deviations[:, log] ** 2
-    return LevelledRays(rays, variance, log, patterns, covariance)
+    return LevelledRays(rays, variance, log, patterns, covariance, cell_variance)
+
+
+def _scatter(air: FloatArray) -> tuple[float, float]:
+    """The noise of rays in air (views, cells), and the variance of what their cells add to every view."""
+    views, common = len(air), air.mean(axis=0)
+    noise = noise_of_differences(np.diff(air - common, 2, axis=1), 2) * math.sqrt(views / (views - 1))
+    seen = noise_of_differences(np.diff(common, 2), 2)
+    return noise, max(seen**2 - noise**2 / views, 0.0)
 
 
 def _variance(rays: FloatArray, air_noise: float) -> FloatArray:

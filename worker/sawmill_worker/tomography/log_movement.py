@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.drift import LogMovement
 from sawmill_worker.tomography.geometry import TAU, FloatArray
-from sawmill_worker.tomography.paired_rays import Solution
+from sawmill_worker.tomography.opposite_rays import Solution
 
 # A jump this close to the first or the last view, as a share of the views, has too few pairs to be seen.
 MARGIN = 1 / 16

@@ -8,79 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft
 from scipy.linalg import eigh
-from scipy.ndimage import binary_dilation
-from scipy.sparse import csr_array
 
-from sawmill_worker.tomography.drift import DriftError
-from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner, cell_centres_mm
-from sawmill_worker.vocabulary import Rotation
+from sawmill_worker.tomography.geometry import FloatArray, Scanner, cell_centres_mm
 
-ComplexArray = NDArray[np.complex128]
-
-# Gaussians are cut off here, in widths.
-CUT_OFF = 4.5
-# Pairs stand this many widths of the blur apart, but not closer than cells.
-PAIR_STEP = 0.5
 # Below this share of signal in the slopes, in the worst direction, the stated errors are too small (a fifth at 0.2).
 SIGNAL_SHARE = 0.3
-STEPS = 40
-# A step below this share of the standard deviations is the last one.
-SMALL_STEP = 1e-2
-# A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
-# be more than this share of the pairs.
-CELL_REACH, MOST_TOUCHED = 3.0, 0.5
-# Samples left out count this number of widths of the blur to either side: what stands in them is near to the truth.
-SAMPLE_REACH = 1.0
-# Which of (u_c, tau, SDD) are fitted.
-ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
-
-
-def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:
-    """Of equidistant views, of which the first stands at `first_rad`, the index of the one nearest to each angle."""
-    return np.rint((angles_rad - first_rad) * views / TAU).astype(np.intp) % views
-
-
-@dataclass(frozen=True, eq=False)
-class Turn:
-    """A full turn in the Fourier domain of equidistant views.
-
-    Attributes
-    ----------
-    spectrum : (cells, harmonics) complex128
-        From the first harmonic up to below Nyquist's.
-    mean : (cells,) float64
-        The constant harmonic.
-    views : int
-    filled_rad : (views left out,) float64
-        Angles at which there are no data, only what their neighbours suggest.
-    bridged : (cells,) bool
-        Cells without data of their own, likewise.
-    left_out : (views, cells) bool
-        Samples without data of their own, likewise, at equidistant views of which the first stands at `first_rad`.
-    sense : int
-        -1 where the angles are read the other way than `left_out` has them.
-    """
-
-    spectrum: ComplexArray
-    mean: FloatArray
-    views: int
-    filled_rad: FloatArray
-    bridged: NDArray[np.bool_]
-    left_out: NDArray[np.bool_]
-    first_rad: float
-    sense: int = 1
-
-    def read(self, rotation: Rotation) -> "Turn":
-        """As this sense of rotation reads the angles: phi -> -phi is the conjugate of every harmonic."""
-        if rotation is Rotation.AS_GIVEN:
-            return self
-        return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
-
-    def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
-        """The row of `left_out` for each angle as it is read."""
-        return nearest_view(self.sense * angles_rad, self.first_rad, self.views)
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,7 +114,7 @@ class PairedRays:
         Infinite where the pairs do not show them.
         """
         gram, noisy = (self.gram(corrected=kind)[free][:, free] for kind in (corrected, False))
-        if not (_is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
+        if not (is_definite(noisy + noisy.T) and _signal_share(gram, noisy) > SIGNAL_SHARE):
             return np.full(gram.shape, math.inf)
         scores = self.scores()[:, free]
         bread = np.linalg.inv(gram)
@@ -197,208 +130,17 @@ def fan_angles(scanner: Scanner, vector: FloatArray) -> tuple[FloatArray, FloatA
     return np.arctan2(across, along), sdd * math.cos(tau) * scanner.detector_pitch_mm / (across**2 + along**2)
 
 
-def _products(left: FloatArray, right: FloatArray) -> FloatArray:
-    return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
-
-
-class Pairs:
-    """Paired rays as a function of (u_c, tau, SDD).
-
-    In the Fourier domain of the views the turn by gamma is an exact phase, so views are never interpolated. The blur
-    over cells is even in gamma at fixed chi, so both rays of a pair are blurred alike. The constant harmonic is left
-    out: what every view has in common (errors of the flat field, rings, a background) cannot pass for drift.
-    """
-
-    def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
-        self._scanner, self._turn = scanner, turn
-        self._orders = np.arange(1, turn.spectrum.shape[1] + 1)
-        self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
-        fan, _ = fan_angles(self._scanner, start)
-        spacing = float(np.median(np.diff(fan)))
-        self._width = blur[1] * spacing
-        self._taps = np.arange(-math.ceil(1.1 * CUT_OFF * blur[1]), math.ceil(1.1 * CUT_OFF * blur[1]) + 1)
-        step = max(1.0, PAIR_STEP * blur[1]) * spacing
-        pairs = int((min(-fan[0], fan[-1]) - 4.0 * self._width) / step)
-        if pairs < 8:
-            raise DriftError(
-                "outside-detector",
-                f"the centre of rotation falls on u = {start[0]:.4g} mm, at the detector's edge or beyond: "
-                "opposite rays need detector on both sides of it",
-            )
-        self.gamma = (np.arange(pairs) + 0.5) * step
-        self._used = self._measured(fan)
-
-    def views_of(self) -> tuple[FloatArray, FloatArray]:
-        """Angle of the view that measured each ray, and each opposite ray, (pairs, chi)."""
-        chi = np.arange(self._turn.views) * TAU / self._turn.views
-        return chi + self.gamma[:, None], chi + math.pi - self.gamma[:, None]
-
-    def _measured(self, fan: FloatArray) -> NDArray[np.bool_]:
-        """Pairs without a ray next to a view or a cell that was left out; cells stay in where they are too many."""
-        step = TAU / self._turn.views
-        used = np.ones((self.gamma.size, self._turn.views), bool)
-        for angles in self.views_of() if self._turn.filled_rad.size else ():
-            for filled in self._turn.filled_rad:
-                used &= np.abs(np.remainder(angles - filled + math.pi, TAU) - math.pi) > step
-        missing = np.abs(fan[self._turn.bridged])
-        touched = (np.abs(self.gamma[:, None] - missing) < CELL_REACH * self._width).any(axis=1)
-        if touched.mean() < MOST_TOUCHED:
-            used[touched] = False
-        touching = self._touching(fan)
-        return used & ~touching if touching.mean() < MOST_TOUCHED else used
-
-    def _touching(self, fan: FloatArray) -> NDArray[np.bool_]:
-        """Pairs (pairs, chi) with a ray at a sample that was left out."""
-        if not self._turn.left_out.any():
-            return np.zeros((self.gamma.size, self._turn.views), bool)
-        reach = round(SAMPLE_REACH * self._width / float(np.median(np.diff(fan))))
-        near = binary_dilation(self._turn.left_out, np.ones((1, 2 * reach + 1), bool))
-        rays = zip(self.views_of(), (self.gamma, -self.gamma), strict=True)
-        here, there = (
-            near[self._turn.nearest_view(angles), np.searchsorted(fan, gamma).clip(0, fan.size - 1)[:, None]]
-            for angles, gamma in rays
-        )
-        touching: NDArray[np.bool_] = here | there
-        return touching
-
-    def at(self, vector: FloatArray) -> PairedRays:
-        """The pairs with this geometry."""
-        rays, opposite, slope, opposite_slope = self._both_sides(vector)
-        half_sum, difference = 0.5 * (rays + opposite), rays - opposite
-        # A ray's derivative by gamma at fixed view is that at fixed chi less that by chi. The opposite has the first
-        # with its sign turned and the second as it is.
-        near, opposed = _shifts(vector, self.gamma)[:, :, None], _shifts(vector, -self.gamma)[:, :, None]
-        derivatives = Derivatives(
-            *self._derivatives(half_sum, 0.5 * (slope + opposite_slope)),
-            *self._derivatives(0.5 * difference, 0.5 * (slope - opposite_slope)),
-        )
-        blurred = (self._over_chi(rays * self._blur) * self._used for rays in (difference, half_sum))
-        residual, signal = (float(np.sum(rays**2)) for rays in blurred)
-        return PairedRays(
-            self._over_chi(difference),
-            *derivatives.slopes(near + opposed, opposed - near),
-            self._used,
-            math.sqrt(residual / signal),
-            derivatives,
-        )
-
-    def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
-        """Rays and opposite rays (pairs, harmonics) over chi, and the derivatives of both by the rays' gamma."""
-        fan, covered = fan_angles(self._scanner, vector)
-        turned = self._turn.spectrum * np.exp(1j * np.outer(fan, self._orders)) * covered[:, None]
-        rays, slope = self._side(turned, fan, 1.0)
-        opposite, opposite_slope = self._side(turned, fan, -1.0)
-        half_turn = np.where(self._orders % 2, -1.0, 1.0)
-        return rays, half_turn * opposite, slope, -half_turn * opposite_slope
-
-    def mean_by_gamma(self, vector: FloatArray) -> FloatArray:
-        """The derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
-
-        An unknown that is the same at every chi does not need it; one that varies with chi does.
-        """
-        fan, covered = fan_angles(self._scanner, vector)
-        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
-        (_, slope), (_, opposite) = (self._side(mean, fan, side) for side in (1.0, -1.0))
-        half: FloatArray = 0.5 * (slope - opposite)[:, 0].real
-        return half
-
-    def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
-        """(..., harmonics) as (..., views) over chi."""
-        spectrum = np.zeros((*harmonics.shape[:-1], self._turn.views // 2 + 1), np.complex128)
-        spectrum[..., 1 : self._orders.size + 1] = harmonics
-        values: FloatArray = irfft(spectrum, self._turn.views, axis=-1, overwrite_x=True)
-        return values
-
-    def _side(self, turned: ComplexArray, fan: FloatArray, side: float) -> tuple[ComplexArray, ComplexArray]:
-        """P(chi + gamma, u(gamma)) at plus or minus the pairs' gamma, and its derivative by gamma at fixed chi."""
-        gamma = side * self.gamma[:, None]
-        near = np.searchsorted(fan, gamma) + self._taps
-        inside = (near >= 0) & (near < fan.size)
-        near = near.clip(0, fan.size - 1)
-        z = (gamma - fan[near]) / self._width
-        kernel = np.exp(-0.5 * z * z) / (math.sqrt(TAU) * self._width) * inside
-        borders = np.arange(gamma.size + 1) * self._taps.size
-        real = turned.view(np.float64)
-        smoothed, slope = (
-            csr_array((values.ravel(), near.ravel(), borders), shape=(gamma.size, fan.size)) @ real
-            for values in (kernel, -z / self._width * kernel)
-        )
-        return smoothed.view(np.complex128), slope.view(np.complex128)
-
-    def _derivatives(self, rays: ComplexArray, by_gamma: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """Derivatives of rays by gamma and chi, (2, pairs, chi): plain, and blurred twice."""
-        both = np.stack([by_gamma, 1j * self._orders * rays])
-        return self._over_chi(both), self._over_chi(both * self._blur**2) * self._used
-
-    def solve(
-        self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool
-    ) -> "Solution":
-        """Gauss-Newton in the free unknowns from the start, inside the reach."""
-        vector, rays = start, self.at(start)
-        for _ in range(STEPS):
-            gram = rays.gram(corrected=corrected)[free, free]
-            if not _is_definite(gram):
-                break
-            moved = vector.copy()
-            moved[free] -= np.linalg.solve(gram, rays.scores().sum(axis=0)[free])
-            moved = np.clip(moved, low, high)
-            spread = np.sqrt(np.diag(rays.covariance(free, corrected=corrected)))
-            small = np.all(np.abs(moved - vector)[free] <= SMALL_STEP * spread)
-            vector, rays = moved, self.at(moved)
-            if small:
-                settled = bool(np.all((vector > low) & (vector < high)))
-                return Solution(vector, settled, self, rays, rays.covariance(free, corrected=corrected), free)
-        unknown = np.full_like(gram, math.inf)
-        return Solution(vector, False, self, rays, unknown, free)  # noqa: FBT003 - a field, named in the class
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """(u_c, tau, SDD) at the end of a fit, whether it came to rest inside the reach, pairs and covariance there."""
-
-    vector: FloatArray
-    settled: bool
-    pairs: Pairs
-    rays: PairedRays
-    free_covariance: FloatArray
-    free: slice
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Of all three; what is not free has zeros."""
-        covariance = np.zeros((3, 3))
-        covariance[self.free, self.free] = self.free_covariance
-        return covariance
-
-    @property
-    def derivatives(self) -> Derivatives:
-        """Those of the pairs with the views' mean, for unknowns that vary with chi."""
-        return self.rays.derivatives.with_mean(self.pairs.mean_by_gamma(self.vector), self.rays.used)
-
-    @property
-    def distance_sensitivity(self) -> FloatArray:
-        """Change of (u_c, tau) per mm of the SDD at which they were fitted, (2,); zeros where it is free."""
-        if self.free == ALL_THREE:
-            return np.zeros(2)
-        gram = self.rays.gram(corrected=True)
-        return np.asarray(-np.linalg.solve(gram[:2, :2], gram[:2, 2]), np.float64)
-
-
-def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
-    """Angles by which a ray at gamma turns per unit of (u_c, tau, SDD): du/dx over du/dgamma, (3, rays)."""
-    _, tau, sdd = vector
-    c = np.cos(gamma + tau)
-    by = np.stack([np.ones_like(gamma), sdd * np.sin(gamma) * np.sin(gamma + tau) / c**2, np.sin(gamma) / c])
-    shifts: FloatArray = by * (c * c / (sdd * math.cos(tau)))
-    return shifts
-
-
-def _is_definite(gram: FloatArray) -> bool:
+def is_definite(gram: FloatArray) -> bool:
+    """Whether a matrix of products is positive definite beyond rounding, whatever the scale of its unknowns."""
     diagonal = np.diag(gram)
     if not np.all(diagonal > 0.0):
         return False
     scale = 1.0 / np.sqrt(diagonal)
     return bool(np.linalg.eigvalsh(gram * np.outer(scale, scale))[0] > 1e-6)
+
+
+def _products(left: FloatArray, right: FloatArray) -> FloatArray:
+    return left.reshape(len(left), -1) @ right.reshape(len(right), -1).T
 
 
 def _signal_share(gram: FloatArray, noisy: FloatArray) -> float:

@@ -1,0 +1,184 @@
+"""Production scans at random for the study of drift: the mean over a log's rows, as a mill's scanner would send it.
+
+The mean of rows is simulated as one image. Up to `SECTIONS` cross-sections of a log are projected exactly and averaged;
+their noise is that of a row over the square root of the number of rows: white, or of counts with the flat fields' own
+and with the bias of -ln at few counts. What stays in every row (slopes of the flat field, gains of views) is not
+averaged. The physics is that of `analytic.project`: monochromatic, no scatter, no blur; beams harden by a parabola.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scanners import SCANNER
+
+from sawmill_worker.tomography.analytic import DetectorCells, project
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+
+SECTIONS = 3
+CELLS = DetectorCells.of(SCANNER)
+STEEL_PER_MM = 0.5
+# Air at either end, in cells.
+AIR = 14
+# Frames of flat fields, whose photon noise all views share.
+FLATS = 10
+MOST_HARDENED = 0.05
+# Ends of the detector against each other, of what the flat fields miss and does not change from log to log.
+MOST_SLOPE, MOST_BEND = 0.03, 0.01
+GAIN = 0.005
+OFF_CENTRE_MM = 20.0
+BOW_MM = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Mill:
+    """A scanner as it stays from log to log: its geometry, the angles of its views, its flat field's error.
+
+    Attributes
+    ----------
+    theta : Theta
+        At the calibration.
+    flat_field : (cells,) float64
+        Added to every ray.
+    photons : float or None
+        In air, a row; None where the noise is white.
+    noise : float
+        White, of a row, as a share of the RMS.
+    encoder_deg : float
+        Amplitude of what the angles are wrong by once a turn.
+    """
+
+    theta: Theta
+    angles_rad: FloatArray
+    turn: str
+    rows: int
+    flat_field: FloatArray
+    photons: float | None
+    noise: float
+    hardened: float
+    encoder_deg: float = 0.0
+
+    @classmethod
+    def random(cls, rng: np.random.Generator, views: int, rows: int, *, encoder_deg: float = 0.0) -> "Mill":
+        """Within the range that the drift check states."""
+        theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
+        turn, angles = _angles(rng, views)
+        across = np.linspace(-0.5, 0.5, SCANNER.num_detector_pixels)
+        slope, bend = rng.uniform(-MOST_SLOPE, MOST_SLOPE), rng.uniform(-MOST_BEND, MOST_BEND)
+        photons = float(10.0 ** rng.uniform(3.5, 4.5)) if rng.uniform() < 0.5 else None
+        return cls(
+            theta,
+            angles,
+            turn,
+            rows,
+            slope * across + bend * (2.0 * across) ** 2,
+            photons,
+            float(rng.uniform(0.01, 0.04)),
+            float(rng.uniform(0.0, MOST_HARDENED)),
+            encoder_deg,
+        )
+
+    def frame(self, drift: "Drift | None" = None) -> SourceFrame:
+        """The geometry, after a drift perhaps."""
+        frame = self.theta.source_frame(SCANNER.source_to_cor_mm)
+        return frame if drift is None else drift.applied(frame)
+
+    def look(
+        self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: str = "none"
+    ) -> tuple[FloatArray, FloatArray]:
+        """A log's line integrals and their standard deviations, (views, cells) each; nails are none, masked or left."""
+        frame, across = self.frame(drift), self.angles_rad
+        true = across + math.radians(self.encoder_deg) * np.cos(across - rng.uniform(0.0, TAU))
+        while True:
+            sections = random_sections(rng, min(self.rows, SECTIONS))
+            bare = np.stack([project(body, CELLS, frame, true, rays_per_cell=4) for body in sections])
+            if not (bare[..., :AIR].any() or bare[..., -AIR:].any()):
+                break
+        bare *= 1.0 - self.hardened * bare / bare.max()
+        rays = bare.mean(axis=0)
+        share = rng.uniform(0.02, 0.06)
+        if nails != "none":
+            steel = project(_nails(rng), CELLS, frame, true, rays_per_cell=4)
+            counted = np.log(self.photons or 1e4)
+            if nails == "masked":  # the rows with a nail are missing where they show it, and differ from the others
+                masked = steel > 0.0
+                rays[masked] += share / (1.0 - share) * (rays - bare[0])[masked]
+            else:
+                rays += share * (np.minimum(bare[0] + steel, counted) - bare[0])
+        if self.photons is None:
+            deviations = np.full_like(rays, self.noise * math.sqrt(float(np.mean(rays**2)) / self.rows))
+        else:
+            deviations = np.sqrt(np.exp(rays) / self.photons / self.rows)
+            rays = rays + 0.5 * np.exp(rays) / self.photons
+            rays = rays + rng.standard_normal(rays.shape[1]) / math.sqrt(FLATS * self.photons * self.rows)
+        gains = 1.0 + GAIN * rng.standard_normal((len(rays), 1))
+        return rays * gains + self.flat_field + deviations * rng.standard_normal(rays.shape), deviations
+
+
+@dataclass(frozen=True)
+class Drift:
+    """What moved: u_c by mm, tau by rad."""
+
+    column_mm: float
+    tilt_rad: float
+
+    def applied(self, frame: SourceFrame) -> SourceFrame:
+        """The geometry afterwards."""
+        return replace(
+            frame, cor_column_mm=frame.cor_column_mm + self.column_mm, tilt_rad=frame.tilt_rad + self.tilt_rad
+        )
+
+
+def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
+    """Cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
+    radius, seed = rng.uniform(80.0, 130.0), int(rng.integers(1 << 30))
+    log = LogModel.random(seed, radius_mm=radius)
+    aspect, shear = rng.uniform(-0.08, 0.08, 2)
+    bark = rng.uniform(0.0, 12.0)
+    off = OFF_CENTRE_MM * math.sqrt(rng.uniform())
+    towards = rng.uniform(0.0, TAU)
+    wet = [_patch(rng, radius) for _ in range(rng.integers(0, 4))]
+    sections = []
+    for height in rng.uniform(30.0, 370.0, number):
+        wood = log.slice_at(float(height))
+        # The model's own nail has no place here.
+        shapes: list[Shape] = [shape for shape in wood.shapes if shape.density < 10.0 * SAPWOOD_PER_MM]
+        shapes += [Disc((0.0, 0.0), radius + bark, 0.7 * SAPWOOD_PER_MM), Disc((0.0, 0.0), radius, -0.7 * SAPWOOD_PER_MM)]
+        body = Phantom("log", (*shapes, *wet)).deformed(aspect, shear)
+        bow = rng.normal(0.0, BOW_MM, 2)
+        sections.append(body.moved(off * math.cos(towards) + bow[0], off * math.sin(towards) + bow[1]))
+    return sections
+
+
+def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
+    """A wet or dry zone, up to 30 % denser or less dense than sapwood."""
+    turn = np.sort(rng.uniform(0.0, TAU, 7))
+    depth, towards = rng.uniform(0.0, 0.6) * radius_mm, rng.uniform(0.0, TAU)
+    size = rng.uniform(0.1, 0.35) * radius_mm
+    corners = [(depth * math.cos(towards) + size * math.cos(t), depth * math.sin(towards) + size * math.sin(t)) for t in turn]
+    return Polygon(tuple(corners), float(rng.uniform(-0.3, 0.3)) * SAPWOOD_PER_MM)
+
+
+def _nails(rng: np.random.Generator) -> Phantom:
+    places = zip(rng.uniform(0.0, TAU, 3), rng.uniform(20.0, 85.0, 3), strict=True)
+    number = int(rng.integers(1, 4))
+    discs = [Disc((d * math.cos(t), d * math.sin(t)), rng.uniform(1.0, 4.0), STEEL_PER_MM) for t, d in places]
+    return Phantom("nails", tuple(discs[:number]))
+
+
+def _angles(rng: np.random.Generator, views: int) -> tuple[str, FloatArray]:
+    """An even turn for the most part; else views lost, at random angles, or over part of the turn."""
+    even = (np.arange(views) + rng.uniform()) * TAU / views
+    chance = rng.uniform()
+    if chance < 0.6:
+        return "even turn", even
+    if chance < 0.75 and views > 10:
+        return "lost views", np.delete(even, rng.choice(views, rng.integers(1, 4), replace=False))
+    if chance < 0.9:
+        return "random angles", np.sort(rng.uniform(0.0, TAU, views))
+    return "part of a turn", even[0] + np.arange(views) * rng.uniform(0.6, 0.9) * TAU / views
+
+
+__all__ = ["Drift", "FanBeamGeometry", "Mill", "random_sections"]

@@ -1,0 +1,138 @@
+"""A full turn of views: whether its steps are small enough, and its rays over every angle.
+
+chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import rfft
+
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.geometry import TAU, FloatArray
+from sawmill_worker.vocabulary import WIDEST_MEASURED_STEP_DEG, WIDEST_STEP_DEG, Rotation
+
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Turn:
+    """A full turn in the Fourier domain of equidistant views.
+
+    Attributes
+    ----------
+    spectrum : (cells, harmonics) complex128
+        From the first harmonic up to below Nyquist's.
+    mean : (cells,) float64
+        The constant harmonic.
+    views : int
+    filled_rad : (views left out,) float64
+        Angles at which there are no data, only what their neighbours suggest.
+    bridged : (cells,) bool
+        Cells without data of their own, likewise.
+    left_out : (views, cells) bool
+        Samples without data of their own, likewise, at equidistant views of which the first stands at `first_rad`.
+    sense : int
+        -1 where the angles are read the other way than `left_out` has them.
+    """
+
+    spectrum: ComplexArray
+    mean: FloatArray
+    views: int
+    filled_rad: FloatArray
+    bridged: NDArray[np.bool_]
+    left_out: NDArray[np.bool_]
+    first_rad: float
+    sense: int = 1
+
+    @classmethod
+    def of(
+        cls,
+        even: FloatArray,
+        first_rad: float,
+        angles_rad: FloatArray,
+        *,
+        usable: NDArray[np.bool_],
+        bridged: NDArray[np.bool_],
+        left_out: NDArray[np.bool_],
+    ) -> "Turn":
+        """Of `even_views`; views (views,), cells (cells,) and samples (views, cells) are at the scan's own angles."""
+        views = len(even)
+        spectrum = rfft(np.ascontiguousarray(even.T), axis=-1)[:, 1 : (views + 1) // 2]
+        orders = np.arange(1, spectrum.shape[1] + 1)
+        missing = np.zeros(even.shape, bool)
+        missing[nearest_view(angles_rad, first_rad, views)] = left_out
+        return cls(
+            np.ascontiguousarray(spectrum * np.exp(-1j * orders * first_rad)),
+            even.mean(axis=0),
+            views,
+            angles_rad[~usable],
+            bridged,
+            missing,
+            first_rad,
+        )
+
+    def read(self, rotation: Rotation) -> "Turn":
+        """As this sense of rotation reads the angles: phi -> -phi is the conjugate of every harmonic."""
+        if rotation is Rotation.AS_GIVEN:
+            return self
+        return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
+
+    def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
+        """The row of `left_out` for each angle as it is read."""
+        return nearest_view(self.sense * angles_rad, self.first_rad, self.views)
+
+
+def nearest_view(angles_rad: FloatArray, first_rad: float, views: int) -> NDArray[np.intp]:
+    """Of equidistant views, of which the first stands at `first_rad`, the index of the one nearest to each angle."""
+    return np.rint((angles_rad - first_rad) * views / TAU).astype(np.intp) % views
+
+
+def even_views(sinogram: FloatArray, angles_rad: FloatArray, usable: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """The sinogram at equidistant angles, as many as views, by periodic cubic splines through the usable ones.
+
+    Returns it, (views, cells), and the first of the angles.
+    """
+    wrapped = np.mod(angles_rad, TAU)
+    first = float(wrapped.min())
+    order = np.flatnonzero(usable)[np.argsort(wrapped[usable], kind="stable")]
+    knots = np.append(wrapped[order], wrapped[order[0]] + TAU)
+    values = np.concatenate([sinogram[order], sinogram[order[:1]]])
+    wanted = first + np.arange(angles_rad.size) * TAU / angles_rad.size
+    # Imported here: it brings half of SciPy, which every other job can do without.
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415
+
+    spline = CubicSpline(knots, values, bc_type="periodic", extrapolate="periodic")
+    return np.asarray(spline(wanted), np.float64), first
+
+
+def opposite_rays_pair(angles_rad: FloatArray) -> bool:
+    """Whether views stand all round in steps so small that every ray has its opposite."""
+    return float(_gaps_deg(angles_rad).max()) <= WIDEST_MEASURED_STEP_DEG
+
+
+def check_full_turn(sinogram: FloatArray, angles_rad: FloatArray) -> None:
+    """Refuse views that do not go all round in small steps, and views that are all the same, as a `DriftError`."""
+    gaps = _gaps_deg(angles_rad)
+    widest, usual = float(gaps.max()), float(np.median(gaps))
+    if widest > WIDEST_MEASURED_STEP_DEG >= usual:
+        raise DriftError(
+            "partial-turn",
+            f"the views leave a gap of {widest:.3g} degrees where their usual distance is {usual:.3g}: opposite rays "
+            f"can be paired only all round the full turn, in steps of {WIDEST_STEP_DEG:g} degrees or less",
+        )
+    if widest > WIDEST_MEASURED_STEP_DEG:
+        raise DriftError(
+            "sparse-views",
+            f"the {angles_rad.size} views stand {usual:.3g} degrees apart: opposite rays can be paired only in steps "
+            f"of {WIDEST_STEP_DEG:g} degrees or less; calibrate with the phantom instead",
+        )
+    if np.ptp(sinogram, axis=0).max() == 0.0:
+        raise DriftError("nothing-seen", "every view of the sinogram is the same: scan a log while it turns")
+
+
+def _gaps_deg(angles_rad: FloatArray) -> FloatArray:
+    wrapped = np.sort(np.mod(angles_rad, TAU))
+    gaps: FloatArray = np.rad2deg(np.diff(wrapped, append=wrapped[0] + TAU))
+    return gaps

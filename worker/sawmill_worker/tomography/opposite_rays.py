@@ -1,0 +1,225 @@
+"""Opposite rays of a full turn as functions of (u_c, tau, SDD), and the fit to what they differ by.
+
+chi is the direction of a ray in the plane, as a parallel beam's angle is counted (docs/geometry.md#drift).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft
+from scipy.ndimage import binary_dilation
+from scipy.sparse import csr_array
+
+from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.full_turn import ComplexArray, Turn
+from sawmill_worker.tomography.geometry import TAU, FloatArray, Scanner
+from sawmill_worker.tomography.paired_rays import Derivatives, PairedRays, fan_angles, is_definite
+
+# Gaussians are cut off here, in widths.
+CUT_OFF = 4.5
+# Pairs stand this many widths of the blur apart, but not closer than cells.
+PAIR_STEP = 0.5
+STEPS = 40
+# A step below this share of the standard deviations is the last one.
+SMALL_STEP = 1e-2
+# A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
+# be more than this share of the pairs.
+CELL_REACH, MOST_TOUCHED = 3.0, 0.5
+# Samples left out count this number of widths of the blur to either side: what stands in them is near to the truth.
+SAMPLE_REACH = 1.0
+# Which of (u_c, tau, SDD) are fitted.
+ALL_THREE, WITHOUT_DISTANCE = slice(0, 3), slice(0, 2)
+
+
+class Pairs:
+    """Paired rays as a function of (u_c, tau, SDD).
+
+    In the Fourier domain of the views the turn by gamma is an exact phase, so views are never interpolated. The blur
+    over cells is even in gamma at fixed chi, so both rays of a pair are blurred alike. The constant harmonic is left
+    out: what every view has in common (errors of the flat field, rings, a background) cannot pass for drift.
+    """
+
+    def __init__(self, scanner: Scanner, turn: Turn, start: FloatArray, blur: tuple[float, float]) -> None:
+        self._scanner, self._turn = scanner, turn
+        self._orders = np.arange(1, turn.spectrum.shape[1] + 1)
+        self._blur = np.exp(-0.5 * (blur[0] * self._orders * TAU / turn.views) ** 2)
+        fan, _ = fan_angles(self._scanner, start)
+        spacing = float(np.median(np.diff(fan)))
+        self._width = blur[1] * spacing
+        self._taps = np.arange(-math.ceil(1.1 * CUT_OFF * blur[1]), math.ceil(1.1 * CUT_OFF * blur[1]) + 1)
+        step = max(1.0, PAIR_STEP * blur[1]) * spacing
+        pairs = int((min(-fan[0], fan[-1]) - 4.0 * self._width) / step)
+        if pairs < 8:
+            raise DriftError(
+                "outside-detector",
+                f"the centre of rotation falls on u = {start[0]:.4g} mm, at the detector's edge or beyond: "
+                "opposite rays need detector on both sides of it",
+            )
+        self.gamma = (np.arange(pairs) + 0.5) * step
+        self._used = self._measured(fan)
+
+    def views_of(self) -> tuple[FloatArray, FloatArray]:
+        """Angle of the view that measured each ray, and each opposite ray, (pairs, chi)."""
+        chi = np.arange(self._turn.views) * TAU / self._turn.views
+        return chi + self.gamma[:, None], chi + math.pi - self.gamma[:, None]
+
+    def _measured(self, fan: FloatArray) -> NDArray[np.bool_]:
+        """Pairs without a ray next to a view or a cell that was left out; cells stay in where they are too many."""
+        step = TAU / self._turn.views
+        used = np.ones((self.gamma.size, self._turn.views), bool)
+        for angles in self.views_of() if self._turn.filled_rad.size else ():
+            for filled in self._turn.filled_rad:
+                used &= np.abs(np.remainder(angles - filled + math.pi, TAU) - math.pi) > step
+        missing = np.abs(fan[self._turn.bridged])
+        touched = (np.abs(self.gamma[:, None] - missing) < CELL_REACH * self._width).any(axis=1)
+        if touched.mean() < MOST_TOUCHED:
+            used[touched] = False
+        touching = self._touching(fan)
+        return used & ~touching if touching.mean() < MOST_TOUCHED else used
+
+    def _touching(self, fan: FloatArray) -> NDArray[np.bool_]:
+        """Pairs (pairs, chi) with a ray at a sample that was left out."""
+        if not self._turn.left_out.any():
+            return np.zeros((self.gamma.size, self._turn.views), bool)
+        reach = round(SAMPLE_REACH * self._width / float(np.median(np.diff(fan))))
+        near = binary_dilation(self._turn.left_out, np.ones((1, 2 * reach + 1), bool))
+        rays = zip(self.views_of(), (self.gamma, -self.gamma), strict=True)
+        here, there = (
+            near[self._turn.nearest_view(angles), np.searchsorted(fan, gamma).clip(0, fan.size - 1)[:, None]]
+            for angles, gamma in rays
+        )
+        touching: NDArray[np.bool_] = here | there
+        return touching
+
+    def at(self, vector: FloatArray) -> PairedRays:
+        """The pairs with this geometry."""
+        rays, opposite, slope, opposite_slope = self._both_sides(vector)
+        half_sum, difference = 0.5 * (rays + opposite), rays - opposite
+        # A ray's derivative by gamma at fixed view is that at fixed chi less that by chi. The opposite has the first
+        # with its sign turned and the second as it is.
+        near, opposed = _shifts(vector, self.gamma)[:, :, None], _shifts(vector, -self.gamma)[:, :, None]
+        derivatives = Derivatives(
+            *self._derivatives(half_sum, 0.5 * (slope + opposite_slope)),
+            *self._derivatives(0.5 * difference, 0.5 * (slope - opposite_slope)),
+        )
+        blurred = (self._over_chi(rays * self._blur) * self._used for rays in (difference, half_sum))
+        residual, signal = (float(np.sum(rays**2)) for rays in blurred)
+        return PairedRays(
+            self._over_chi(difference),
+            *derivatives.slopes(near + opposed, opposed - near),
+            self._used,
+            math.sqrt(residual / signal),
+            derivatives,
+        )
+
+    def _both_sides(self, vector: FloatArray) -> tuple[ComplexArray, ComplexArray, ComplexArray, ComplexArray]:
+        """Rays and opposite rays (pairs, harmonics) over chi, and the derivatives of both by the rays' gamma."""
+        fan, covered = fan_angles(self._scanner, vector)
+        turned = self._turn.spectrum * np.exp(1j * np.outer(fan, self._orders)) * covered[:, None]
+        rays, slope = self._side(turned, fan, 1.0)
+        opposite, opposite_slope = self._side(turned, fan, -1.0)
+        half_turn = np.where(self._orders % 2, -1.0, 1.0)
+        return rays, half_turn * opposite, slope, -half_turn * opposite_slope
+
+    def mean_by_gamma(self, vector: FloatArray) -> FloatArray:
+        """The derivative by gamma (pairs,) of half the sums of opposite rays of the views' mean.
+
+        An unknown that is the same at every chi does not need it; one that varies with chi does.
+        """
+        fan, covered = fan_angles(self._scanner, vector)
+        mean = (self._turn.mean * covered)[:, None].astype(np.complex128)
+        (_, slope), (_, opposite) = (self._side(mean, fan, side) for side in (1.0, -1.0))
+        half: FloatArray = 0.5 * (slope - opposite)[:, 0].real
+        return half
+
+    def _over_chi(self, harmonics: ComplexArray) -> FloatArray:
+        """(..., harmonics) as (..., views) over chi."""
+        spectrum = np.zeros((*harmonics.shape[:-1], self._turn.views // 2 + 1), np.complex128)
+        spectrum[..., 1 : self._orders.size + 1] = harmonics
+        values: FloatArray = irfft(spectrum, self._turn.views, axis=-1, overwrite_x=True)
+        return values
+
+    def _side(self, turned: ComplexArray, fan: FloatArray, side: float) -> tuple[ComplexArray, ComplexArray]:
+        """P(chi + gamma, u(gamma)) at plus or minus the pairs' gamma, and its derivative by gamma at fixed chi."""
+        gamma = side * self.gamma[:, None]
+        near = np.searchsorted(fan, gamma) + self._taps
+        inside = (near >= 0) & (near < fan.size)
+        near = near.clip(0, fan.size - 1)
+        z = (gamma - fan[near]) / self._width
+        kernel = np.exp(-0.5 * z * z) / (math.sqrt(TAU) * self._width) * inside
+        borders = np.arange(gamma.size + 1) * self._taps.size
+        real = turned.view(np.float64)
+        smoothed, slope = (
+            csr_array((values.ravel(), near.ravel(), borders), shape=(gamma.size, fan.size)) @ real
+            for values in (kernel, -z / self._width * kernel)
+        )
+        return smoothed.view(np.complex128), slope.view(np.complex128)
+
+    def _derivatives(self, rays: ComplexArray, by_gamma: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of rays by gamma and chi, (2, pairs, chi): plain, and blurred twice."""
+        both = np.stack([by_gamma, 1j * self._orders * rays])
+        return self._over_chi(both), self._over_chi(both * self._blur**2) * self._used
+
+    def solve(
+        self, start: FloatArray, low: FloatArray, high: FloatArray, *, free: slice, corrected: bool
+    ) -> "Solution":
+        """Gauss-Newton in the free unknowns from the start, inside the reach."""
+        vector, rays = start, self.at(start)
+        for _ in range(STEPS):
+            gram = rays.gram(corrected=corrected)[free, free]
+            if not is_definite(gram):
+                break
+            moved = vector.copy()
+            moved[free] -= np.linalg.solve(gram, rays.scores().sum(axis=0)[free])
+            moved = np.clip(moved, low, high)
+            spread = np.sqrt(np.diag(rays.covariance(free, corrected=corrected)))
+            small = np.all(np.abs(moved - vector)[free] <= SMALL_STEP * spread)
+            vector, rays = moved, self.at(moved)
+            if small:
+                settled = bool(np.all((vector > low) & (vector < high)))
+                return Solution(vector, settled, self, rays, rays.covariance(free, corrected=corrected), free)
+        unknown = np.full_like(gram, math.inf)
+        return Solution(vector, False, self, rays, unknown, free)  # noqa: FBT003 - a field, named in the class
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """(u_c, tau, SDD) at the end of a fit, whether it came to rest inside the reach, pairs and covariance there."""
+
+    vector: FloatArray
+    settled: bool
+    pairs: Pairs
+    rays: PairedRays
+    free_covariance: FloatArray
+    free: slice
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of all three; what is not free has zeros."""
+        covariance = np.zeros((3, 3))
+        covariance[self.free, self.free] = self.free_covariance
+        return covariance
+
+    @property
+    def derivatives(self) -> Derivatives:
+        """Those of the pairs with the views' mean, for unknowns that vary with chi."""
+        return self.rays.derivatives.with_mean(self.pairs.mean_by_gamma(self.vector), self.rays.used)
+
+    @property
+    def distance_sensitivity(self) -> FloatArray:
+        """Change of (u_c, tau) per mm of the SDD at which they were fitted, (2,); zeros where it is free."""
+        if self.free == ALL_THREE:
+            return np.zeros(2)
+        gram = self.rays.gram(corrected=True)
+        return np.asarray(-np.linalg.solve(gram[:2, :2], gram[:2, 2]), np.float64)
+
+
+def _shifts(vector: FloatArray, gamma: NDArray[np.floating]) -> FloatArray:
+    """Angles by which a ray at gamma turns per unit of (u_c, tau, SDD): du/dx over du/dgamma, (3, rays)."""
+    _, tau, sdd = vector
+    c = np.cos(gamma + tau)
+    by = np.stack([np.ones_like(gamma), sdd * np.sin(gamma) * np.sin(gamma + tau) / c**2, np.sin(gamma) / c])
+    shifts: FloatArray = by * (c * c / (sdd * math.cos(tau)))
+    return shifts
