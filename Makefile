@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -131,6 +131,10 @@ bench-misspecified: install-dev
 # Hours; goes on where it stopped. OPTIONS: --scans N, --only EFFECT, --out FILE.
 bench-mill: install-dev
 	@$(BIN)/python benchmarks/mill.py $(OPTIONS)
+
+# Do the intervals of one drift look hold? OPTIONS: --logs, --views, --rows, --encoder, --nails.
+study-drift: install-dev
+	@$(BIN)/python benchmarks/drift_coverage.py $(OPTIONS)
 
 bench-drift: install-dev
 	@$(BIN)/python benchmarks/drift.py

@@ -8,18 +8,24 @@ averaged. The physics is that of `analytic.project`: monochromatic, no scatter, 
 
 import math
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scanners import SCANNER
 
 from sawmill_worker.tomography.analytic import DetectorCells, project
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray, SourceFrame, Theta
+from sawmill_worker.tomography.geometry import TAU, FloatArray, SourceFrame, Theta
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
 
+Nails = Literal["none", "masked", "left"]
+# Cross-sections of a log that are averaged.
 SECTIONS = 3
 CELLS = DetectorCells.of(SCANNER)
 STEEL_PER_MM = 0.5
+BARK_PER_MM = 0.7 * SAPWOOD_PER_MM
+# The largest line integral that is left of the counts behind a nail.
+STARVED = 9.0
 # Air at either end, in cells.
 AIR = 14
 # Frames of flat fields, whose photon noise all views share.
@@ -29,6 +35,7 @@ MOST_HARDENED = 0.05
 MOST_SLOPE, MOST_BEND = 0.03, 0.01
 GAIN = 0.005
 OFF_CENTRE_MM = 20.0
+MOST_RADIUS_MM, MOST_BARK_MM = 130.0, 12.0
 BOW_MM = 1.0
 
 
@@ -63,7 +70,7 @@ class Mill:
     @classmethod
     def random(cls, rng: np.random.Generator, views: int, rows: int, *, encoder_deg: float = 0.0) -> "Mill":
         """Within the range that the drift check states."""
-        theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
+        theta = _theta(rng)
         turn, angles = _angles(rng, views)
         across = np.linspace(-0.5, 0.5, SCANNER.num_detector_pixels)
         slope, bend = rng.uniform(-MOST_SLOPE, MOST_SLOPE), rng.uniform(-MOST_BEND, MOST_BEND)
@@ -85,36 +92,26 @@ class Mill:
         frame = self.theta.source_frame(SCANNER.source_to_cor_mm)
         return frame if drift is None else drift.applied(frame)
 
-    def look(
-        self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: str = "none"
-    ) -> tuple[FloatArray, FloatArray]:
-        """A log's line integrals and their standard deviations, (views, cells) each; nails are none, masked or left."""
-        frame, across = self.frame(drift), self.angles_rad
-        true = across + math.radians(self.encoder_deg) * np.cos(across - rng.uniform(0.0, TAU))
-        while True:
-            sections = random_sections(rng, min(self.rows, SECTIONS))
-            bare = np.stack([project(body, CELLS, frame, true, rays_per_cell=4) for body in sections])
-            if not (bare[..., :AIR].any() or bare[..., -AIR:].any()):
-                break
+    def look(self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: Nails = "none") -> FloatArray:
+        """A log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
+        frame, stated = self.frame(drift), self.angles_rad
+        # Where a log is put on the turntable is as random as the phase.
+        true = stated + math.radians(self.encoder_deg) * np.cos(stated)
+        sections = random_sections(rng, min(self.rows, SECTIONS))
+        bare = np.stack([project(body, CELLS, frame, true, rays_per_cell=4) for body in sections])
         bare *= 1.0 - self.hardened * bare / bare.max()
         rays = bare.mean(axis=0)
-        share = rng.uniform(0.02, 0.06)
         if nails != "none":
-            steel = project(_nails(rng), CELLS, frame, true, rays_per_cell=4)
-            counted = np.log(self.photons or 1e4)
-            if nails == "masked":  # the rows with a nail are missing where they show it, and differ from the others
-                masked = steel > 0.0
-                rays[masked] += share / (1.0 - share) * (rays - bare[0])[masked]
-            else:
-                rays += share * (np.minimum(bare[0] + steel, counted) - bare[0])
+            rays += _of_nails(rng, rays, bare[0], frame, true, masked=nails == "masked")
         if self.photons is None:
-            deviations = np.full_like(rays, self.noise * math.sqrt(float(np.mean(rays**2)) / self.rows))
+            deviation = np.full_like(rays, self.noise * math.sqrt(float(np.mean(rays**2)) / self.rows))
         else:
-            deviations = np.sqrt(np.exp(rays) / self.photons / self.rows)
-            rays = rays + 0.5 * np.exp(rays) / self.photons
-            rays = rays + rng.standard_normal(rays.shape[1]) / math.sqrt(FLATS * self.photons * self.rows)
+            thin = np.exp(rays) / self.photons
+            deviation = np.sqrt(thin / self.rows)
+            # -ln of few counts is too large by half their relative variance; the flat fields have noise of their own.
+            rays += 0.5 * thin + rng.standard_normal(rays.shape[1]) / math.sqrt(FLATS * self.photons * self.rows)
         gains = 1.0 + GAIN * rng.standard_normal((len(rays), 1))
-        return rays * gains + self.flat_field + deviations * rng.standard_normal(rays.shape), deviations
+        return rays * gains + self.flat_field + deviation * rng.standard_normal(rays.shape)
 
 
 @dataclass(frozen=True)
@@ -133,10 +130,10 @@ class Drift:
 
 def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
     """Cross-sections of one log: elliptic, with bark, wet zones and knots, off centre, and a little bowed."""
-    radius, seed = rng.uniform(80.0, 130.0), int(rng.integers(1 << 30))
+    radius, seed = rng.uniform(80.0, MOST_RADIUS_MM), int(rng.integers(1 << 30))
     log = LogModel.random(seed, radius_mm=radius)
     aspect, shear = rng.uniform(-0.08, 0.08, 2)
-    bark = rng.uniform(0.0, 12.0)
+    bark = rng.uniform(0.0, MOST_BARK_MM)
     off = OFF_CENTRE_MM * math.sqrt(rng.uniform())
     towards = rng.uniform(0.0, TAU)
     wet = [_patch(rng, radius) for _ in range(rng.integers(0, 4))]
@@ -145,11 +142,22 @@ def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
         wood = log.slice_at(float(height))
         # The model's own nail has no place here.
         shapes: list[Shape] = [shape for shape in wood.shapes if shape.density < 10.0 * SAPWOOD_PER_MM]
-        shapes += [Disc((0.0, 0.0), radius + bark, 0.7 * SAPWOOD_PER_MM), Disc((0.0, 0.0), radius, -0.7 * SAPWOOD_PER_MM)]
+        outside, inside = (Disc((0.0, 0.0), size, BARK_PER_MM) for size in (radius + bark, radius))
+        shapes += [outside, replace(inside, density=-BARK_PER_MM)]
         body = Phantom("log", (*shapes, *wet)).deformed(aspect, shear)
         bow = rng.normal(0.0, BOW_MM, 2)
         sections.append(body.moved(off * math.cos(towards) + bow[0], off * math.sin(towards) + bow[1]))
     return sections
+
+
+def _theta(rng: np.random.Generator) -> Theta:
+    """A scanner on whose detector the largest log that is farthest off centre leaves air at both ends."""
+    while True:
+        theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
+        largest = Phantom("largest", (Disc((0.0, 0.0), 1.1 * (MOST_RADIUS_MM + MOST_BARK_MM) + OFF_CENTRE_MM),))
+        shadow = project(largest, CELLS, theta.source_frame(SCANNER.source_to_cor_mm), np.zeros(1), rays_per_cell=1)
+        if not (shadow[:, :AIR].any() or shadow[:, -AIR:].any()):
+            return theta
 
 
 def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
@@ -157,15 +165,24 @@ def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:
     turn = np.sort(rng.uniform(0.0, TAU, 7))
     depth, towards = rng.uniform(0.0, 0.6) * radius_mm, rng.uniform(0.0, TAU)
     size = rng.uniform(0.1, 0.35) * radius_mm
-    corners = [(depth * math.cos(towards) + size * math.cos(t), depth * math.sin(towards) + size * math.sin(t)) for t in turn]
-    return Polygon(tuple(corners), float(rng.uniform(-0.3, 0.3)) * SAPWOOD_PER_MM)
+    x, y = depth * math.cos(towards), depth * math.sin(towards)
+    corners = tuple((x + size * math.cos(t), y + size * math.sin(t)) for t in turn.tolist())
+    return Polygon(corners, float(rng.uniform(-0.3, 0.3)) * SAPWOOD_PER_MM)
 
 
-def _nails(rng: np.random.Generator) -> Phantom:
-    places = zip(rng.uniform(0.0, TAU, 3), rng.uniform(20.0, 85.0, 3), strict=True)
-    number = int(rng.integers(1, 4))
-    discs = [Disc((d * math.cos(t), d * math.sin(t)), rng.uniform(1.0, 4.0), STEEL_PER_MM) for t, d in places]
-    return Phantom("nails", tuple(discs[:number]))
+def _of_nails(
+    rng: np.random.Generator, rays: FloatArray, row: FloatArray, frame: SourceFrame, true: FloatArray, *, masked: bool
+) -> FloatArray:
+    """What nails in a few per cent of the rows change in the mean (views, cells) of all."""
+    places = zip(rng.uniform(0.0, TAU, 3), rng.uniform(20.0, 80.0, 3), rng.uniform(1.0, 4.0, 3), strict=True)
+    discs = tuple(Disc((d * math.cos(t), d * math.sin(t)), r, STEEL_PER_MM) for t, d, r in places)
+    steel = project(Phantom("nails", discs[: rng.integers(1, 4)]), CELLS, frame, true, rays_per_cell=4)
+    share = rng.uniform(0.02, 0.06)
+    if not masked:
+        # Behind a nail the counts starve.
+        return share * (np.minimum(row + steel, STARVED) - row)
+    # Where they show a nail these rows are missing, and the others differ from them.
+    return np.where(steel > 0.0, share / (1.0 - share) * (rays - row), 0.0)
 
 
 def _angles(rng: np.random.Generator, views: int) -> tuple[str, FloatArray]:
@@ -179,6 +196,3 @@ def _angles(rng: np.random.Generator, views: int) -> tuple[str, FloatArray]:
     if chance < 0.9:
         return "random angles", np.sort(rng.uniform(0.0, TAU, views))
     return "part of a turn", even[0] + np.arange(views) * rng.uniform(0.6, 0.9) * TAU / views
-
-
-__all__ = ["Drift", "FanBeamGeometry", "Mill", "random_sections"]

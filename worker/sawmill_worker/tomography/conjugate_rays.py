@@ -24,6 +24,7 @@ from sawmill_worker.tomography.disturbances import (
 from sawmill_worker.tomography.drift import ConjugateFit, LogMovement, better_sense, seen_vector
 from sawmill_worker.tomography.full_turn import Turn, check_full_turn, even_views, nearest_view
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
+from sawmill_worker.tomography.levelled_rays import fitted_air
 from sawmill_worker.tomography.log_movement import log_movement
 from sawmill_worker.tomography.metal import MetalSearch
 from sawmill_worker.tomography.object_extent import object_radius_mm
@@ -73,9 +74,11 @@ def conjugate_fit(
     lines, metal, without_metal = _without_metal(
         scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
     )
+    # Opposite rays cancel a flat field that slopes, but the gains of the views would follow it.
+    air = fitted_air(lines[screening.views])
     scan = _Scan(
         scanner,
-        lines,
+        lines if air is None else lines - air.of_all_views,
         angles_rad,
         screening.views,
         ~screening.cells,

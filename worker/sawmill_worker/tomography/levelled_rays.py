@@ -40,6 +40,60 @@ class LevelledRays(NamedTuple):
     cell_variance: float
 
 
+class AirFit(NamedTuple):
+    """What the air on both sides says of a scan.
+
+    Attributes
+    ----------
+    cells : (detector,) bool
+        Air in every view.
+    patterns : (3, detector) float64
+        A slope, a curvature and a cubic over the detector, and their amplitudes.
+    amplitudes : (3,) float64
+    levels : (views,) float64
+    covariance : (views + 3, views + 3) float64
+        Of levels and amplitudes, for rays whose variance is 1.
+    """
+
+    cells: NDArray[np.bool_]
+    patterns: FloatArray
+    amplitudes: FloatArray
+    levels: FloatArray
+    covariance: FloatArray
+
+    @property
+    def of_all_views(self) -> FloatArray:
+        """What the flat field adds to the rays of every view, (detector,), apart from a level."""
+        return self.amplitudes @ self.patterns
+
+
+def fitted_air(sinogram: FloatArray, scale: FloatArray | float = 1.0) -> AirFit | None:
+    """Least squares with a level of each view and three patterns of all; None without air at both ends, or a log.
+
+    Parameters
+    ----------
+    sinogram : (views, detector) float64
+        Line integrals without faulty cells and corrupt views.
+    scale : (views, 1) float64
+        The noise of each view against the others': air is found by how it scatters.
+    """
+    air = find_air((sinogram / scale).astype(np.float32))
+    if air is None or air.cells.all() or not (air.cells[0] and air.cells[-1]):
+        return None
+    views = len(sinogram)
+    across = np.linspace(-1.0, 1.0, air.cells.size)
+    patterns = np.stack([across, across**2, across**3])
+    means = patterns[:, air.cells].mean(axis=1)
+    # The patterns come from what is left without the levels, which share their error.
+    centred = patterns[:, air.cells] - means[:, None]
+    of_patterns = np.linalg.inv(centred @ centred.T) / views
+    amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
+    levels = sinogram[:, air.cells].mean(axis=1) - amplitudes @ means
+    crossed = np.tile(-(of_patterns @ means)[:, None], views)
+    of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
+    return AirFit(air.cells, patterns, amplitudes, levels, np.block([[of_levels, crossed.T], [crossed, of_patterns]]))
+
+
 def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) -> LevelledRays:
     """The log's rays less each view's level and the patterns of all views, as the air on both sides has them.
 
@@ -55,38 +109,29 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
     DriftError
         If the log reaches an end of the detector, or there is no log.
     """
-    # Air is found by how it scatters, alike in every view.
     scale = 1.0 if deviations is None else np.median(deviations, axis=1, keepdims=True) / np.median(deviations)
-    air = find_air((sinogram / scale).astype(np.float32))
-    if air is None or not (air.cells[0] and air.cells[-1]):
-        raise DriftError(
-            "log-cut-off",
-            "the log reaches an end of the detector: pairs of views need air on both sides of it in every view",
-        )
-    if air.cells.all():
-        raise DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
-    views, log = len(sinogram), ~air.cells
-    across = np.linspace(-1.0, 1.0, log.size)
-    patterns = np.stack([across, across**2, across**3])
-    means = patterns[:, air.cells].mean(axis=1)
-    # Least squares with a level of each view: the patterns come from what is left without the levels.
-    centred = patterns[:, air.cells] - means[:, None]
-    of_patterns = np.linalg.inv(centred @ centred.T) / views
-    amplitudes = of_patterns @ (centred @ sinogram[:, air.cells].sum(axis=0))
-    levels = sinogram[:, air.cells].mean(axis=1) - amplitudes @ means
-    # The levels share the error of the patterns.
-    crossed = np.tile(-(of_patterns @ means)[:, None], views)
-    of_levels = np.eye(views) / int(air.cells.sum()) + means @ of_patterns @ means
-    left = sinogram[:, air.cells] - levels[:, None] - amplitudes @ patterns[:, air.cells]
-    in_air, cell_variance = _scatter(left)
+    air = fitted_air(sinogram, scale)
+    if air is None:
+        raise _no_air(sinogram)
+    levelled = sinogram - air.levels[:, None] - air.of_all_views
+    in_air, cell_variance = _scatter(levelled[:, air.cells])
     if deviations is not None:
         in_air = float(np.sqrt(np.mean(deviations[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
-    covariance = noise**2 * np.block([[of_levels, crossed.T], [crossed, of_patterns]])
-    patterns = patterns[:, log]
-    rays = sinogram[:, log] - levels[:, None] - amplitudes @ patterns
+    log = ~air.cells
+    rays = levelled[:, log]
     variance = _variance(rays, noise) if deviations is None else deviations[:, log] ** 2
-    return LevelledRays(rays, variance, log, patterns, covariance, cell_variance)
+    return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, cell_variance)
+
+
+def _no_air(sinogram: FloatArray) -> DriftError:
+    air = find_air(sinogram.astype(np.float32))
+    if air is not None and air.cells.all():
+        return DriftError("nothing-seen", "there is air in every cell and no log: scan a log while it turns")
+    return DriftError(
+        "log-cut-off",
+        "the log reaches an end of the detector: pairs of views need air on both sides of it in every view",
+    )
 
 
 def _scatter(air: FloatArray) -> tuple[float, float]:
