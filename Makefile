@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 WORKERS ?= 3
 PIP := $(BIN)/python -m pip --disable-pip-version-check install --quiet --constraint constraints.txt
 
-.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
+.PHONY: install install-dev demo check test texts study study-calibration study-readers study-contract study-wheel study-run-lengths lint openapi release-contract clients bench bench-scanners bench-coverage bench-misspecified bench-mill bench-unsteady bench-seeds bench-drift bench-speed bench-http bench-upload bench-viewer bench-pages bench-job-price bench-fbp bench-memory study-load paper bench-preparing bench-iterative bench-choosing study-logs study-drift faults faults-folder screenshots bundle try-bundle clean
 
 install: $(VENV)/.installed
 install-dev: $(VENV)/.installed-dev
@@ -64,6 +64,11 @@ study-contract: install-dev
 
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py
+
+# Errors of 3 000 simulated looks, about ten minutes, and then the drift chart's run lengths with them, about fifteen.
+study-run-lengths: install-dev
+	@$(BIN)/python benchmarks/look_errors.py
+	@$(BIN)/python benchmarks/run_lengths.py
 
 openapi: install
 	@$(BIN)/sawmill openapi

@@ -1,15 +1,25 @@
 """Steps and trends of a history against least squares by hand and by a dense design matrix."""
 
+import math
+
 import numpy as np
 import pytest
 
 from sawmill_worker.tomography.drift_chart.alternatives import FEWEST_OF_A_TREND, steps_and_trends
 from sawmill_worker.tomography.drift_chart.history import History
-from sawmill_worker.tomography.drift_chart.scatter import Scatter
+from sawmill_worker.tomography.drift_chart.scatter import BELIEVED, Scatter
 from sawmill_worker.tomography.drift_chart.segments import OF_EACH_SIZE
 
-NO_SCATTER, NOTHING = np.eye(2), np.zeros((2, 2))
+NOTHING = np.zeros((2, 2))
 NOISE = np.random.default_rng(4)
+
+
+def scattering(*ratio):
+    """As an endless history has shown."""
+    return Scatter(10**12, 1e12 * np.diag(ratio), np.zeros(2), np.eye(2))
+
+
+NO_SCATTER = scattering(1.0, 1.0)
 
 
 def covariances(number):
@@ -31,7 +41,7 @@ def test_one_group_after_the_baseline_by_hand():
     history = history_of([0.0, 1.0], np.array([[1.0, 0.0], [4.0, 0.0]]), np.array([np.eye(2), 3.0 * np.eye(2)]))
     steps, trends = steps_and_trends((history.baseline, *history.segments), NO_SCATTER, 5.0 * np.eye(2))
     np.testing.assert_allclose(steps.change, [[3.0, 0.0]])
-    np.testing.assert_allclose(steps.covariance, [9.0 * np.eye(2)])
+    np.testing.assert_allclose(steps.covariance, [9.0 * np.eye(2)], atol=1e-6)
     assert steps.likelihood == pytest.approx(9.0 / 4.0)
     assert steps.evidence == pytest.approx(9.0 / 9.0)
     assert trends.evidence == pytest.approx(0.0)  # one group is no trend
@@ -87,10 +97,10 @@ def test_evidence_counts_less_in_the_direction_in_which_looks_scatter_more():
     history = history_of(np.arange(12.0), means, spread)
     segments = (history.baseline, *history.segments)
     believed, _ = steps_and_trends(segments, NO_SCATTER, NOTHING)
-    doubted, _ = steps_and_trends(segments, np.diag([4.0, 1.0]), NOTHING)
+    doubted, _ = steps_and_trends(segments, scattering(4.0, 1.0), NOTHING)
     parts = believed.change**2 / np.diagonal(believed.covariance, axis1=-2, axis2=-1)
-    np.testing.assert_allclose(doubted.evidence, parts @ [0.25, 1.0])
-    np.testing.assert_allclose(doubted.covariance[0], believed.covariance[0] * np.diag([4.0, 1.0]))
+    np.testing.assert_allclose(doubted.evidence, parts @ [0.25, 1.0], rtol=1e-5)
+    np.testing.assert_allclose(doubted.covariance[0], believed.covariance[0] * np.diag([4.0, 1.0]), rtol=1e-6)
 
 
 def test_a_long_history_keeps_few_segments_and_all_of_its_sums():
@@ -118,3 +128,16 @@ def test_scatter_is_found_by_direction_and_moved_by_neither_jump_nor_trend():
     sliding = errors + 0.02 * np.arange(size)[:, None]
     for moved in (jumping, sliding):
         np.testing.assert_allclose(Scatter.of_looks(moved, covariance).ratio, ratio, atol=0.2)
+
+
+def test_evidence_by_a_scatter_that_few_looks_have_shown_is_as_rare_as_it_says():
+    """Normal means against a covariance that is estimated from 30 of them; SHARED makes successive ones 20."""
+    rng, size, shown = np.random.default_rng(5), 40_000, 30
+    freedom = 20
+    estimated = rng.standard_normal((size, freedom, 2))
+    precision = np.linalg.inv(np.swapaxes(estimated, -1, -2) @ estimated / freedom)
+    apart = rng.standard_normal((size, 2))
+    distance = np.einsum("ki,kij,kj->k", apart, precision, apart)
+    evidence = Scatter(shown - BELIEVED, np.eye(2), np.zeros(2), np.eye(2)).chi_squared(distance)
+    for limit in (4.0, 8.0, 12.0):
+        assert np.mean(evidence > limit) == pytest.approx(math.exp(-0.5 * limit), rel=0.25)

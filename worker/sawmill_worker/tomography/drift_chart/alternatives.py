@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sawmill_worker.tomography.drift_chart.matrices import inverse, sandwich, scaled, squared_length, times
+from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.drift_chart.segments import Segment, moved
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -34,7 +35,7 @@ class Alternatives:
     likelihood : (candidates, ...) float64
         Twice the logarithm of the likelihood ratio against no change, by the looks' errors alone.
     evidence : (candidates, ...) float64
-        Chi-squared of the change by its covariance: the chart's statistic.
+        Chi-squared of the change by its covariance (`Scatter.chi_squared`): the chart's statistic.
     """
 
     began_days: FloatArray
@@ -44,15 +45,18 @@ class Alternatives:
     evidence: FloatArray
 
     @classmethod
-    def of(cls, began: FloatArray, change: FloatArray, own: FloatArray, quiet: FloatArray) -> "Alternatives":
-        """With the change's own covariance, and that which changes of a quiet scanner have."""
+    def of(
+        cls, began: FloatArray, change: FloatArray, own: FloatArray, scatter: Scatter, quiet: FloatArray
+    ) -> "Alternatives":
+        """With the change's own covariance as looks give it, and that which changes of a quiet scanner have."""
+        own = scaled(own, scatter.ratio)
         covariance = own + quiet
-        likelihood = squared_length(change, inverse(own))
-        return cls(began, change, covariance, likelihood, squared_length(change, inverse(covariance)))
+        distance = squared_length(change, inverse(covariance))
+        return cls(began, change, covariance, squared_length(change, inverse(own)), scatter.chi_squared(distance))
 
 
 def steps_and_trends(
-    segments: Sequence[Segment], ratio: FloatArray, quiet: FloatArray
+    segments: Sequence[Segment], scatter: Scatter, quiet: FloatArray
 ) -> tuple[Alternatives, Alternatives]:
     """Both models.
 
@@ -60,8 +64,8 @@ def steps_and_trends(
     ----------
     segments : of (...)
         Oldest first, two or more; none but the first is before the first candidate.
-    ratio : (..., 2, 2) float64
-        What a whitened covariance is in truth, as `Scatter.ratio`.
+    scatter : Scatter of (...)
+        What enlarges the covariances that looks give.
     quiet : (2, 2) float64
         Covariance of changes from one time to another that are none of the geometry's.
     """
@@ -78,7 +82,7 @@ def steps_and_trends(
 
     before_covariance, after_covariance = inverse(before), inverse(rest[..., 0, :, :])
     step = times(after_covariance, weighted_rest[..., 0, :]) - times(before_covariance, weighted_before)
-    steps = Alternatives.of(began, step, scaled(before_covariance + after_covariance, ratio), quiet)
+    steps = Alternatives.of(began, step, before_covariance + after_covariance, scatter, quiet)
 
     span = now - began
     ago = span[..., None, None]
@@ -94,4 +98,4 @@ def steps_and_trends(
     over_span = np.divide(1.0, ago**2, out=np.zeros_like(ago), where=ago > 0.0)
     groups = np.cumsum([segment.groups for segment in segments[:0:-1]])[::-1]
     slope[groups < FEWEST_OF_A_TREND] = 0.0
-    return steps, Alternatives.of(began, slope, scaled(slope_covariance, ratio), quiet * over_span)
+    return steps, Alternatives.of(began, slope, slope_covariance, scatter, quiet * over_span)

@@ -18,7 +18,7 @@ from sawmill_worker.tomography.geometry import FloatArray
 # Looks that are pooled before they are judged: 7 minutes of a day of 2 000 logs, and four outliers of ten do no harm.
 GROUP_LOOKS = 10
 # Evidence above this is an alarm. Simulated: `make study-run-lengths`, docs/drift-chart.md.
-LIMIT = 40.0
+LIMIT = 30.0
 # Standard deviations of u_c (mm) and tau (rad) between times at which other logs are sawn on an unchanged scanner.
 QUIET_DEVIATION = (0.002, 5e-5)
 QUIET = np.diag(np.square(QUIET_DEVIATION))

@@ -37,4 +37,4 @@ class History:
 
     def alternatives(self, quiet: FloatArray) -> tuple[Alternatives, Alternatives]:
         """Steps and trends, as `steps_and_trends`; there must be a segment."""
-        return steps_and_trends((self.baseline, *self.segments), self.scatter.ratio, quiet)
+        return steps_and_trends((self.baseline, *self.segments), self.scatter, quiet)

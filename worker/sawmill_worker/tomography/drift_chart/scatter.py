@@ -10,7 +10,9 @@ from sawmill_worker.tomography.geometry import FloatArray
 # A difference whose chi-squared of 2 degrees of freedom is larger counts as one of this: 1 of 400 is normal.
 LARGEST = 12.0
 # Covariances are believed as if this number of differences had shown them to be right.
-BELIEVED = 10
+BELIEVED = 5
+# Neighbouring differences share a look: the variance of their mean square is larger by this.
+SHARED = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +59,17 @@ class Scatter:
         more, directions = np.linalg.eigh(self._found)
         ratio: FloatArray = np.einsum("...ik,...k,...jk->...ij", directions, np.maximum(more, 1.0), directions)
         return ratio
+
+    def chi_squared(self, distance: FloatArray) -> FloatArray:
+        """A squared length by covariances of this scatter as the chi-squared of 2 degrees of freedom that is as rare.
+
+        The scatter is an estimate: what is large by it may also be so because it is too small. Hotelling (1931, Annals
+        of Mathematical Statistics 2, 360): with f degrees of freedom x^2 is beyond t with the probability
+        (1 + t / f)^(-(f - 1) / 2), and chi-squared is beyond c with exp(-c / 2).
+        """
+        freedom = (BELIEVED + self.differences) / SHARED
+        alike: FloatArray = (freedom - 1.0) * np.log1p(distance / freedom)
+        return alike
 
     @property
     def _found(self) -> FloatArray:
