@@ -225,9 +225,7 @@ def main() -> None:
     quantiles = np.quantile(np.linalg.norm(errors.shape, axis=1), [0.5, 0.9, 0.97, 0.99, 0.997])
     size = np.sqrt(0.5 * np.sum(errors.scatter**2, axis=(1, 2)))
     print(f"{len(errors.shape)} looks at {len(errors.scatter)} scanners")
-    print(
-        f"scatter by the covariances: {size.min():.2f} to {size.max():.2f} of a scanner, median {np.median(size):.2f}"
-    )
+    print(f"scatter by the covariances: {size.min():.2f} to {size.max():.2f}, median {np.median(size):.2f}")
     print(f"distances at 50, 90, 97, 99, 99.7 %: {quantiles.round(2)}; normal ones are at 1.18 2.15 2.65 3.03 3.41")
     print(f"exponent of the tail beyond {TAIL:.0%}: {errors.exponent:.1f}")
     batches = [false_alarms(errors, options.scanners, options.days, rng) for _ in range(options.batches)]

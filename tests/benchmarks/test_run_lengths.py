@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import run_lengths
 from run_lengths import LIMITS, Errors, false_alarms, found, of_jump
 
 from sawmill_worker.tomography.drift_chart.chart import DriftKind
@@ -35,20 +36,21 @@ def test_errors_are_drawn_as_they_scatter_and_without_what_stays(errors):
 
 
 def test_alarms_are_rarer_at_higher_limits_and_years_run_until_them(errors):
-    alarms, years = false_alarms(errors, 40, 0.5, np.random.default_rng(3))
+    alarms, years = false_alarms(errors, 40, 0.25, np.random.default_rng(3))
     assert np.all(np.diff(alarms, axis=1) <= 0.0)
     assert np.all(alarms[1] <= alarms[0])
     assert np.all(np.diff(years, axis=1) >= 0.0)
-    assert years.max() <= 40 * 0.5 / 365.0 + 1e-12
+    assert years.max() <= 40 * 0.25 / 365.0 + 1e-12
     assert alarms[0, LIMITS.searchsorted(30.0)] <= 1
 
 
-def test_every_jump_is_found_with_its_time_and_size(errors):
+def test_every_jump_is_found_with_its_time_and_size(errors, monkeypatch):
+    monkeypatch.setattr(run_lengths, "QUIET_DAYS", 0.2)
     findings, early = found(errors, 10, of_jump(0.2), np.random.default_rng(4))
     assert (len(findings), early) == (10, 0)
     for each in findings:
         assert 0 < each.looks <= 40
         assert each.finding.kind is DriftKind.JUMP
-        assert each.finding.between_days[0] <= 1.0035
-        assert each.finding.between_days[1] >= 1.0
+        assert each.finding.between_days[0] <= 0.2035
+        assert each.finding.between_days[1] >= 0.2
         assert each.finding.change[0] == pytest.approx(0.2, abs=0.06)
