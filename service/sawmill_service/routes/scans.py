@@ -106,6 +106,7 @@ async def upload_scan(
     """Send the file's bytes as the body, or name an inspection of it; a job reads it.
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their content.
+    For a drift check the mean of a log's rows is enough: line integrals (views, detector), with `averaged_rows`.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
     """

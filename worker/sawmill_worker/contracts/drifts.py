@@ -16,7 +16,8 @@ class DriftOptions(Contract):
 
     rows: Rows | None = Field(
         None,
-        description="Detector rows A:B to average, the first included, the last not. By default all of them.",
+        description="Detector rows A:B to average, the first included, the last not. By default all of them. A scan "
+        "that came as the mean of rows has no others.",
         examples=["0:16"],
     )
 
@@ -200,6 +201,7 @@ In a scan that goes all round in steps of 3 degrees or less every ray is measure
 one the views are compared two by two: weighted sums of their rays must be the same. Where they agree shows where the
 centre of rotation falls on the detector, and the detector's tilt. The source's distance and the first angle cannot be
 seen.
+The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is enough.
 The scan may still be read and the calibration still computed: the job waits for them.""",
         {"body": {"scan_id": "example"}},
     ),
