@@ -16,20 +16,21 @@ from sawmill_service.routes.scans import GivenScan
 from sawmill_service.sent_form import FILE, SentForm
 from sawmill_service.uploads import received_body
 from sawmill_worker.contracts.base import Name
-from sawmill_worker.contracts.scans import Scan
+from sawmill_worker.contracts.scans import Scan, state_what_is_averaged
 
 router = APIRouter(prefix="/v1/scans", tags=["scans"])
 
 
-def _without_default_name(schema: dict[str, Any]) -> None:
-    """Clients would send it in place of the file's name."""
+def _change(schema: dict[str, Any]) -> None:
+    """State what goes together, and no default name: clients would send it in place of the file's name."""
+    state_what_is_averaged(schema)
     del schema["properties"]["name"]["default"]
 
 
 class ScanForm(GivenScan):
     """A scan's file, what is given with it, and how urgent its reading is."""
 
-    model_config = ConfigDict(json_schema_extra=_without_default_name)
+    model_config = ConfigDict(json_schema_extra=_change)
 
     name: Name = Field(
         "scan",

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, Name, PositiveMm, Rows, Stamped
+from sawmill_worker.contracts.conditions import Schema, one_of, require, without
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import UploadedKind
 from sawmill_worker.contracts.preparing import PrepareOptions
@@ -75,6 +76,12 @@ class ScanFileOptions(PrepareOptions):
             )
             raise ValueError(msg)
         return self
+
+
+def state_what_is_averaged(schema: Schema) -> None:
+    """What goes with `averaged_rows`, in the schema of a body that has these options."""
+    for condition in (one_of("data", ["line-integrals"]), one_of("align_rows", ["off"], default="off")):
+        require(schema, "averaged_rows", without("averaged_rows"), condition)
 
 
 class UnregisteredScanOptions(ScanFileOptions):

@@ -22,7 +22,8 @@ class DriftAsk:
     """ Compute it even where the same was computed before, of the same input, with the same parameters and the same
     version of the software. Otherwise that result answers at once, and `answered_from` names it. """
     rows: None | str | Unset = UNSET
-    """ Detector rows A:B to average, the first included, the last not. By default all of them. """
+    """ Detector rows A:B to average, the first included, the last not. By default all of them. A scan that came as
+    the mean of rows has no others. """
 
     def to_dict(self) -> dict[str, Any]:
         scan_id = self.scan_id

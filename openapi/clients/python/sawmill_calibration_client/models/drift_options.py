@@ -15,7 +15,8 @@ class DriftOptions:
     """Which part of the scan is looked at."""
 
     rows: None | str | Unset = UNSET
-    """ Detector rows A:B to average, the first included, the last not. By default all of them. """
+    """ Detector rows A:B to average, the first included, the last not. By default all of them. A scan that came as
+    the mean of rows has no others. """
 
     def to_dict(self) -> dict[str, Any]:
         rows: None | str | Unset

@@ -155,6 +155,8 @@ def sync_detailed(
     centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
     first angle cannot be
     seen.
+    The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is
+    enough.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -205,6 +207,8 @@ def sync(
     centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
     first angle cannot be
     seen.
+    The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is
+    enough.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -250,6 +254,8 @@ async def asyncio_detailed(
     centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
     first angle cannot be
     seen.
+    The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is
+    enough.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:
@@ -298,6 +304,8 @@ async def asyncio(
     centre of rotation falls on the detector, and the detector's tilt. The source's distance and the
     first angle cannot be
     seen.
+    The scan's stack is not needed: the mean of its rows, posted as a scan with `averaged_rows`, is
+    enough.
     The scan may still be read and the calibration still computed: the job waits for them.
 
     Args:

@@ -232,6 +232,8 @@ def sync_detailed(
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their
     content.
+    For a drift check the mean of a log's rows is enough: line integrals (views, detector), with
+    `averaged_rows`.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
 
@@ -330,6 +332,8 @@ def sync(
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their
     content.
+    For a drift check the mean of a log's rows is enough: line integrals (views, detector), with
+    `averaged_rows`.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
 
@@ -423,6 +427,8 @@ async def asyncio_detailed(
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their
     content.
+    For a drift check the mean of a log's rows is enough: line integrals (views, detector), with
+    `averaged_rows`.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
 
@@ -519,6 +525,8 @@ async def asyncio(
 
     HDF5 (NXtomo, Data Exchange), TIFF or a ZIP of TIFFs, NPY, NPZ and MAT are recognised by their
     content.
+    For a drift check the mean of a log's rows is enough: line integrals (views, detector), with
+    `averaged_rows`.
     `GET` the scan until its state is `ready`, or `refused` with the reason.
     [A file to try](/examples/phantom-scan.npz): counts with flat and dark fields and angles.
 
