@@ -16,6 +16,10 @@ COLUMNS = (
     *("relative_residual", "gain_per_mm"),
     *("ray_change_mm", "ray_change_tolerance_mm", "scale_change_percent"),
     *("ray_error_rms_mm", "ray_error_upper_95_mm", "scale_uncertainty_percent"),
+    *("method", "cor_column_tilt_covariance_mm_deg", "baseline_looks", "baseline_age_hours"),
+    *("cor_column_baseline_change_mm", "tilt_baseline_change_deg"),
+    *("pooled_looks", "pooled_cor_column_mm", "pooled_cor_column_standard_deviation_mm"),
+    *("pooled_tilt_deg", "pooled_tilt_standard_deviation_deg"),
 )
 # Programs for tables take a text that begins so as a formula (OWASP, CSV Injection).
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")

@@ -19,6 +19,7 @@ SHOWN_SCANNERS = 200  # more than any mill has
 # From here on a scanner is watched, though it is allowed to move by more: the next check may find it beyond.
 NEARLY = 0.7
 ALARMS = {
+    AlarmKind.DRIFT: marked("Its logs together show that it has moved: scan the phantom and calibrate."),
     AlarmKind.PHANTOM_EXPIRED: marked("The measurement of its phantom has expired: measure the phantom again."),
     AlarmKind.SCANNER_QUIET: marked("It has sent no scan for longer than it may: look at the scanner and its network."),
     AlarmKind.NO_PHANTOM_SCAN: marked("No phantom was scanned for longer than is allowed: scan one and calibrate."),

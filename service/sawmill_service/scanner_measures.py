@@ -19,7 +19,7 @@ _TEXTS = {
     "calibration_failed": "Whether the last calibration failed, or failed its check.",
     "calibration_age_seconds": "Since the newest calibration that succeeded was asked for.",
     "drift_check_age_seconds": "Since the newest drift check that ended was asked for.",
-    "alarm": "Whether an alarm of absence is open.",
+    "alarm": "Whether an alarm is open.",
 }
 _FURTHER_LABELS = {
     "ray_error_millimeters": "calibration",

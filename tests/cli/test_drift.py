@@ -115,6 +115,22 @@ def test_the_mean_of_counts_is_wrong_use(wrong_use, mean, known):
     assert "averaged_rows goes with line-integrals, not counts" in " ".join(reported.split())
 
 
+def test_a_baseline_of_earlier_answers_is_the_zero_of_the_change(run, failure, log_scans, known, tmp_path):
+    flags = ("--data", "counts", "--calibration", known, "--json")
+    still = json.loads(run("drift", log_scans / "still.h5", *flags).stdout)
+    answers = [tmp_path / f"{number}.json" for number in range(3)]
+    for number, path in enumerate(answers):
+        path.write_text(json.dumps(still | {"input_sha256": f"{number:064}"}))
+    given = [word for path in answers for word in ("--baseline", path)]
+    reported = json.loads(run("drift", log_scans / "still.h5", *flags, *given).stdout)
+    assert (reported["reference"], reported["baseline"]["looks"], reported["moved"]) == ("baseline", 3, False)
+    assert reported["baseline"]["change"]["cor_column_mm"] == pytest.approx(0.0, abs=1e-6)
+    assert reported["baseline"]["last_at"] == still["at"]
+    assert 0.0 < reported["baseline"]["age_hours"] < 1.0
+    refused = failure("drift", log_scans / "still.h5", *flags[:-1], "--baseline", known)
+    assert refused["code"] == "baseline"
+
+
 def test_too_few_views_have_no_answer(failure, log_scans, known):
     reported = failure("drift", log_scans / "few.h5", "--data", "counts", "--calibration", known)
     assert (reported["kind"], reported["code"]) == ("input", "sparse-views")

@@ -11,7 +11,9 @@ import structlog
 from sqlalchemy import update
 from structlog.testing import capture_logs
 
+from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.jobs import JobState
+from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.contracts.webhooks import WebhookAsk
@@ -20,7 +22,7 @@ from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.jobs import Pulse
 from sawmill_worker.storage.outbox import Attempt
-from sawmill_worker.storage.tables import DeliveryRow
+from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, MeasurementRow
 from sawmill_worker.storage.webhooks import KEPT
 
 pytestmark = pytest.mark.slow
@@ -60,6 +62,41 @@ def test_it_looks_at_alarms_at_once_and_then_each_minute(store, settings, queue,
     monkeypatch.setattr(time, "monotonic", lambda: a_minute_on)
     housekeeping.once()
     assert store.alarms.open() == []
+
+
+def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings, queue):
+    scan = store.scans.get(queue("succeed").subject_id)
+    calibration = store.calibrations.accept(CalibrationAsk(scan_id=scan.id, phantom_id="l-shape"))
+    since = store.now() - timedelta(hours=1)
+    with store._database.write() as session:
+        about = {"scanner_id": scan.scanner_id, "calibration_id": calibration.id}
+        active = ActivationRow(**about, activated_at=since, reason="by hand")
+        session.add(active)
+        session.flush()
+        session.add(
+            MeasurementRow(
+                scanner_id=scan.scanner_id,
+                at=store.now(),
+                kind=MeasurementKind.DRIFT,
+                subject_id="check",
+                cor_column_mm=-209.0,
+                cor_column_standard_deviation_mm=0.05,
+                cor_column_change_mm=0.1,
+                tilt_deg=-4.7,
+                tilt_standard_deviation_deg=0.1,
+                tilt_change_deg=0.0,
+                cor_column_tilt_covariance_mm_deg=0.0,
+                source_to_detector_mm=1619.3,
+                relative_residual=0.01,
+                method="view-pairs",
+                activation_number=active.number,
+                awaits_chart=True,
+            )
+        )
+    Housekeeping(store, settings, threading.Event()).once()
+    (chart,) = store.drift_charts.of_scanner(scan.scanner_id).charts
+    assert (chart.looks, chart.finding.kind, chart.calibration_id) == (1, "learning", calibration.id)
+    assert (chart.pooled_looks, chart.pooled_cor_column_mm) == (1, pytest.approx(-209.0))
 
 
 def test_old_deliveries_are_forgotten(store, settings):

@@ -1,6 +1,7 @@
 """A look at drift on a real store: the job's answer, and what it refuses."""
 
 import io
+import json
 import math
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.drift_baseline import baselines_of_files
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
 
@@ -143,7 +145,8 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
     assert result.significance.cor_column_mm > 3.0
     assert list(looking.output.iterdir()) == []
     finish(looking, result.model_dump(mode="json"))
-    assert store.drifts.get(looking.job.subject_id).result == result
+    stored = store.drifts.get(looking.job.subject_id).result
+    assert stored == result.ended(stored.at)
 
 
 def test_twenty_views_are_compared_two_by_two(look, log_scan):
@@ -229,3 +232,76 @@ def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
     expected = math.atan(0.16) - math.atan(0.15)
     assert reported.change.tilt_rad == pytest.approx(expected, abs=6.0 * reported.change_standard_deviation.tilt_rad)
     assert reported.moved
+
+
+@pytest.fixture
+def disturbed(turn):
+    """Twenty views of a log with an odd error of the flat field behind it, (views, detector)."""
+    odd = np.log1p(0.01 * np.sin(2.0 * np.pi * np.linspace(-1.0, 1.0, MILL.num_detector_pixels)))
+
+    def of(seed, theta=THETA):
+        log = LogModel.random(seed).slice_at(120.0).moved(6.0 * math.cos(seed), 6.0 * math.sin(seed))
+        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, turn(20)), noise=0.004, seed=seed) - odd
+
+    return of
+
+
+@pytest.fixture
+def answers(look, disturbed, tmp_path):
+    """What checks of three logs after the calibration printed."""
+    paths = [tmp_path / f"{seed}.json" for seed in range(3)]
+    for seed, path in enumerate(paths):
+        result = look(disturbed(seed), input_sha256=f"{seed:064}")
+        path.write_text(json.dumps({"state": "succeeded"} | result.model_dump(mode="json")))
+    return paths
+
+
+def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, answers, known):
+    baselines = baselines_of_files(answers, known)
+    still = look(disturbed(7), baselines=baselines)
+    moved = look(disturbed(7, replace(THETA, detector_shift_mm=30.4)), baselines=baselines)
+    assert abs(still.significance.cor_column_mm) > 4.0, "absolute, a scanner that stands seems to have moved"
+    assert (still.reference, still.moved, still.baseline.looks) == ("baseline", False, 3)
+    assert abs(still.baseline.significance.cor_column_mm) < 3.0
+    assert still.ray_change_mm < 0.3 * still.baseline.ray_offset_mm
+    assert "since the first 3 logs after the calibration" in still.reason
+    assert any("newer than the baseline" in blind for blind in still.not_seen)
+    expected = replace(THETA, detector_shift_mm=30.4).source_frame(859.46).cor_column_mm
+    expected -= THETA.source_frame(859.46).cor_column_mm
+    assert (moved.moved, moved.within_tolerance) == (True, True)
+    assert moved.baseline.change.cor_column_mm - still.baseline.change.cor_column_mm == pytest.approx(expected, abs=0.1)
+
+
+def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, answers, known):
+    (baseline,) = baselines_of_files(answers, known)
+    beyond = look(disturbed(7), baselines=(baseline,), tolerance_mm=0.5 * look(disturbed(7)).ray_change_mm)
+    assert beyond.within_tolerance is False
+    assert beyond.ray_change_mm < beyond.tolerance_mm < beyond.baseline.ray_offset_mm
+    assert "take a new flat field, scan the phantom" in beyond.reason
+
+
+def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):
+    def refusal(*paths, calibration=known):
+        with pytest.raises(JobFailure) as caught:
+            baselines_of_files(paths, calibration)
+        assert (caught.value.kind, caught.value.code) == (FailureKind.INPUT, "baseline")
+        return caught.value.detail
+
+    first = json.loads(answers[0].read_text())
+
+    def changed(**changes):
+        path = tmp_path / "changed.json"
+        path.write_text(json.dumps({"id": "example", "result": first | changes}))
+        return path
+
+    assert "2 looks make no baseline: 3 or more are needed" in refusal(*answers[:2])
+    assert "1.json" not in refusal(answers[0], answers[0])
+    assert "an earlier file is of" in refusal(answers[0], changed())
+    other = known.model_copy(update={"source_frame": TURNTABLE.source_frame(859.46)})
+    assert "against another calibration" in refusal(*answers, calibration=other)
+    assert "the other way" in refusal(changed(rotation="reversed"))
+    assert "how views were compared" in refusal(changed(method=None))
+    (tmp_path / "no.json").write_text("[]")
+    assert "no.json is not what drift --json prints" in refusal(tmp_path / "no.json")
+    (tmp_path / "no.json").write_text('{"views": 20}')
+    assert "Field required" in refusal(tmp_path / "no.json")

@@ -11,8 +11,10 @@ from sawmill_service.pages.charts import MOST_MARKS, span_of, thinned
 from sawmill_service.pages.drift_chart import DRIFT, drift_chart
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drift_baselines import KnownBaseline
 from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
+from sawmill_worker.contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_worker.contracts.schedules import ScheduleSpec
 from sawmill_worker.storage.tables import MeasurementRow, ScheduleRow, ScheduleRunRow
 
@@ -56,6 +58,67 @@ def test_many_measurements_are_thinned_and_keep_their_extremes():
     assert [one.at for one in shown] == sorted(one.at for one in shown)
     for one in (two_years[0], two_years[300], two_years[400], two_years[500], two_years[-1]):
         assert one in shown
+
+
+def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_faint():
+    seen = [movement(20, None, kind=MeasurementKind.CALIBRATION)._replace(cor_column_mm=-209.1)]
+    for day in (9, 8, 7):
+        pooled = {"pooled_cor_column_mm": -209.0, "pooled_cor_column_standard_deviation_mm": 0.02}
+        single = movement(day, 0.1)._replace(**pooled, against_id="second", method="view-pairs")
+        seen.append(single._replace(cor_column_mm=-209.8 + 0.1 * day))
+    finding = DriftFinding(
+        kind="jump",
+        evidence=60.0,
+        limit=40.0,
+        scatter=1.0,
+        began_at=NOW - timedelta(days=8),
+        began_between=(NOW - timedelta(days=8.5), NOW - timedelta(days=7.5)),
+        cor_column_change_mm=0.1,
+        tilt_change_deg=0.0,
+    )
+    baseline = KnownBaseline(
+        method="view-pairs",
+        looks=50,
+        outliers=0,
+        first_at=NOW - timedelta(days=9),
+        last_at=NOW - timedelta(days=9),
+        cor_column_offset_mm=0.1,
+        tilt_offset_rad=0.0,
+        covariance=[[1e-4, 0.0], [0.0, 1e-8]],
+    )
+    together = PooledDrift(
+        method="view-pairs",
+        calibration_id="second",
+        since=NOW - timedelta(days=10),
+        looks=60,
+        last_at=NOW,
+        baseline=baseline,
+        baseline_cor_column_mm=-209.05,
+        baseline_tilt_deg=None,
+        pooled_looks=50,
+        pooled_cor_column_mm=-209.0,
+        pooled_cor_column_standard_deviation_mm=0.02,
+        pooled_tilt_deg=-4.7,
+        pooled_tilt_standard_deviation_deg=0.01,
+        finding=finding,
+        alarm=finding,
+    )
+    span = span_of(30, NOW)
+    chart = drift_chart(seen, [], span=span, tolerance_mm=0.5, total=len(seen), together=[together])
+    rays, cor, tilt = chart.panels
+    assert [mark.faint for mark in cor.marks] == [False, True, True, True]
+    assert not any(mark.faint for panel in (rays, tilt) for mark in panel.marks)
+    assert (rays.pooled, tilt.pooled, tilt.zeros) == ([], [], [])
+    ((line, band),) = cor.pooled
+    places = [tuple(map(float, place.split(","))) for place in line.split()]
+    around = [tuple(map(float, place.split(","))) for place in band.split()]
+    assert [x for x, _ in places] == [mark.x for mark in cor.marks[1:]]
+    assert (len(places), len(around)) == (3, 6)
+    assert min(y for _, y in around) < places[0][1] < max(y for _, y in around)
+    ((began, zero),) = cor.zeros
+    assert (began, zero > places[0][1]) == (span.x(baseline.first_at), True), "a smaller value stands lower"
+    ((at, start, width),) = chart.changed
+    assert start < at < start + width
 
 
 def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():

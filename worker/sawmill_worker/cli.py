@@ -195,16 +195,26 @@ def drift(
         float | None, option(ScannerConstants, "source_to_cor_mm", help="r_S; the calibration carries it.")
     ] = None,
     views: Annotated[int | None, option(CalibrationOptions, "views")] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RESULT.json",
+            exists=True,
+            dir_okay=False,
+            help="What drift --json printed of one of the first logs after the calibration, three or more, the flag "
+            "once for each: what they measured is the zero of the change.",
+        ),
+    ] = None,
     tolerance_mm: Annotated[float, option(Tolerances, "ray_change_mm")] = 0.5,
     as_json: shared.JsonFlag = False,
 ) -> None:
-    """Report what moved since a calibration, from any dense full-turn scan, without a phantom."""
+    """Report what moved since a calibration, from any scan of a log with 8 views or more, without a phantom."""
     source = scan_source(scan, reading, views=views, rows=options.rows)
     known = CalibrationSource(calibration, source_to_cor_mm)
     with answering(as_json=as_json), showing_progress("drift") as progress:
         from sawmill_worker.commands.drift import check_drift
 
-        result = check_drift(source, known, tolerance_mm=tolerance_mm, on_progress=progress)
+        result = check_drift(source, known, baseline=baseline or (), tolerance_mm=tolerance_mm, on_progress=progress)
     if as_json:
         print_json({"state": "succeeded", **result.model_dump(mode="json")})
     else:

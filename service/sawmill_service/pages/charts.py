@@ -8,7 +8,9 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
+from sawmill_service.pages.pooled_lines import Together, Value, points, pooled_lines
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
+from sawmill_worker.contracts.scanner_drift import PooledDrift
 from sawmill_worker.pictures.round_numbers import round_length, ticks
 
 HEIGHT_PX, PAD_PX = 150, 14
@@ -18,18 +20,20 @@ DAY = timedelta(days=1)
 DAY_STEPS = (1, 2, 5, 10, 20, 30, 61, 91, 182)
 MOST_DAYS = 5
 
-Value = Callable[[Movement], float | None]
-
 
 @dataclass(frozen=True)
 class Mark:
-    """One measurement in one panel; `beyond`: its value is larger than the panel shows."""
+    """One measurement in one panel.
+
+    `beyond`: its value is larger than the panel shows. `faint`: a pooled line stands for it and others.
+    """
 
     x: float
     y: float
     shape: str
     tone: str
     beyond: bool
+    faint: bool = False
 
 
 @dataclass(frozen=True)
@@ -48,6 +52,11 @@ class Panel:
         Down to which the values are within tolerance.
     bars : str
         From where to where a value may lie: a path of SVG in the same box.
+    pooled : list of (line, band)
+        Of drift checks against one calibration by one method: `points` of SVG in the same box of what they measured
+        together, and of where that lies with 95 %.
+    zeros : list of (x, y)
+        Where a baseline begins, and its value.
     height : int
         In pixels.
     """
@@ -59,6 +68,8 @@ class Panel:
     digits: int
     tolerance_y: float | None
     bars: str = ""
+    pooled: Sequence[tuple[str, str]] = ()
+    zeros: Sequence[tuple[float, float]] = ()
     height: int = HEIGHT_PX
 
 
@@ -80,6 +91,8 @@ class Chart:
         Of the measurements in the span; those that are not shown lie between ones that are.
     alarms : list of (x, width)
         While one was open.
+    changed : list of (x, start, width)
+        When the scanner moved or began to, as its logs show together, and where that time lies with 95 %.
     """
 
     panels: list[Panel]
@@ -88,6 +101,7 @@ class Chart:
     days: list[tuple[float, datetime]]
     total: int
     alarms: Sequence[tuple[float, float]] = ()
+    changed: Sequence[tuple[float, float, float]] = ()
 
 
 @dataclass(frozen=True)
@@ -105,13 +119,17 @@ class Span:
 def thinned(
     movements: Sequence[Movement], span: Span, values: Collection[Value], *, parts: int = PARTS
 ) -> list[Movement]:
-    """All of them or, of many, the first, the last, and those with an extreme of any value in each part of the span."""
+    """All of them or, of many, the first, the last, and those with an extreme of any value in each part of the span.
+
+    Calibrations stay where they are few.
+    """
     if len(movements) <= MOST_MARKS:
         return list(movements)
     by_part: dict[int, list[Movement]] = {}
     for one in movements:
         by_part.setdefault(int(parts * ((one.at - span.start) / (span.end - span.start))), []).append(one)
-    kept = {id(movements[0]), id(movements[-1])}
+    calibrations = [id(one) for one in movements if is_calibration(one)]
+    kept = {id(movements[0]), id(movements[-1]), *(calibrations if len(calibrations) <= PARTS else ())}
     for part in by_part.values():
         for value in values:
             known = [(number, one) for one in part if (number := value(one)) is not None]
@@ -128,6 +146,8 @@ def panel_of(
     *,
     tolerance: float | None = None,
     bars: Iterable[tuple[float, float, float]] = (),
+    together: Together | None = None,
+    zeros: Iterable[tuple[float, float]] = (),
     height: int = HEIGHT_PX,
 ) -> Panel:
     """A panel from its lowest value to its highest.
@@ -144,6 +164,10 @@ def panel_of(
         Up to which values are within tolerance; null: they have none.
     bars
         Places along the time, with the lowest and the highest that a value may be.
+    together
+        What drift checks measured together of the value; null: nothing.
+    zeros
+        Where baselines begin, and their values.
     height
         In pixels.
     """
@@ -152,19 +176,47 @@ def panel_of(
         share = (min(max(number, low), high) - low) / (high - low)
         return round(height - PAD_PX - share * (height - 2 * PAD_PX), 1)
 
-    marks = [Mark(x, y(number), one.kind.value, _tone(one), number > high) for x, number, one in known]
+    marks = [
+        Mark(x, y(number), one.kind.value, _tone(one), number > high, faint=together is not None and together.has(one))
+        for x, number, one in known
+    ]
     values = ticks(low, high, 4 if height >= HEIGHT_PX else 3)
     step = values[1] - values[0] if len(values) > 1 else high - low
     return Panel(
         name=name,
         marks=marks,
-        line=" ".join(f"{mark.x},{mark.y}" for mark in marks),
+        line=points((mark.x, mark.y) for mark in marks if not mark.faint),
         ticks=[(y(each), each) for each in values],
         digits=_digits(step),
         tolerance_y=None if tolerance is None else y(tolerance),
         bars="".join(f"M{x} {y(lowest)}V{y(highest)}" for x, lowest, highest in bars),
+        pooled=[] if together is None else list(pooled_lines(together, known, y)),
+        zeros=[(x, y(value)) for x, value in zeros],
         height=height,
     )
+
+
+def zeros_of(
+    charts: Iterable[PooledDrift], span: Span, value: Callable[[PooledDrift], float | None]
+) -> list[tuple[float, float]]:
+    """Where the baselines of charts begin in a span, and what they are of a value."""
+    found = []
+    for chart in charts:
+        zero = value(chart)
+        if zero is not None and chart.baseline is not None and chart.baseline.first_at is not None:
+            found.append((span.x(max(chart.baseline.first_at, span.start)), zero))
+    return found
+
+
+def changes_of(charts: Iterable[PooledDrift], span: Span) -> list[tuple[float, float, float]]:
+    """When logs together show that the scanner moved, as `Chart.changed`."""
+    found = []
+    for each in (chart.alarm for chart in charts):
+        if each is None or each.began_at is None or each.began_between is None or each.began_at < span.start:
+            continue
+        first, last = (span.x(max(at, span.start)) for at in each.began_between)
+        found.append((span.x(each.began_at), first, round(last - first, 2)))
+    return found
 
 
 def range_of(numbers: Sequence[float], *, least: float) -> tuple[float, float]:

@@ -3,8 +3,20 @@
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 
-from sawmill_service.pages.charts import Chart, Panel, Span, Value, days_of, panel_of, range_of, thinned
+from sawmill_service.pages.charts import (
+    Chart,
+    Panel,
+    Span,
+    changes_of,
+    days_of,
+    panel_of,
+    range_of,
+    thinned,
+    zeros_of,
+)
+from sawmill_service.pages.pooled_lines import COLUMN, TILT, Value
 from sawmill_worker.contracts.measurements import Movement
+from sawmill_worker.contracts.scanner_drift import PooledDrift
 
 # Values far beyond the tolerance stand at the upper edge: they must not flatten all others.
 MOST_TOLERANCES = 4.0
@@ -13,6 +25,7 @@ DRIFT: dict[str, Value] = {
     "cor": lambda one: one.cor_column_mm,
     "tilt": lambda one: one.tilt_deg,
 }
+TOGETHER = {"cor": COLUMN, "tilt": TILT}
 
 
 def drift_chart(
@@ -22,6 +35,7 @@ def drift_chart(
     span: Span,
     tolerance_mm: float,
     total: int,
+    together: Sequence[PooledDrift] = (),
 ) -> Chart:
     """The chart of one scanner.
 
@@ -37,23 +51,37 @@ def drift_chart(
         What the rays may move.
     total
         Of the measurements in the span.
+    together
+        What drift checks since the active calibration show together, by method.
     """
     shown = [(span.x(one.at), one) for one in thinned(movements, span, DRIFT.values())]
+    zeros = {
+        "cor": zeros_of(together, span, lambda one: one.baseline_cor_column_mm),
+        "tilt": zeros_of(together, span, lambda one: one.baseline_tilt_deg),
+    }
     accepted = [(span.x(at), identifier, at) for identifier, at in activations if span.start <= at <= span.end]
     return Chart(
-        panels=[_panel(name, value, shown, tolerance_mm) for name, value in DRIFT.items()],
+        panels=[_panel(name, value, shown, tolerance_mm, zeros.get(name, [])) for name, value in DRIFT.items()],
         shown=shown,
         accepted=accepted,
         days=days_of(span),
         total=total,
+        changed=changes_of(together, span),
     )
 
 
-def _panel(name: str, value: Value, shown: Sequence[tuple[float, Movement]], tolerance_mm: float) -> Panel:
+def _panel(
+    name: str,
+    value: Value,
+    shown: Sequence[tuple[float, Movement]],
+    tolerance_mm: float,
+    zeros: Sequence[tuple[float, float]],
+) -> Panel:
     known = [(x, number, one) for x, one in shown if (number := value(one)) is not None]
-    numbers = [number for _, number, _ in known]
-    low, high = _range_of_rays(numbers, tolerance_mm) if name == "rays" else range_of(numbers, least=0.1)
-    return panel_of(name, known, low, high, tolerance=tolerance_mm if name == "rays" else None)
+    numbers = [number for _, number, _ in known] + [zero for _, zero in zeros]
+    if name == "rays":
+        return panel_of(name, known, *_range_of_rays(numbers, tolerance_mm), tolerance=tolerance_mm)
+    return panel_of(name, known, *range_of(numbers, least=0.1), together=TOGETHER[name], zeros=zeros)
 
 
 def _range_of_rays(numbers: Sequence[float], tolerance_mm: float) -> tuple[float, float]:

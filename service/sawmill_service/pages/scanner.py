@@ -116,6 +116,7 @@ def _answer(
     span = span_of(days, now)
     movements, total = store.measurements.movements_of(known.id, span.start, span.end)
     activations = [(entry.subject_id, entry.at) for entry in history]
+    together = store.drift_charts.of_scanner(known.id).charts
     active = condition.active
     radius_mm = known.log_radius_mm or (active.radius_mm if active else LARGEST_ASSUMED_LOG_RADIUS_MM)
     return page.answer(
@@ -126,7 +127,15 @@ def _answer(
         alarms=ALARMS,
         active=active,
         log=_log(store, condition.newest),
-        chart=drift_chart(movements, activations, span=span, tolerance_mm=known.tolerances.ray_change_mm, total=total),
+        chart=drift_chart(
+            movements,
+            activations,
+            span=span,
+            tolerance_mm=known.tolerances.ray_change_mm,
+            total=total,
+            together=together,
+        ),
+        together=together,
         is_calibration=is_calibration,
         days=days,
         spans=SPANS,

@@ -130,7 +130,7 @@ def scanner_history(
         scanner=known,
         shown=shown,
         spans=SPANS,
-        chart=trend_chart(movements, marks, opened, span, total),
+        chart=trend_chart(movements, marks, opened, span, total, store.drift_charts.of_scanner(scanner_id).charts),
         most_lines=MOST_LINES,
         is_calibration=is_calibration,
         days=shown.days,

@@ -1,6 +1,6 @@
 """What calibrations and drift checks measured of a scanner: five values over months, with alarms and activations."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -8,25 +8,26 @@ from sawmill_service.pages.charts import (
     Chart,
     Panel,
     Span,
-    Value,
+    changes_of,
     days_of,
     is_calibration,
     panel_of,
     range_of,
     thinned,
+    zeros_of,
 )
+from sawmill_service.pages.pooled_lines import COLUMN, DEVIATIONS, TILT, Together, Value
 from sawmill_worker.contracts.alarms import Alarm
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.history import HistoryKind, HistoryMark
 from sawmill_worker.contracts.measurements import Movement
+from sawmill_worker.contracts.scanner_drift import PooledDrift
 
 # Two extremes of five values in each leave as many marks as the drift chart has.
 PARTS = 24
 HEIGHT_PX = 110
 # More of them would be a hatching.
 MOST_LINES = 60
-# Of a normal distribution 95 % lie within.
-_DEVIATIONS = 2.0
 
 
 @dataclass(frozen=True)
@@ -37,6 +38,8 @@ class Quantity:
     ----------
     value, deviation
         Of a measurement, and its standard deviation.
+    together, zero
+        What drift checks measured of it together, and what of it their baseline is.
     least : float
         The smallest change that fills the panel: values that differ by less are the same to a person.
     """
@@ -44,6 +47,8 @@ class Quantity:
     value: Value
     least: float
     deviation: Value = lambda _: None
+    together: Together | None = None
+    zero: Callable[[PooledDrift], float | None] = lambda _: None
 
 
 def _of_phantoms(value: Value) -> Value:
@@ -52,8 +57,20 @@ def _of_phantoms(value: Value) -> Value:
 
 
 QUANTITIES = {
-    "cor": Quantity(lambda one: one.cor_column_mm, 0.1, lambda one: one.cor_column_standard_deviation_mm),
-    "tilt": Quantity(lambda one: one.tilt_deg, 0.05, lambda one: one.tilt_standard_deviation_deg),
+    "cor": Quantity(
+        lambda one: one.cor_column_mm,
+        0.1,
+        lambda one: one.cor_column_standard_deviation_mm,
+        COLUMN,
+        lambda chart: chart.baseline_cor_column_mm,
+    ),
+    "tilt": Quantity(
+        lambda one: one.tilt_deg,
+        0.05,
+        lambda one: one.tilt_standard_deviation_deg,
+        TILT,
+        lambda chart: chart.baseline_tilt_deg,
+    ),
     "sdd": Quantity(
         _of_phantoms(lambda one: one.source_to_detector_mm),
         1.0,
@@ -65,7 +82,12 @@ QUANTITIES = {
 
 
 def trend_chart(
-    movements: Sequence[Movement], marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span, total: int
+    movements: Sequence[Movement],
+    marks: Iterable[HistoryMark],
+    opened: Iterable[Alarm],
+    span: Span,
+    total: int,
+    together: Sequence[PooledDrift] = (),
 ) -> Chart:
     """The chart of one scanner.
 
@@ -81,34 +103,43 @@ def trend_chart(
         From when to when it reaches.
     total
         Of the measurements in the span.
+    together
+        What drift checks since the active calibration show together, by method.
     """
     marks = list(marks)
     values = [quantity.value for quantity in QUANTITIES.values()]
     shown = [(span.x(one.at), one) for one in thinned(movements, span, values, parts=PARTS)]
     activations = [mark for mark in marks if mark.kind is HistoryKind.ACTIVATION]
     return Chart(
-        panels=[_panel(name, quantity, shown) for name, quantity in QUANTITIES.items()],
+        panels=[
+            _panel(name, quantity, shown, zeros_of(together, span, quantity.zero))
+            for name, quantity in QUANTITIES.items()
+        ],
         shown=shown,
         accepted=[(span.x(mark.at), mark.subject_id, mark.at) for mark in activations],
         days=days_of(span),
         total=total,
         alarms=_alarms(marks, opened, span),
+        changed=changes_of(together, span),
     )
 
 
-def _panel(name: str, quantity: Quantity, shown: Sequence[tuple[float, Movement]]) -> Panel:
+def _panel(
+    name: str, quantity: Quantity, shown: Sequence[tuple[float, Movement]], zeros: Sequence[tuple[float, float]]
+) -> Panel:
     known = [(x, value, one) for x, one in shown if (value := quantity.value(one)) is not None]
     bars = [
-        (x, value - _DEVIATIONS * deviation, value + _DEVIATIONS * deviation)
+        (x, value - DEVIATIONS * deviation, value + DEVIATIONS * deviation)
         for x, value, one in known
         if (deviation := quantity.deviation(one)) is not None
+        and (quantity.together is None or not quantity.together.has(one))
     ]
     # A typical bar fits; a long one ends at the edge, for it must not flatten all others.
     half = median([(high - low) / 2.0 for _, low, high in bars]) if bars else 0.0
-    values = [value for _, value, _ in known]
+    values = [value for _, value, _ in known] + [zero for _, zero in zeros]
     reached = [min(values) - half, max(values) + half] if values else []
     low, high = range_of(reached, least=quantity.least)
-    return panel_of(name, known, low, high, bars=bars, height=HEIGHT_PX)
+    return panel_of(name, known, low, high, bars=bars, together=quantity.together, zeros=zeros, height=HEIGHT_PX)
 
 
 def _alarms(marks: Iterable[HistoryMark], opened: Iterable[Alarm], span: Span) -> list[tuple[float, float]]:

@@ -19,5 +19,8 @@ def list_alarms(
         Query(description="Those of this scanner. By default those of all.", examples=["example"]),
     ] = None,
 ) -> AlarmList:
-    """What should have come from a scanner by now and has not; the limits are `alarms` of the scanner."""
+    """What should have come from a scanner by now and has not, and scanners that moved, as their logs together show.
+
+    The limits are `alarms` of the scanner.
+    """
     return AlarmList(alarms=store.alarms.open(scanner_id=scanner_id))

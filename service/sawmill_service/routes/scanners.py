@@ -19,6 +19,7 @@ from sawmill_worker.contracts.base import Identifier, Page
 from sawmill_worker.contracts.given import GivenTime, Queried
 from sawmill_worker.contracts.history import Activation, HistoryEntry, HistoryKind
 from sawmill_worker.contracts.measurements import Measurement
+from sawmill_worker.contracts.scanner_drift import ScannerDrift
 from sawmill_worker.contracts.scanners import ScannerAsk, StoredScanner
 
 router = APIRouter(prefix="/v1/scanners", tags=["scanners"])
@@ -170,3 +171,13 @@ def scanner_history_file(
 def list_measurements(scanner_id: Identifier, which: Annotated[Since, Query()], store: TheStore) -> Page[Measurement]:
     """One entry for each that succeeded, newest first: what the rays, u_c and the tilt did over months."""
     return store.measurements.page(scanner_id, since=which.since, after=which.after, limit=which.limit)
+
+
+@router.get(
+    "/{scanner_id}/drift",
+    summary="Get what a scanner's drift checks show together",
+    responses=refuses("scanner-not-found"),
+)
+def scanner_drift(scanner_id: Identifier, store: TheStore) -> ScannerDrift:
+    """Since its active calibration: the baseline, the newest checks pooled, and whether it jumped or drifts slowly."""
+    return store.drift_charts.of_scanner(scanner_id)

@@ -1,18 +1,29 @@
 """`sawmill drift`: a scan's file and a calibration to what moved."""
 
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+
 from sawmill_worker.commands.options import CalibrationSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift_baseline import baselines_of_files
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
 
 def check_drift(
-    scan: ScanSource, calibration: CalibrationSource, *, tolerance_mm: float, on_progress: ProgressCallback
+    scan: ScanSource,
+    calibration: CalibrationSource,
+    *,
+    baseline: Sequence[Path] = (),
+    tolerance_mm: float,
+    on_progress: ProgressCallback,
 ) -> DriftResult:
-    """Read, pair rays or views, compare."""
+    """Read, compare views, and set the change against the calibration, or against a baseline of earlier answers."""
     with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
+        baselines = baselines_of_files(baseline, known)
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
@@ -24,5 +35,6 @@ def check_drift(
         deviations=mean.deviations,
         tolerance_mm=tolerance_mm,
         remarks=mean.remarks if scan.options.averaged_rows is None else (*used.remarks, *mean.remarks),
+        baselines=baselines,
     )
-    return run_drift(given)
+    return run_drift(given).ended(datetime.now(UTC))

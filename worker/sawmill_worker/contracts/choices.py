@@ -58,6 +58,26 @@ DriftMethod = TypeAliasType(
         ),
     ],
 )
+DriftReference = TypeAliasType(
+    "DriftReference",
+    Annotated[
+        Literal["calibration", "baseline"],
+        Field(
+            description="calibration: changes are absolute, counted from the calibration. baseline: they are counted "
+            "from what the first logs after it measured."
+        ),
+    ],
+)
+DriftFindingKind = TypeAliasType(
+    "DriftFindingKind",
+    Annotated[
+        Literal["learning", "quiet", "jump", "trend"],
+        Field(
+            description="learning: the baseline is not complete. quiet: nothing speaks against an unchanged scanner. "
+            "jump: it moved at one time. trend: it has been moving since."
+        ),
+    ],
+)
 OnPass = TypeAliasType(
     "OnPass",
     Annotated[

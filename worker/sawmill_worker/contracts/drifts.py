@@ -1,9 +1,14 @@
 """Drift: what an ordinary log scan says of a calibration, without a phantom."""
 
+from datetime import datetime
+from typing import Self
+
 from pydantic import Field
 
-from sawmill_worker.contracts.base import Contract, Identifier, Rows
-from sawmill_worker.contracts.choices import DisturbedPart, DriftMethod
+from sawmill_worker.contracts.base import Contract, Identifier, Rows, Time
+from sawmill_worker.contracts.choices import DisturbedPart, DriftMethod, DriftReference
+from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_worker.contracts.drift_baselines import DriftBaseline
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.given import FreshAsk
 from sawmill_worker.contracts.jobs import Answerable, Failure, JobKind, JobState
@@ -28,36 +33,6 @@ class DriftAsk(DriftOptions, FreshAsk):
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to look at.")
     calibration_id: Identifier | None = Field(
         None, description="To compare with; null: the scanner's active calibration.", examples=["example"]
-    )
-
-
-class DetectorGeometry(Contract):
-    """The part of the geometry that a log shows."""
-
-    cor_column_mm: float = Field(
-        description="u_c, where the centre of rotation falls on the detector.", examples=[-209.1]
-    )
-    tilt_rad: float = Field(
-        description="tau, tilt of the detector against the ray through the centre of rotation.", examples=[-0.083]
-    )
-    source_to_detector_mm: float = Field(
-        description="SDD along that ray; only weakly seen, and held where it is not.", examples=[1619.3]
-    )
-
-
-class DetectorDeviation(Contract):
-    """A standard deviation of each, or how many of them; null for the distance where the scan does not show it."""
-
-    cor_column_mm: float = Field(
-        description="Of u_c, where the centre of rotation falls on the detector, mm, or a number of standard "
-        "deviations.",
-        examples=[0.05],
-    )
-    tilt_rad: float = Field(
-        description="Of tau, the detector's tilt, radians, or a number of standard deviations.", examples=[0.0004]
-    )
-    source_to_detector_mm: float | None = Field(
-        description="Of SDD, mm, or a number of standard deviations. Null: the scan does not show it.", examples=[12.0]
     )
 
 
@@ -86,15 +61,25 @@ class DriftResult(Contract):
         examples=[[[0.0025, 0, 0], [0, 1.6e-07, 0], [0, 0, 0]]],
     )
     calibrated: DetectorGeometry = Field(description="What the calibration has of it.")
-    change: DetectorGeometry = Field(description="Measured less calibrated.")
+    change: DetectorGeometry = Field(description="Measured less calibrated, with a baseline too.")
     change_standard_deviation: DetectorDeviation = Field(
         description="From this scan's errors and, where they are known, the calibration's."
     )
     significance: DetectorDeviation = Field(description="Each change in units of its standard deviation.")
+    reference: DriftReference = Field(
+        "calibration",
+        description="What `moved`, `ray_change_mm`, `scale_change_percent`, `within_tolerance` and `reason` are "
+        "counted from: the baseline where there is one, else the calibration.",
+        examples=["calibration"],
+    )
+    baseline: DriftBaseline | None = Field(
+        None, description="What counts as zero, and the change from it. Null: there is no baseline."
+    )
     moved: bool = Field(description="Whether any change is beyond three standard deviations.", examples=[False])
     ray_change_mm: float = Field(
         description="RMS distance between the rays inside the log's disc, up to a common scale, with what this scan "
-        "cannot see unchanged; a distance of the detector that has not significantly changed is held too.",
+        "cannot see unchanged; a distance of the detector that has not significantly changed is held too. Counted "
+        "from `reference`.",
         examples=[0.01],
     )
     ray_change_uncertainty_mm: float = Field(
@@ -145,12 +130,25 @@ class DriftResult(Contract):
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
     views: int = Field(description="Number of views of the scan.", examples=[360])
     rows: tuple[int, int] = Field(description="First row and the one after the last.", examples=[[0, 16]])
+    at: Time | None = Field(
+        None,
+        description="When it ended. Null: from an earlier version.",
+        examples=["2026-03-02T05:31:04Z"],
+    )
     time_s: float = Field(description="Seconds that the computation took.", examples=[3.2])
     software_version: str = Field(description="Version of the software that computed it.", examples=["0.15.0"])
     input_sha256: str = Field(
         description="SHA-256 of the scan's file, in hexadecimal digits.",
         examples=["9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08"],
     )
+
+    def ended(self, at: datetime) -> Self:
+        """The same with the time of its end, and so with the age of its baseline."""
+        known = self.baseline
+        if known is not None and known.last_at is not None:
+            age_hours = (at - known.last_at).total_seconds() / 3600.0
+            known = known.model_copy(update={"age_hours": age_hours})
+        return self.model_copy(update={"at": at, "baseline": known})
 
 
 class DriftLinks(Contract):

@@ -39,6 +39,7 @@ FILES = frozenset(
 # What was asked for does not fit what it was asked of.
 ASKS = frozenset(
     {
+        "baseline",
         "calibration",
         "calibration-not-found",
         "calibration-without-result",

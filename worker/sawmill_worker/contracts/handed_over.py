@@ -7,6 +7,7 @@ from pathlib import Path
 
 from sawmill_worker.contracts.base import Contract
 from sawmill_worker.contracts.calibrations import Calibration
+from sawmill_worker.contracts.drift_baselines import KnownBaseline
 from sawmill_worker.contracts.phantoms import PhantomPicture, StoredPhantom
 from sawmill_worker.contracts.scanners import StoredScanner
 from sawmill_worker.contracts.scans import Scan
@@ -25,6 +26,8 @@ class HandedOver(Contract):
         What the scan's file was read from (`storage/origins.py`); the scan's id where an earlier version read it.
     active
         The scanner's active calibration, for a job on a scan that names none.
+    baselines
+        What the first logs after the calibration measured, for a drift check; of each method none or one.
     file
         The only file that the job may read: the upload, or the scan that was made of one.
     kept
@@ -39,5 +42,6 @@ class HandedOver(Contract):
     picture: PhantomPicture | None = None
     calibration: Calibration | None = None
     active: Calibration | None = None
+    baselines: tuple[KnownBaseline, ...] = ()
     file: Path | None = None
     kept: Path

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from pydantic import Field
 
 from sawmill_worker.contracts.base import Contract, Identifier, Time
-from sawmill_worker.contracts.choices import Verdict
+from sawmill_worker.contracts.choices import DriftMethod, Verdict
 
 
 class MeasurementKind(StrEnum):
@@ -33,7 +33,8 @@ class Measurement(Contract):
         examples=["example"],
     )
     ray_change_mm: float | None = Field(
-        description="RMS distance between the rays, up to a common scale, mm. Null: there was nothing to compare with.",
+        description="RMS distance between the rays, up to a common scale, mm. Of a drift check with a baseline it is "
+        "counted from that, as is `within_tolerance`. Null: there was nothing to compare with.",
         examples=[0.03],
     )
     ray_change_tolerance_mm: float | None = Field(
@@ -88,6 +89,48 @@ class Measurement(Contract):
     rays_verdict: Verdict | None = Field(
         description="Of a calibration alone, not of an earlier version.", examples=["pass"]
     )
+    cor_column_tilt_covariance_mm_deg: float | None = Field(
+        None,
+        description="Covariance of u_c and tau, mm times degrees, of a drift check's own errors. Null: a calibration, "
+        "or an earlier version.",
+        examples=[-0.0001],
+    )
+    method: DriftMethod | None = Field(
+        None, description="How a drift check compared views. Null as before.", examples=["view-pairs"]
+    )
+    baseline_looks: int | None = Field(
+        None,
+        description="Number of drift checks in the baseline that it was compared with. Null: its change is absolute, "
+        "counted from the calibration.",
+        examples=[50],
+    )
+    baseline_age_hours: float | None = Field(
+        None, description="Age of that baseline, a number of hours. Null: there was none.", examples=[31.5]
+    )
+    cor_column_baseline_change_mm: float | None = Field(
+        None, description="Change of u_c against the baseline, mm. Null: there was none.", examples=[0.01]
+    )
+    tilt_baseline_change_deg: float | None = Field(
+        None, description="Change of tau against the baseline, degrees. Null: there was none.", examples=[0.02]
+    )
+    pooled_looks: int | None = Field(
+        None,
+        description="Number of drift checks by this method that are pooled: this one and those before it. Null: it is "
+        "in no chart, or not yet.",
+        examples=[50],
+    )
+    pooled_cor_column_mm: float | None = Field(
+        None, description="u_c, as these see it together, mm. Null as before.", examples=[-209.1]
+    )
+    pooled_cor_column_standard_deviation_mm: float | None = Field(
+        None, description="Of that, mm. Null as before.", examples=[0.006]
+    )
+    pooled_tilt_deg: float | None = Field(
+        None, description="tau, as these see it together, degrees. Null as before.", examples=[-4.76]
+    )
+    pooled_tilt_standard_deviation_deg: float | None = Field(
+        None, description="Of that, degrees. Null as before.", examples=[0.004]
+    )
 
 
 class Movement(NamedTuple):
@@ -111,3 +154,10 @@ class Movement(NamedTuple):
     cor_column_standard_deviation_mm: float | None = None
     tilt_standard_deviation_deg: float | None = None
     source_to_detector_standard_deviation_mm: float | None = None
+    pooled_cor_column_mm: float | None = None
+    pooled_cor_column_standard_deviation_mm: float | None = None
+    pooled_tilt_deg: float | None = None
+    pooled_tilt_standard_deviation_deg: float | None = None
+    baseline_looks: int | None = None
+    baseline_age_hours: float | None = None
+    method: str | None = None

@@ -5,6 +5,7 @@ import time
 
 import structlog
 
+from sawmill_worker.execution.drift_charts import follow_drift
 from sawmill_worker.execution.leases import LeaseObserver
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.naming import process_name
@@ -20,7 +21,7 @@ ALARMS_EVERY_S = 60.0
 
 
 class Housekeeping:
-    """A thread that sees to leases, schedules, alarms, retention, leftovers, old repeated answers and deliveries.
+    """A thread that sees to leases, schedules, drift charts, alarms, retention, leftovers and what is old.
 
     Parameters
     ----------
@@ -58,6 +59,7 @@ class Housekeeping:
         for duty in (
             self._take_back_silent,
             self._run_due_schedules,
+            self._follow_drift,
             self._check_alarms,
             self._compare_clocks,
             self._remove_uploads,
@@ -101,6 +103,10 @@ class Housekeeping:
     def _run_due_schedules(self) -> None:
         for run in self._store.schedules.run_due():
             structlog.get_logger().info("schedule-ran", **run.model_dump(mode="json"))
+
+    def _follow_drift(self) -> None:
+        """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
+        self._store.drift_charts.follow(follow_drift)
 
     def _check_alarms(self) -> None:
         if (now_s := time.monotonic()) < self._alarms_due_s:

@@ -48,6 +48,7 @@ def run(attempt: Attempt) -> dict[str, Any]:
         tolerance_mm=scanner.tolerances.ray_change_mm,
         tolerance_scale_percent=scanner.tolerances.scale_percent,
         remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
+        baselines=attempt.given.baselines,
     )
     return run_drift(given).model_dump(mode="json")
 

@@ -1,4 +1,4 @@
-"""Alarms of absence. A row is an open alarm: written once when its limit is passed, removed once it has ended."""
+"""Alarms of absence and of drift. A row is an open alarm: written once when it opens, removed once it has ended."""
 
 from collections.abc import Iterator
 from datetime import UTC, datetime, time, timedelta
@@ -17,7 +17,17 @@ from sawmill_worker.contracts.scanners import AlarmLimits
 from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.events import announce
-from sawmill_worker.storage.tables import AlarmRow, CalibrationRow, EventRow, JobRow, PhantomRow, ScannerRow, ScanRow
+from sawmill_worker.storage.tables import (
+    ActivationRow,
+    AlarmRow,
+    CalibrationRow,
+    DriftChartRow,
+    EventRow,
+    JobRow,
+    PhantomRow,
+    ScannerRow,
+    ScanRow,
+)
 
 _READY = (ScanRow.phantom_id.is_not(None), ScanRow.state == ScanState.READY)
 _COMING = (ScanRow.phantom_id.is_not(None), ScanRow.state != ScanState.REFUSED)
@@ -60,7 +70,8 @@ class Alarms:
             changes = list(_changes(session, now, scanner_id))
             for what, alarm in changes:
                 if what is EventKind.ALARM_OPENED:
-                    session.add(AlarmRow(**alarm.model_dump()))
+                    drift = None if alarm.drift is None else alarm.drift.model_dump(mode="json")
+                    session.add(AlarmRow(**alarm.model_dump(exclude={"drift"}), drift=drift))
                 else:
                     ended = AlarmRow.scanner_id == scanner_id, AlarmRow.what == alarm.what
                     session.execute(delete(AlarmRow).where(*ended))
@@ -117,9 +128,12 @@ class _Known(NamedTuple):
 def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> Iterator[AlarmChange]:
     """What has ended, and what is new. The time opens alarms and ends none: clocks differ, and are put back."""
     opened = {(each.scanner_id, each.what): each for each in _opened(session, scanner_id)}
+    drifted = {each.alarm.scanner_id: each for each in _drifted(session, scanner_id)}
     for known in _known(session, scanner_id):
         try:
             expected = {each.alarm.what: each for each in _expected(known)}
+            if known.scanner.id in drifted:
+                expected[AlarmKind.DRIFT] = drifted[known.scanner.id]
         except ValidationError as error:
             structlog.get_logger().error("alarms-unreadable", scanner_id=known.scanner.id, reason=str(error))
             continue
@@ -168,6 +182,22 @@ def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
     for scanner, stored_at, accepted_at, ready_at, calibrated_at, coming_at, *phantom in session.execute(statement):
         scan_at, phantom_scan_at = _latest(stored_at, accepted_at), _latest(ready_at, calibrated_at)
         yield _Known(scanner, scan_at, phantom_scan_at, coming_at, ready_at, *phantom)
+
+
+def _drifted(session: Session, scanner_id: str | None) -> Iterator[_Expected]:
+    """What charts of active calibrations found, the first of each scanner last: another calibration ends it."""
+    newest = select(func.max(ActivationRow.number)).where(ActivationRow.scanner_id == DriftChartRow.scanner_id)
+    found = DriftChartRow.alarm.is_not(None), DriftChartRow.activation_number == newest.scalar_subquery()
+    statement = select(DriftChartRow.scanner_id, DriftChartRow.alarm).where(*found)
+    if scanner_id is not None:
+        statement = statement.where(DriftChartRow.scanner_id == scanner_id)
+    alarms = [
+        Alarm(scanner_id=its_id, what=AlarmKind.DRIFT, since=alarm["at"], drift=alarm["finding"])
+        for its_id, alarm in session.execute(statement)
+        if alarm is not None
+    ]
+    for alarm in sorted(alarms, key=lambda each: each.since, reverse=True):
+        yield _Expected(alarm, alarm.since)
 
 
 def _expected(known: _Known) -> Iterator[_Expected]:

@@ -10,6 +10,7 @@ from sawmill_worker.contracts.handed_over import HandedOver
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.kinds import AskedKind, declaration_of
 from sawmill_worker.storage.asked_rows import found_asked, read_asked
+from sawmill_worker.storage.drift_charts import known_baselines
 from sawmill_worker.storage.files import SCAN_FILE, FileStore
 from sawmill_worker.storage.paging import found
 from sawmill_worker.storage.phantoms import picture_of, read_phantom
@@ -58,6 +59,8 @@ def _of_asked(session: Session, files: FileStore, declared: AskedKind[Any, Any],
     fields["scanner"] = scanner
     if hasattr(asked, "calibration_id"):
         fields["calibration"] = _calibration(session, asked.calibration_id)
+        if declared.kind is JobKind.DRIFT:
+            fields["baselines"] = known_baselines(session, asked.scanner_id, asked.calibration_id)
     elif hasattr(asked, "scan_id"):
         fields["active"] = _calibration(session, scanner.active_calibration_id)
     return fields

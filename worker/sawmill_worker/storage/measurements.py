@@ -16,6 +16,7 @@ from sawmill_worker.contracts.kinds import declaration_of
 from sawmill_worker.contracts.measurements import Measurement, MeasurementKind, Movement
 from sawmill_worker.contracts.two_questions import TwoQuestions
 from sawmill_worker.storage.database import Database
+from sawmill_worker.storage.drift_looks import counts_since
 from sawmill_worker.storage.entering import enter
 from sawmill_worker.storage.paging import found, read_numbered_page
 from sawmill_worker.storage.tables import (
@@ -102,14 +103,16 @@ def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
     """Add what a calibration or a drift check with its result measured, and enter it in its scanner's history.
 
-    Other kinds measure nothing of a scanner.
+    A drift check's result gets the time of its end, and so the age of its baseline. Other kinds measure nothing of a
+    scanner.
     """
     if isinstance(subject, CalibrationRow):
         calibrated = CalibrationResult.model_validate(subject.result)
         row, why = _of_calibration(subject, calibrated, now), _in_words(calibrated)
     elif isinstance(subject, DriftRow):
-        checked = DriftResult.model_validate(subject.result)
-        row, why = _of_drift(subject, checked, now), checked.reason
+        checked = DriftResult.model_validate(subject.result).ended(now)
+        subject.result = checked.model_dump(mode="json")
+        row, why = _of_drift(subject, checked, now, counts_since(session, subject, checked)), checked.reason
     else:
         return
     session.add(row)
@@ -168,7 +171,8 @@ def _of_calibration(row: CalibrationRow, result: CalibrationResult, now: datetim
     )
 
 
-def _of_drift(row: DriftRow, result: DriftResult, now: datetime) -> MeasurementRow:
+def _of_drift(row: DriftRow, result: DriftResult, now: datetime, activation_number: int | None) -> MeasurementRow:
+    zero = result.baseline
     return MeasurementRow(
         scanner_id=row.scanner_id,
         at=now,
@@ -188,6 +192,15 @@ def _of_drift(row: DriftRow, result: DriftResult, now: datetime) -> MeasurementR
         source_to_detector_mm=result.measured.source_to_detector_mm,
         source_to_detector_standard_deviation_mm=result.standard_deviation.source_to_detector_mm,
         relative_residual=result.relative_residual,
+        cor_column_tilt_covariance_mm_deg=math.degrees(result.covariance[0][1]),
+        method=result.method,
+        baseline_looks=zero and zero.looks,
+        baseline_age_hours=zero and zero.age_hours,
+        cor_column_baseline_change_mm=zero and zero.change.cor_column_mm,
+        tilt_baseline_change_deg=None if zero is None else math.degrees(zero.change.tilt_rad),
+        activation_number=activation_number,
+        input_sha256=result.input_sha256,
+        awaits_chart=None if activation_number is None else True,
     )
 
 

@@ -44,6 +44,7 @@ def origin_of(kind: JobKind, given: HandedOver, software: str) -> str | None:
         "drawing": given.phantom and given.phantom.drawing and given.phantom.drawing.model_dump(mode="json"),
         "expired": _expired(given),
         "calibration": given.calibration and given.calibration.model_dump(mode="json", include=set(_OF_CALIBRATION)),
+        "baselines": [each.model_dump(mode="json") for each in given.baselines],
         # The comparison with it states its id.
         "active": given.active and given.active.id,
     }

@@ -16,6 +16,7 @@ from sawmill_worker.storage.calibrations import Calibrations
 from sawmill_worker.storage.clock import Clock
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.database_report import DatabaseReport, damage_of, report_of
+from sawmill_worker.storage.drift_charts import DriftCharts
 from sawmill_worker.storage.engines import make_engine
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.events import Events
@@ -79,6 +80,7 @@ class Store:
         self.plans = self.asked(plans.DECLARATION)
         self.drifts = self.asked(drifts.DECLARATION)
         self.measurements = Measurements(self._database)
+        self.drift_charts = DriftCharts(self._database)
         self.history = Histories(self._database)
         self.jobs = Jobs(self._database, self.files)
         self.tallies = Tallies(self._database)

@@ -425,8 +425,26 @@ class MeasurementRow(Base):
     """What a calibration or a drift check measured of its scanner."""
 
     __tablename__ = "measurements"
-    # Those of a scanner, and the last weeks of all of them.
-    __table_args__ = (Index(None, "scanner_id", "number"), Index(None, "scanner_id", "at"))
+    # Those of a scanner, and the last weeks of all of them; looks since an activation, and those that wait.
+    __table_args__ = (
+        Index(None, "scanner_id", "number"),
+        Index(None, "scanner_id", "at"),
+        Index(
+            "ix_measurements_looks",
+            "activation_number",
+            "method",
+            "number",
+            sqlite_where=text("activation_number IS NOT NULL"),
+            postgresql_where=text("activation_number IS NOT NULL"),
+        ),
+        Index(
+            "ix_measurements_awaiting_chart",
+            "scanner_id",
+            "number",
+            sqlite_where=text("awaits_chart IS NOT NULL"),
+            postgresql_where=text("awaits_chart IS NOT NULL"),
+        ),
+    )
 
     number: Mapped[int] = mapped_column(primary_key=True, autoincrement=True)
     scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id"))
@@ -454,6 +472,43 @@ class MeasurementRow(Base):
     scale_uncertainty_percent: Mapped[float | None] = mapped_column(Float(53))
     verdict: Mapped[str | None] = mapped_column(String(20))
     rays_verdict: Mapped[str | None] = mapped_column(String(20))
+    # Of a drift check alone, from here on. Its error, beside the two standard deviations.
+    cor_column_tilt_covariance_mm_deg: Mapped[float | None] = mapped_column(Float(53))
+    method: Mapped[str | None] = mapped_column(String(20))
+    # Against the baseline, where it had one.
+    baseline_looks: Mapped[int | None]
+    baseline_age_hours: Mapped[float | None] = mapped_column(Float(53))
+    cor_column_baseline_change_mm: Mapped[float | None] = mapped_column(Float(53))
+    tilt_baseline_change_deg: Mapped[float | None] = mapped_column(Float(53))
+    # The activation that it is a look since; null: it does not count for the scanner's chart.
+    activation_number: Mapped[int | None]
+    input_sha256: Mapped[str | None] = mapped_column(String(64))
+    # True until the chart has it, then null.
+    awaits_chart: Mapped[bool | None]
+    # With the looks before it, once the chart has it (`storage/drift_charts.py`).
+    pooled_looks: Mapped[int | None]
+    pooled_cor_column_mm: Mapped[float | None] = mapped_column(Float(53))
+    pooled_cor_column_standard_deviation_mm: Mapped[float | None] = mapped_column(Float(53))
+    pooled_tilt_deg: Mapped[float | None] = mapped_column(Float(53))
+    pooled_tilt_standard_deviation_deg: Mapped[float | None] = mapped_column(Float(53))
+
+
+class DriftChartRow(Base):
+    """The chart of a scanner's drift checks by one method since its newest activation."""
+
+    __tablename__ = "drift_charts"
+
+    scanner_id: Mapped[str] = mapped_column(ForeignKey("scanners.id", ondelete="CASCADE"), primary_key=True)
+    method: Mapped[str] = mapped_column(String(20), primary_key=True)
+    activation_number: Mapped[int]
+    # What the chart goes on from (`tomography/drift_chart`), the looks in it and when the newest of them ended.
+    state: Mapped[Json]
+    looks: Mapped[int]
+    changed_at: Mapped[datetime]
+    baseline: Mapped[Json | None]
+    finding: Mapped[Json]
+    # The finding that opened the alarm, kept until another calibration is active.
+    alarm: Mapped[Json | None]
 
 
 class HistoryRow(Base):
@@ -522,6 +577,7 @@ class AlarmRow(Base):
     limit_hours: Mapped[float | None] = mapped_column(Float(53))
     phantom_id: Mapped[str | None] = mapped_column(String(64))
     expired_on: Mapped[date | None]
+    drift: Mapped[Json | None]
 
 
 class RetentionRow(Base):

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from sawmill_worker.tomography.drift_chart.looks import Look
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.ray_error import predicted_ray_error, ray_error, scale_deviation
@@ -34,6 +35,10 @@ DISTANCE_NOT_SEEN = (
 FLAT_FIELD_NOT_SEEN = (
     "an error of the flat field behind the log that the air beside it does not show: with so few views it looks like a "
     "centre of rotation that moved"
+)
+FLAT_FIELD_CHANGE_NOT_SEEN = (
+    "an error of the flat field behind the log that is newer than the baseline and that the air beside the log does "
+    "not show: with so few views it looks like a centre of rotation that moved"
 )
 NOT_SEEN = (
     "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
@@ -149,14 +154,14 @@ class ConjugateFit(DetectorFit):
 
 @dataclass(frozen=True, eq=False)
 class DriftChange:
-    """Measured less calibrated.
+    """Measured less calibrated, or less a baseline.
 
     Attributes
     ----------
     change : (3,) float64
         Of (u_c, tau, SDD).
     covariance : (3, 3) float64
-        Of the change: this scan's and the calibration's.
+        Of the change: this scan's, and the calibration's or the baseline's.
     ray_change_mm : float
         RMS distance of the rays inside the log's disc with R and psi held, a common scale taken out; SDD held too where
         it has not changed significantly, because this scan sees it worse than the calibration does.
@@ -213,40 +218,58 @@ def drift_change(
     calibrated_covariance: FloatArray | None,
     fit: DetectorFit,
     *,
+    zero: Look | None = None,
     radius_mm: float = 150.0,
 ) -> DriftChange:
-    """Compare what a scan of a log says with a calibration.
+    """Compare what a scan of a log says with a calibration, or with a baseline.
 
     Parameters
     ----------
     calibrated_covariance : (5, 5) float64
         Of (psi, R, SDD, u_c, tau); None where the calibration has no error bars, which then count as zero.
+    zero : Look
+        What a baseline makes of the change since this calibration; that of u_c and tau is counted from it.
     radius_mm : float
         Of the disc in which rays are compared.
     """
-    covariance = fit.covariance.copy()
-    if calibrated_covariance is not None:
+    change, covariance = seen_vector(fit) - seen_vector(calibrated), fit.covariance.copy()
+    if zero is not None:
+        # An error of the SDD that is held is in the baseline's looks too, and goes out of the difference.
+        change[:2] -= zero.change
+        covariance[:2, :2] += zero.covariance
+        covariance[2, 2] += 0.0 if calibrated_covariance is None else calibrated_covariance[SEEN[2], SEEN[2]]
+    elif calibrated_covariance is not None:
         # Where SDD is held, the calibration's error of it moves what is measured of the others.
         difference = np.eye(3)
         difference[:2, 2] = -fit.distance_sensitivity
         covariance += difference @ calibrated_covariance[np.ix_(SEEN, SEEN)] @ difference.T
     if fit.distance_held:
         covariance[2, :] = covariance[:, 2] = 0.0
-    before = seen_vector(calibrated)
-    change = seen_vector(fit) - before
     counted, spread = _counted(change, covariance)
-    u_c, tau, sdd = (float(value) for value in before + counted)
+    u_c, tau, sdd = (float(value) for value in seen_vector(calibrated) + counted)
     now = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau, source_to_detector_mm=sdd)
     frame_covariance = np.zeros((5, 5))
     frame_covariance[np.ix_(SEEN, SEEN)] = spread
-    try:
-        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
-        rays, scale = error.rms_mm, error.scale_change
-    except GeometryError:  # the calibrated rays no longer meet the log
-        rays, scale = radius_mm, 0.0
+    rays, scale = _moved_rays(scanner, calibrated, now, radius_mm)
     uncertainty = predicted_ray_error(scanner, now, frame_covariance, radius_mm=radius_mm).rms_mm
     of_scale = scale_deviation(scanner, now, frame_covariance, radius_mm=radius_mm)
     return DriftChange(change, covariance, rays, uncertainty, scale, of_scale)
+
+
+def zero_offset_mm(scanner: Scanner, calibrated: SourceFrame, zero: Look, *, radius_mm: float) -> float:
+    """RMS distance of the rays between a baseline and the calibration, with what a log does not show held."""
+    u_c, tau = (float(value) for value in seen_vector(calibrated)[:2] + zero.change)
+    moved = replace(calibrated, cor_column_mm=u_c, tilt_rad=tau)
+    return _moved_rays(scanner, calibrated, moved, radius_mm)[0]
+
+
+def _moved_rays(scanner: Scanner, calibrated: SourceFrame, now: SourceFrame, radius_mm: float) -> tuple[float, float]:
+    """RMS distance of the rays in mm, and the common scale that is taken out, as a share."""
+    try:
+        error = ray_error(scanner, calibrated, now, radius_mm=radius_mm)
+    except GeometryError:  # the calibrated rays no longer meet the log
+        return radius_mm, 0.0
+    return error.rms_mm, error.scale_change
 
 
 def _counted(change: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:

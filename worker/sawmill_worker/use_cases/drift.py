@@ -8,11 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sawmill_worker.contracts.calibrations import CalibrationResult
-from sawmill_worker.contracts.drifts import DetectorDeviation, DetectorGeometry, DriftResult, TurnDisturbance
+from sawmill_worker.contracts.choices import DriftMethod
+from sawmill_worker.contracts.detector_values import DetectorDeviation, DetectorGeometry
+from sawmill_worker.contracts.drift_baselines import DriftBaseline, KnownBaseline
+from sawmill_worker.contracts.drifts import DriftResult, TurnDisturbance
 from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
+    FLAT_FIELD_CHANGE_NOT_SEEN,
     FLAT_FIELD_NOT_SEEN,
     NOT_SEEN,
     ConjugateFit,
@@ -23,7 +27,9 @@ from sawmill_worker.tomography.drift import (
     drift_change,
     likely_cause,
     seen_vector,
+    zero_offset_mm,
 )
+from sawmill_worker.tomography.drift_chart.looks import Look
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
 from sawmill_worker.tomography.present_rows import rows_of_all
@@ -43,6 +49,8 @@ class DriftInput:
         Of the disc in which rays are counted; None takes the calibration's own.
     remarks : tuple of str
         What was left out on reading.
+    baselines : tuple of KnownBaseline
+        Zero of the changes, by method; the one of this scan's method counts.
     """
 
     sinogram: FloatArray
@@ -55,6 +63,7 @@ class DriftInput:
     tolerance_mm: float = 0.5
     tolerance_scale_percent: float = 0.5
     remarks: tuple[str, ...] = ()
+    baselines: tuple[KnownBaseline, ...] = ()
 
 
 class CommonMean(NamedTuple):
@@ -104,17 +113,25 @@ def run_drift(given: DriftInput) -> DriftResult:
         scanner, given.sinogram, given.angles_rad, calibrated, known.rotation, deviations=given.deviations
     )
     covariance = None if known.covariance is None else np.array(known.covariance)
-    changed = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
+    method = _method(fit)
+    baseline = next((each for each in given.baselines if each.method == method), None)
+    changed, zero = absolute, None
+    if baseline is not None:
+        changed = drift_change(scanner, calibrated, covariance, fit, zero=_zero_of(baseline), radius_mm=radius_mm)
+        zero = _reported(baseline, known, fit, changed, radius_mm)
     turned_over = fit.rotation is not known.rotation
-    within = _within(changed, given, turned_over=turned_over)
+    within = _within(changed, given, zero, turned_over=turned_over)
     return DriftResult(
         measured=_detector(seen_vector(fit)),
         standard_deviation=_deviation(fit, fit.deviation),
         covariance=fit.covariance.tolist(),
         calibrated=_detector(seen_vector(calibrated)),
-        change=_detector(changed.change),
-        change_standard_deviation=_deviation(fit, changed.deviation),
-        significance=_deviation(fit, changed.significance),
+        change=_detector(absolute.change),
+        change_standard_deviation=_deviation(fit, absolute.deviation),
+        significance=_deviation(fit, absolute.significance),
+        reference="calibration" if zero is None else "baseline",
+        baseline=zero,
         moved=changed.moved,
         ray_change_mm=changed.ray_change_mm,
         ray_change_uncertainty_mm=changed.ray_change_uncertainty_mm,
@@ -123,9 +140,9 @@ def run_drift(given: DriftInput) -> DriftResult:
         radius_mm=radius_mm,
         tolerance_mm=given.tolerance_mm,
         within_tolerance=within,
-        reason=_reason(given, fit, changed, within=within, turned_over=turned_over),
-        method="opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs",
-        not_seen=_not_seen(fit),
+        reason=_reason(given, fit, changed, zero, within=within, turned_over=turned_over),
+        method=method,
+        not_seen=_not_seen(fit, zero),
         rotation=fit.rotation,
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
@@ -141,37 +158,85 @@ def run_drift(given: DriftInput) -> DriftResult:
     )
 
 
-def _within(changed: DriftChange, given: DriftInput, *, turned_over: bool) -> bool | None:
+def _within(changed: DriftChange, given: DriftInput, zero: DriftBaseline | None, *, turned_over: bool) -> bool | None:
     # A scale that this scan hardly sees is no reason for an alarm.
     allowed = max(given.tolerance_scale_percent / 100.0, TWO_SIDED_95 * changed.scale_deviation)
-    if turned_over or abs(changed.scale_change) > allowed:
+    if turned_over or _is_far(zero, given) or abs(changed.scale_change) > allowed:
         return False
     if changed.ray_change_uncertainty_mm > given.tolerance_mm:
         return None
     return changed.ray_change_mm <= given.tolerance_mm
 
 
+def _is_far(zero: DriftBaseline | None, given: DriftInput) -> bool:
+    """Whether the first logs were out of tolerance already: a baseline must not hide a move before it."""
+    return zero is not None and zero.ray_offset_mm > given.tolerance_mm
+
+
 def _reason(
-    given: DriftInput, fit: DetectorFit, changed: DriftChange, *, within: bool | None, turned_over: bool
+    given: DriftInput,
+    fit: DetectorFit,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
 ) -> str:
     of_the_turn = disturbed_turn(fit)
-    of_the_detector = _of_the_detector(given, changed, within=within, turned_over=turned_over)
+    of_the_detector = _of_the_detector(given, changed, zero, within=within, turned_over=turned_over)
     return of_the_detector if of_the_turn is None else f"{of_the_turn}; apart from that, {of_the_detector}"
 
 
-def _of_the_detector(given: DriftInput, changed: DriftChange, *, within: bool | None, turned_over: bool) -> str:
+def _of_the_detector(
+    given: DriftInput,
+    changed: DriftChange,
+    zero: DriftBaseline | None,
+    *,
+    within: bool | None,
+    turned_over: bool,
+) -> str:
     if turned_over:
         return "the log turned the other way than at the calibration: check the drive's direction and the angles' sign"
+    if zero is not None and _is_far(zero, given):
+        return (
+            f"the first {zero.looks} logs after the calibration lie {zero.ray_offset_mm:.2g} mm of the rays from it, "
+            f"and {given.tolerance_mm:.2g} mm is allowed: the scanner moved before them, or its flat field is wrong: "
+            "take a new flat field, scan the phantom and calibrate"
+        )
     if within is None:
         return (
             f"this scan places rays to {changed.ray_change_uncertainty_mm:.2g} mm and {given.tolerance_mm:.2g} mm is "
             "asked for: average more rows, or scan a log that is less round or less centred"
         )
-    return likely_cause(given.calibration.source_frame, changed)
+    cause = likely_cause(given.calibration.source_frame, changed)
+    return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"
 
 
-def _not_seen(fit: DetectorFit) -> list[str]:
-    also = ((fit.distance_held, DISTANCE_NOT_SEEN), (not isinstance(fit, ConjugateFit), FLAT_FIELD_NOT_SEEN))
+def _zero_of(baseline: KnownBaseline) -> Look:
+    change = np.array([baseline.cor_column_offset_mm, baseline.tilt_offset_rad])
+    return Look(0.0, change, np.array(baseline.covariance))
+
+
+def _method(fit: DetectorFit) -> DriftMethod:
+    return "opposite-rays" if isinstance(fit, ConjugateFit) else "view-pairs"
+
+
+def _reported(
+    baseline: KnownBaseline, known: CalibrationResult, fit: DetectorFit, changed: DriftChange, radius_mm: float
+) -> DriftBaseline:
+    zero = _zero_of(baseline)
+    return DriftBaseline(
+        **dict(baseline),
+        ray_offset_mm=zero_offset_mm(known.scanner, known.source_frame, zero, radius_mm=radius_mm),
+        change=_detector(changed.change),
+        change_standard_deviation=_deviation(fit, changed.deviation),
+        significance=_deviation(fit, changed.significance),
+    )
+
+
+def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
+    of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
+    also = ((fit.distance_held, DISTANCE_NOT_SEEN), (not isinstance(fit, ConjugateFit), of_flat_field))
     return [*NOT_SEEN, *(sentence for holds, sentence in also if holds)]
 
 

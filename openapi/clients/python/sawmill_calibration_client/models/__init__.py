@@ -38,10 +38,14 @@ from .disc import Disc
 from .disturbed_part import DisturbedPart
 from .drift import Drift
 from .drift_ask import DriftAsk
+from .drift_baseline import DriftBaseline
+from .drift_finding import DriftFinding
+from .drift_finding_kind import DriftFindingKind
 from .drift_links import DriftLinks
 from .drift_method import DriftMethod
 from .drift_options import DriftOptions
 from .drift_page import DriftPage
+from .drift_reference import DriftReference
 from .drift_result import DriftResult
 from .event import Event
 from .event_detail_type_0 import EventDetailType0
@@ -79,6 +83,7 @@ from .key_ask import KeyAsk
 from .key_rotation import KeyRotation
 from .keys import Keys
 from .kind_preview import KindPreview
+from .known_baseline import KnownBaseline
 from .list_color_maps_response_list_color_maps import ListColorMapsResponseListColorMaps
 from .measurement import Measurement
 from .measurement_kind import MeasurementKind
@@ -109,6 +114,7 @@ from .plan_links import PlanLinks
 from .plan_page import PlanPage
 from .plan_result import PlanResult
 from .polygon import Polygon
+from .pooled_drift import PooledDrift
 from .predicted_ray_error import PredictedRayError
 from .preference import Preference
 from .priority import Priority
@@ -142,6 +148,7 @@ from .scan_shape import ScanShape
 from .scan_state import ScanState
 from .scanner_ask import ScannerAsk
 from .scanner_constants import ScannerConstants
+from .scanner_drift import ScannerDrift
 from .schedule import Schedule
 from .schedule_ask import ScheduleAsk
 from .schedule_kind import ScheduleKind
@@ -221,10 +228,14 @@ __all__ = (
     "DisturbedPart",
     "Drift",
     "DriftAsk",
+    "DriftBaseline",
+    "DriftFinding",
+    "DriftFindingKind",
     "DriftLinks",
     "DriftMethod",
     "DriftOptions",
     "DriftPage",
+    "DriftReference",
     "DriftResult",
     "Event",
     "EventDetailType0",
@@ -262,6 +273,7 @@ __all__ = (
     "KeyRotation",
     "Keys",
     "KindPreview",
+    "KnownBaseline",
     "ListColorMapsResponseListColorMaps",
     "Measurement",
     "MeasurementKind",
@@ -292,6 +304,7 @@ __all__ = (
     "PlanPage",
     "PlanResult",
     "Polygon",
+    "PooledDrift",
     "PredictedRayError",
     "Preference",
     "Priority",
@@ -322,6 +335,7 @@ __all__ = (
     "ScanForm",
     "ScannerAsk",
     "ScannerConstants",
+    "ScannerDrift",
     "ScanPage",
     "ScanShape",
     "ScanState",

@@ -1,17 +1,20 @@
 from __future__ import annotations
 
+import datetime
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from attrs import define as _attrs_define
 
 from ..models.drift_method import DriftMethod
+from ..models.drift_reference import DriftReference
 from ..models.rotation import Rotation
 from ..types import UNSET, Unset
 
 if TYPE_CHECKING:
     from ..models.detector_deviation import DetectorDeviation
     from ..models.detector_geometry import DetectorGeometry
+    from ..models.drift_baseline import DriftBaseline
     from ..models.scanner_constants import ScannerConstants
     from ..models.turn_disturbance import TurnDisturbance
 
@@ -45,7 +48,8 @@ class DriftResult:
     """ Of the disc in which rays are compared. In mm. """
     ray_change_mm: float
     """ RMS distance between the rays inside the log's disc, up to a common scale, with what this scan cannot see
-    unchanged; a distance of the detector that has not significantly changed is held too. """
+    unchanged; a distance of the detector that has not significantly changed is held too. Counted from `reference`.
+    """
     ray_change_uncertainty_mm: float
     """ RMS ray distance that the errors alone bring about. In mm. """
     reason: str
@@ -81,16 +85,25 @@ class DriftResult:
     """ Null: the scan is too uncertain to say. """
     adjustments: list[str] | Unset = UNSET
     """ What was done to the scan before it was used, a sentence each. """
+    at: datetime.datetime | None | Unset = UNSET
+    """ When it ended. Null: from an earlier version. """
+    baseline: DriftBaseline | None | Unset = UNSET
+    """ What counts as zero, and the change from it. Null: there is no baseline. """
     disturbances: list[TurnDisturbance] | Unset = UNSET
     """ What disturbs the turn beyond chance. What is not found widens the standard deviations. """
     method: DriftMethod | None | Unset = UNSET
     """ How the views were compared. Null: from an earlier version. """
+    reference: DriftReference | Unset = UNSET
+    """ calibration: changes are absolute, counted from the calibration. baseline: they are counted from what the
+    first logs after it measured. """
     scale_change_percent: float | None | Unset = UNSET
     """ Change of the image's size, which the ray change leaves out. Null: from an earlier version. In per cent. """
     scale_change_uncertainty_percent: float | None | Unset = UNSET
     """ Of the change of scale, 95 %. """
 
     def to_dict(self) -> dict[str, Any]:
+        from ..models.drift_baseline import DriftBaseline  # noqa: PLC0415
+
         calibrated = self.calibrated.to_dict()
 
         change = self.change.to_dict()
@@ -154,6 +167,22 @@ class DriftResult:
         if not isinstance(self.adjustments, Unset):
             adjustments = self.adjustments
 
+        at: None | str | Unset
+        if isinstance(self.at, Unset):
+            at = UNSET
+        elif isinstance(self.at, datetime.datetime):
+            at = self.at.isoformat()
+        else:
+            at = self.at
+
+        baseline: dict[str, Any] | None | Unset
+        if isinstance(self.baseline, Unset):
+            baseline = UNSET
+        elif isinstance(self.baseline, DriftBaseline):
+            baseline = self.baseline.to_dict()
+        else:
+            baseline = self.baseline
+
         disturbances: list[dict[str, Any]] | Unset = UNSET
         if not isinstance(self.disturbances, Unset):
             disturbances = []
@@ -168,6 +197,10 @@ class DriftResult:
             method = self.method.value
         else:
             method = self.method
+
+        reference: str | Unset = UNSET
+        if not isinstance(self.reference, Unset):
+            reference = self.reference.value
 
         scale_change_percent: float | None | Unset
         if isinstance(self.scale_change_percent, Unset):
@@ -214,10 +247,16 @@ class DriftResult:
         )
         if adjustments is not UNSET:
             field_dict["adjustments"] = adjustments
+        if at is not UNSET:
+            field_dict["at"] = at
+        if baseline is not UNSET:
+            field_dict["baseline"] = baseline
         if disturbances is not UNSET:
             field_dict["disturbances"] = disturbances
         if method is not UNSET:
             field_dict["method"] = method
+        if reference is not UNSET:
+            field_dict["reference"] = reference
         if scale_change_percent is not UNSET:
             field_dict["scale_change_percent"] = scale_change_percent
         if scale_change_uncertainty_percent is not UNSET:
@@ -229,6 +268,7 @@ class DriftResult:
     def from_dict(cls: type[T], src_dict: Mapping[str, Any]) -> T:
         from ..models.detector_deviation import DetectorDeviation  # noqa: PLC0415
         from ..models.detector_geometry import DetectorGeometry  # noqa: PLC0415
+        from ..models.drift_baseline import DriftBaseline  # noqa: PLC0415
         from ..models.scanner_constants import ScannerConstants  # noqa: PLC0415
         from ..models.turn_disturbance import TurnDisturbance  # noqa: PLC0415
 
@@ -304,6 +344,40 @@ class DriftResult:
 
         adjustments = cast(list[str], d.pop("adjustments", UNSET))
 
+        def _parse_at(data: object) -> datetime.datetime | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                at_type_0 = datetime.datetime.fromisoformat(data)
+
+                return at_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(datetime.datetime | None | Unset, data)
+
+        at = _parse_at(d.pop("at", UNSET))
+
+        def _parse_baseline(data: object) -> DriftBaseline | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, dict):
+                    raise TypeError()
+                baseline_type_0 = DriftBaseline.from_dict(data)
+
+                return baseline_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(DriftBaseline | None | Unset, data)
+
+        baseline = _parse_baseline(d.pop("baseline", UNSET))
+
         _disturbances = d.pop("disturbances", UNSET)
         disturbances: list[TurnDisturbance] | Unset = UNSET
         if _disturbances is not UNSET:
@@ -329,6 +403,13 @@ class DriftResult:
             return cast(DriftMethod | None | Unset, data)
 
         method = _parse_method(d.pop("method", UNSET))
+
+        _reference = d.pop("reference", UNSET)
+        reference: DriftReference | Unset
+        if isinstance(_reference, Unset):
+            reference = UNSET
+        else:
+            reference = DriftReference(_reference)
 
         def _parse_scale_change_percent(data: object) -> float | None | Unset:
             if data is None:
@@ -377,8 +458,11 @@ class DriftResult:
             views=views,
             within_tolerance=within_tolerance,
             adjustments=adjustments,
+            at=at,
+            baseline=baseline,
             disturbances=disturbances,
             method=method,
+            reference=reference,
             scale_change_percent=scale_change_percent,
             scale_change_uncertainty_percent=scale_change_uncertainty_percent,
         )

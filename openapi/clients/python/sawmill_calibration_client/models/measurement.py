@@ -6,6 +6,7 @@ from typing import Any, TypeVar, cast
 
 from attrs import define as _attrs_define
 
+from ..models.drift_method import DriftMethod
 from ..models.measurement_kind import MeasurementKind
 from ..models.verdict import Verdict
 from ..types import UNSET, Unset
@@ -33,7 +34,8 @@ class Measurement:
     number: int
     """ Number of the measurement; it grows from measurement to measurement. """
     ray_change_mm: float | None
-    """ RMS distance between the rays, up to a common scale, mm. Null: there was nothing to compare with. """
+    """ RMS distance between the rays, up to a common scale, mm. Of a drift check with a baseline it is counted from
+    that, as is `within_tolerance`. Null: there was nothing to compare with. """
     ray_change_tolerance_mm: float | None
     """ What it was held against. Null: no change, or a calibration of an earlier version. In mm. """
     ray_error_rms_mm: float | None
@@ -65,10 +67,35 @@ class Measurement:
     """ Of a calibration. Null: a drift check. """
     within_tolerance: bool | None
     """ Null: no change, or too uncertain to tell. """
+    baseline_age_hours: float | None | Unset = UNSET
+    """ Age of that baseline, a number of hours. Null: there was none. """
+    baseline_looks: int | None | Unset = UNSET
+    """ Number of drift checks in the baseline that it was compared with. Null: its change is absolute, counted from
+    the calibration. """
+    cor_column_baseline_change_mm: float | None | Unset = UNSET
+    """ Change of u_c against the baseline, mm. Null: there was none. """
     cor_column_standard_deviation_mm: float | None | Unset = UNSET
     """ Of u_c, mm. Null: no error bars. """
+    cor_column_tilt_covariance_mm_deg: float | None | Unset = UNSET
+    """ Covariance of u_c and tau, mm times degrees, of a drift check's own errors. Null: a calibration, or an
+    earlier version. """
+    method: DriftMethod | None | Unset = UNSET
+    """ How a drift check compared views. Null as before. """
+    pooled_cor_column_mm: float | None | Unset = UNSET
+    """ u_c, as these see it together, mm. Null as before. """
+    pooled_cor_column_standard_deviation_mm: float | None | Unset = UNSET
+    """ Of that, mm. Null as before. """
+    pooled_looks: int | None | Unset = UNSET
+    """ Number of drift checks by this method that are pooled: this one and those before it. Null: it is in no
+    chart, or not yet. """
+    pooled_tilt_deg: float | None | Unset = UNSET
+    """ tau, as these see it together, degrees. Null as before. """
+    pooled_tilt_standard_deviation_deg: float | None | Unset = UNSET
+    """ Of that, degrees. Null as before. """
     source_to_detector_standard_deviation_mm: float | None | Unset = UNSET
     """ Of SDD, mm. Null: no error bars, or a drift check that held it. """
+    tilt_baseline_change_deg: float | None | Unset = UNSET
+    """ Change of tau against the baseline, degrees. Null: there was none. """
     tilt_standard_deviation_deg: float | None | Unset = UNSET
     """ Of tau, degrees. Null: no error bars. """
 
@@ -139,17 +166,85 @@ class Measurement:
         within_tolerance: bool | None
         within_tolerance = self.within_tolerance
 
+        baseline_age_hours: float | None | Unset
+        if isinstance(self.baseline_age_hours, Unset):
+            baseline_age_hours = UNSET
+        else:
+            baseline_age_hours = self.baseline_age_hours
+
+        baseline_looks: int | None | Unset
+        if isinstance(self.baseline_looks, Unset):
+            baseline_looks = UNSET
+        else:
+            baseline_looks = self.baseline_looks
+
+        cor_column_baseline_change_mm: float | None | Unset
+        if isinstance(self.cor_column_baseline_change_mm, Unset):
+            cor_column_baseline_change_mm = UNSET
+        else:
+            cor_column_baseline_change_mm = self.cor_column_baseline_change_mm
+
         cor_column_standard_deviation_mm: float | None | Unset
         if isinstance(self.cor_column_standard_deviation_mm, Unset):
             cor_column_standard_deviation_mm = UNSET
         else:
             cor_column_standard_deviation_mm = self.cor_column_standard_deviation_mm
 
+        cor_column_tilt_covariance_mm_deg: float | None | Unset
+        if isinstance(self.cor_column_tilt_covariance_mm_deg, Unset):
+            cor_column_tilt_covariance_mm_deg = UNSET
+        else:
+            cor_column_tilt_covariance_mm_deg = self.cor_column_tilt_covariance_mm_deg
+
+        method: None | str | Unset
+        if isinstance(self.method, Unset):
+            method = UNSET
+        elif isinstance(self.method, DriftMethod):
+            method = self.method.value
+        else:
+            method = self.method
+
+        pooled_cor_column_mm: float | None | Unset
+        if isinstance(self.pooled_cor_column_mm, Unset):
+            pooled_cor_column_mm = UNSET
+        else:
+            pooled_cor_column_mm = self.pooled_cor_column_mm
+
+        pooled_cor_column_standard_deviation_mm: float | None | Unset
+        if isinstance(self.pooled_cor_column_standard_deviation_mm, Unset):
+            pooled_cor_column_standard_deviation_mm = UNSET
+        else:
+            pooled_cor_column_standard_deviation_mm = self.pooled_cor_column_standard_deviation_mm
+
+        pooled_looks: int | None | Unset
+        if isinstance(self.pooled_looks, Unset):
+            pooled_looks = UNSET
+        else:
+            pooled_looks = self.pooled_looks
+
+        pooled_tilt_deg: float | None | Unset
+        if isinstance(self.pooled_tilt_deg, Unset):
+            pooled_tilt_deg = UNSET
+        else:
+            pooled_tilt_deg = self.pooled_tilt_deg
+
+        pooled_tilt_standard_deviation_deg: float | None | Unset
+        if isinstance(self.pooled_tilt_standard_deviation_deg, Unset):
+            pooled_tilt_standard_deviation_deg = UNSET
+        else:
+            pooled_tilt_standard_deviation_deg = self.pooled_tilt_standard_deviation_deg
+
         source_to_detector_standard_deviation_mm: float | None | Unset
         if isinstance(self.source_to_detector_standard_deviation_mm, Unset):
             source_to_detector_standard_deviation_mm = UNSET
         else:
             source_to_detector_standard_deviation_mm = self.source_to_detector_standard_deviation_mm
+
+        tilt_baseline_change_deg: float | None | Unset
+        if isinstance(self.tilt_baseline_change_deg, Unset):
+            tilt_baseline_change_deg = UNSET
+        else:
+            tilt_baseline_change_deg = self.tilt_baseline_change_deg
 
         tilt_standard_deviation_deg: float | None | Unset
         if isinstance(self.tilt_standard_deviation_deg, Unset):
@@ -186,10 +281,32 @@ class Measurement:
                 "within_tolerance": within_tolerance,
             }
         )
+        if baseline_age_hours is not UNSET:
+            field_dict["baseline_age_hours"] = baseline_age_hours
+        if baseline_looks is not UNSET:
+            field_dict["baseline_looks"] = baseline_looks
+        if cor_column_baseline_change_mm is not UNSET:
+            field_dict["cor_column_baseline_change_mm"] = cor_column_baseline_change_mm
         if cor_column_standard_deviation_mm is not UNSET:
             field_dict["cor_column_standard_deviation_mm"] = cor_column_standard_deviation_mm
+        if cor_column_tilt_covariance_mm_deg is not UNSET:
+            field_dict["cor_column_tilt_covariance_mm_deg"] = cor_column_tilt_covariance_mm_deg
+        if method is not UNSET:
+            field_dict["method"] = method
+        if pooled_cor_column_mm is not UNSET:
+            field_dict["pooled_cor_column_mm"] = pooled_cor_column_mm
+        if pooled_cor_column_standard_deviation_mm is not UNSET:
+            field_dict["pooled_cor_column_standard_deviation_mm"] = pooled_cor_column_standard_deviation_mm
+        if pooled_looks is not UNSET:
+            field_dict["pooled_looks"] = pooled_looks
+        if pooled_tilt_deg is not UNSET:
+            field_dict["pooled_tilt_deg"] = pooled_tilt_deg
+        if pooled_tilt_standard_deviation_deg is not UNSET:
+            field_dict["pooled_tilt_standard_deviation_deg"] = pooled_tilt_standard_deviation_deg
         if source_to_detector_standard_deviation_mm is not UNSET:
             field_dict["source_to_detector_standard_deviation_mm"] = source_to_detector_standard_deviation_mm
+        if tilt_baseline_change_deg is not UNSET:
+            field_dict["tilt_baseline_change_deg"] = tilt_baseline_change_deg
         if tilt_standard_deviation_deg is not UNSET:
             field_dict["tilt_standard_deviation_deg"] = tilt_standard_deviation_deg
 
@@ -331,6 +448,35 @@ class Measurement:
 
         within_tolerance = _parse_within_tolerance(d.pop("within_tolerance"))
 
+        def _parse_baseline_age_hours(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        baseline_age_hours = _parse_baseline_age_hours(d.pop("baseline_age_hours", UNSET))
+
+        def _parse_baseline_looks(data: object) -> int | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(int | None | Unset, data)
+
+        baseline_looks = _parse_baseline_looks(d.pop("baseline_looks", UNSET))
+
+        def _parse_cor_column_baseline_change_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        cor_column_baseline_change_mm = _parse_cor_column_baseline_change_mm(
+            d.pop("cor_column_baseline_change_mm", UNSET)
+        )
+
         def _parse_cor_column_standard_deviation_mm(data: object) -> float | None | Unset:
             if data is None:
                 return data
@@ -340,6 +486,83 @@ class Measurement:
 
         cor_column_standard_deviation_mm = _parse_cor_column_standard_deviation_mm(
             d.pop("cor_column_standard_deviation_mm", UNSET)
+        )
+
+        def _parse_cor_column_tilt_covariance_mm_deg(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        cor_column_tilt_covariance_mm_deg = _parse_cor_column_tilt_covariance_mm_deg(
+            d.pop("cor_column_tilt_covariance_mm_deg", UNSET)
+        )
+
+        def _parse_method(data: object) -> DriftMethod | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            try:
+                if not isinstance(data, str):
+                    raise TypeError()
+                method_type_0 = DriftMethod(data)
+
+                return method_type_0
+            except (TypeError, ValueError, AttributeError, KeyError):
+                pass
+            return cast(DriftMethod | None | Unset, data)
+
+        method = _parse_method(d.pop("method", UNSET))
+
+        def _parse_pooled_cor_column_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        pooled_cor_column_mm = _parse_pooled_cor_column_mm(d.pop("pooled_cor_column_mm", UNSET))
+
+        def _parse_pooled_cor_column_standard_deviation_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        pooled_cor_column_standard_deviation_mm = _parse_pooled_cor_column_standard_deviation_mm(
+            d.pop("pooled_cor_column_standard_deviation_mm", UNSET)
+        )
+
+        def _parse_pooled_looks(data: object) -> int | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(int | None | Unset, data)
+
+        pooled_looks = _parse_pooled_looks(d.pop("pooled_looks", UNSET))
+
+        def _parse_pooled_tilt_deg(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        pooled_tilt_deg = _parse_pooled_tilt_deg(d.pop("pooled_tilt_deg", UNSET))
+
+        def _parse_pooled_tilt_standard_deviation_deg(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        pooled_tilt_standard_deviation_deg = _parse_pooled_tilt_standard_deviation_deg(
+            d.pop("pooled_tilt_standard_deviation_deg", UNSET)
         )
 
         def _parse_source_to_detector_standard_deviation_mm(data: object) -> float | None | Unset:
@@ -352,6 +575,15 @@ class Measurement:
         source_to_detector_standard_deviation_mm = _parse_source_to_detector_standard_deviation_mm(
             d.pop("source_to_detector_standard_deviation_mm", UNSET)
         )
+
+        def _parse_tilt_baseline_change_deg(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        tilt_baseline_change_deg = _parse_tilt_baseline_change_deg(d.pop("tilt_baseline_change_deg", UNSET))
 
         def _parse_tilt_standard_deviation_deg(data: object) -> float | None | Unset:
             if data is None:
@@ -386,8 +618,19 @@ class Measurement:
             tilt_deg=tilt_deg,
             verdict=verdict,
             within_tolerance=within_tolerance,
+            baseline_age_hours=baseline_age_hours,
+            baseline_looks=baseline_looks,
+            cor_column_baseline_change_mm=cor_column_baseline_change_mm,
             cor_column_standard_deviation_mm=cor_column_standard_deviation_mm,
+            cor_column_tilt_covariance_mm_deg=cor_column_tilt_covariance_mm_deg,
+            method=method,
+            pooled_cor_column_mm=pooled_cor_column_mm,
+            pooled_cor_column_standard_deviation_mm=pooled_cor_column_standard_deviation_mm,
+            pooled_looks=pooled_looks,
+            pooled_tilt_deg=pooled_tilt_deg,
+            pooled_tilt_standard_deviation_deg=pooled_tilt_standard_deviation_deg,
             source_to_detector_standard_deviation_mm=source_to_detector_standard_deviation_mm,
+            tilt_baseline_change_deg=tilt_baseline_change_deg,
             tilt_standard_deviation_deg=tilt_standard_deviation_deg,
         )
 

@@ -113,7 +113,10 @@ def sync_detailed(
 ) -> Response[AlarmList | Problem]:
     """List open alarms
 
-     What should have come from a scanner by now and has not; the limits are `alarms` of the scanner.
+     What should have come from a scanner by now and has not, and scanners that moved, as their logs
+    together show.
+
+    The limits are `alarms` of the scanner.
 
     Args:
         scanner_id (str | Unset): Those of this scanner. By default those of all.
@@ -144,7 +147,10 @@ def sync(
 ) -> AlarmList | Problem | None:
     """List open alarms
 
-     What should have come from a scanner by now and has not; the limits are `alarms` of the scanner.
+     What should have come from a scanner by now and has not, and scanners that moved, as their logs
+    together show.
+
+    The limits are `alarms` of the scanner.
 
     Args:
         scanner_id (str | Unset): Those of this scanner. By default those of all.
@@ -170,7 +176,10 @@ async def asyncio_detailed(
 ) -> Response[AlarmList | Problem]:
     """List open alarms
 
-     What should have come from a scanner by now and has not; the limits are `alarms` of the scanner.
+     What should have come from a scanner by now and has not, and scanners that moved, as their logs
+    together show.
+
+    The limits are `alarms` of the scanner.
 
     Args:
         scanner_id (str | Unset): Those of this scanner. By default those of all.
@@ -199,7 +208,10 @@ async def asyncio(
 ) -> AlarmList | Problem | None:
     """List open alarms
 
-     What should have come from a scanner by now and has not; the limits are `alarms` of the scanner.
+     What should have come from a scanner by now and has not, and scanners that moved, as their logs
+    together show.
+
+    The limits are `alarms` of the scanner.
 
     Args:
         scanner_id (str | Unset): Those of this scanner. By default those of all.

@@ -1,0 +1,246 @@
+"""Drift checks of a scanner together: each counts once, whoever looks, and opens at most one alarm."""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from datetime import timedelta
+
+import numpy as np
+import pytest
+from sqlalchemy import select
+
+from sawmill_worker.contracts.calibrations import CalibrationAsk
+from sawmill_worker.contracts.drifts import DriftAsk
+from sawmill_worker.contracts.history import HistoryKind
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.measurements import MeasurementKind
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.storage.drift_charts import _counted
+from sawmill_worker.storage.origins import origin_of
+from sawmill_worker.storage.tables import ActivationRow, MeasurementRow
+from sawmill_worker.use_cases.drift_following import follow
+from sawmill_worker.vocabulary import DataKind
+
+COLUMN, TILT = -209.1, -0.083
+DEVIATIONS = np.array([0.05, 0.002])
+COVARIANCE = np.outer(DEVIATIONS, DEVIATIONS) * [[1.0, -0.6], [-0.6, 1.0]]
+
+
+@pytest.fixture
+def store(clocked_store):
+    return clocked_store
+
+
+@pytest.fixture
+def calibrated(store, ready_scan, finish, clock):
+    """Make a new calibration the active one."""
+
+    def calibrate():
+        clock.advance(minutes=1)
+        asked = store.calibrations.accept(CalibrationAsk(scan_id=ready_scan.id, activate=True, fresh=True))
+        finish(store)
+        return asked.id
+
+    return calibrate
+
+
+@pytest.fixture
+def log(store, scanner, clock, finish):
+    """A log that came, a minute after the one before; its scan's id."""
+
+    def scan():
+        clock.advance(minutes=1)
+        content = str(clock.now).encode()
+        spec = ScanSpec(scanner_id=scanner.id, data=DataKind.COUNTS)
+        accepted = store.scans.accept(spec, store.files.receive([content], max_bytes=100))
+        finish(store)
+        return accepted.id
+
+    return scan
+
+
+def answer(change, sha256, **changes):
+    """What a check answers that measured a change since the calibration: mm and radians."""
+    measured = {"cor_column_mm": COLUMN + change[0], "tilt_rad": TILT + change[1], "source_to_detector_mm": 1619.3}
+    of = {"cor_column_mm": change[0], "tilt_rad": change[1], "source_to_detector_mm": 0.0}
+    deviation = {"cor_column_mm": DEVIATIONS[0], "tilt_rad": DEVIATIONS[1], "source_to_detector_mm": None}
+    return {
+        "measured": measured,
+        "change": of,
+        "standard_deviation": deviation,
+        "change_standard_deviation": deviation,
+        "covariance": np.pad(COVARIANCE, (0, 1)).tolist(),
+        "method": "view-pairs",
+        "input_sha256": sha256,
+    } | changes
+
+
+@pytest.fixture
+def look(store, log, finish):
+    """Check a log that shows a change, with errors as it says; the check's id."""
+    random = np.random.default_rng(17)
+
+    def check(change=(0.0, 0.0), *, scan_id=None, **changes):
+        scan_id = scan_id or log()
+        asked = store.drifts.accept(DriftAsk(scan_id=scan_id, fresh=True))
+        measured = random.multivariate_normal(np.asarray(change), COVARIANCE)
+        finish(store, **answer(measured, store.scans.get(scan_id).sha256, **changes))
+        return asked.id
+
+    return check
+
+
+@pytest.fixture
+def charted(store, scanner):
+    """Enter checks of many logs, five minutes apart, which wait for their chart."""
+
+    def enter_looks(changes, since=None):
+        random = np.random.default_rng(18)
+        with store._database.write() as session:
+            active = session.scalars(select(ActivationRow).order_by(ActivationRow.number.desc()).limit(1)).one()
+            start = since or active.activated_at
+            for number, change in enumerate(changes):
+                column, tilt = random.multivariate_normal(np.asarray(change), COVARIANCE)
+                session.add(
+                    MeasurementRow(
+                        scanner_id=scanner.id,
+                        at=start + (number + 1) * timedelta(minutes=5),
+                        kind=MeasurementKind.DRIFT,
+                        subject_id=f"check-{number}",
+                        against_id=active.calibration_id,
+                        cor_column_mm=COLUMN + column,
+                        cor_column_standard_deviation_mm=DEVIATIONS[0],
+                        cor_column_change_mm=column,
+                        tilt_deg=math.degrees(TILT + tilt),
+                        tilt_standard_deviation_deg=math.degrees(DEVIATIONS[1]),
+                        tilt_change_deg=math.degrees(tilt),
+                        cor_column_tilt_covariance_mm_deg=math.degrees(COVARIANCE[0, 1]),
+                        source_to_detector_mm=1619.3,
+                        relative_residual=0.01,
+                        method="view-pairs",
+                        activation_number=active.number,
+                        input_sha256=f"{number:064}",
+                        awaits_chart=True,
+                    )
+                )
+
+    return enter_looks
+
+
+def rows(store):
+    """Of drift checks, the oldest first."""
+    checks = select(MeasurementRow).where(MeasurementRow.kind == MeasurementKind.DRIFT).order_by(MeasurementRow.number)
+    with store._database.read() as session:
+        return list(session.scalars(checks))
+
+
+def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(store, ready_scan, calibrated, look):
+    first = calibrated()
+    again = store.drifts.get(look()).scan_id
+    look(scan_id=again)
+    look(scan_id=ready_scan.id)
+    look(rotation="reversed")
+    look(method=None)
+    look(covariance=[[0.0] * 3] * 3)
+    second = calibrated()
+    look()
+    counted = rows(store)
+    assert [row.activation_number for row in counted] == [1, None, None, None, None, None, 2]
+    assert [row.awaits_chart for row in counted] == [True, None, None, None, None, None, True]
+    assert [row.against_id for row in counted] == [first] * 6 + [second]
+    measured = store.measurements.page(counted[0].scanner_id).items[0]
+    assert measured.cor_column_tilt_covariance_mm_deg == pytest.approx(math.degrees(COVARIANCE[0, 1]))
+    assert (measured.method, measured.baseline_looks, measured.pooled_looks) == ("view-pairs", None, None)
+
+
+def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):
+    calibrated()
+    charted([(0.0, 0.0)] * 130)
+    taken = []
+
+    def killed(*given):
+        follow(*given)
+        raise KeyboardInterrupt
+
+    def noting(state, method, before, looks):
+        taken.extend(each.at for each in looks)
+        return follow(state, method, before, looks)
+
+    with pytest.raises(KeyboardInterrupt):
+        store.drift_charts.follow(killed)
+    assert store.drift_charts.of_scanner(scanner.id).charts == []
+    with ThreadPoolExecutor(3) as several:
+        numbers = list(several.map(lambda _: store.drift_charts.follow(noting), range(3)))
+    assert sum(numbers) == len(taken) == len({*taken}) == 130
+    assert store.drift_charts.follow(noting) == 0
+    (chart,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (130, 50, 50, "quiet")
+    assert (chart.alarm, chart.method) == (None, "view-pairs")
+    at_once = follow(None, "view-pairs", lambda _: [], looks_of(store, chart.since))
+    assert chart.finding == at_once.finding
+    newest = rows(store)[-1]
+    assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1].cor_column_mm, abs=1e-9)
+    assert abs(newest.pooled_cor_column_mm - COLUMN) < 4.0 * newest.pooled_cor_column_standard_deviation_mm < 0.04
+
+
+def looks_of(store, since):
+    return [_counted(row, since) for row in rows(store)]
+
+
+def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, charted, clock):
+    first = calibrated()
+    charted([(0.0, 0.0)] * 100 + [(0.12, 0.0)] * 40)
+    clock.advance(days=1)
+    store.drift_charts.follow(follow)
+    (opened,) = store.alarms.check()
+    assert (opened.what, opened.alarm.what, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
+    assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
+    jump_at = store.drift_charts.of_scanner(scanner.id).charts[0].since + timedelta(minutes=500)
+    assert abs(opened.alarm.drift.began_at - jump_at) < timedelta(hours=2)
+    assert "scan the phantom and calibrate" in opened.alarm.sentence
+    assert store.alarms.check() == []
+    assert [alarm.what for alarm in store.alarms.open(scanner_id=scanner.id)] == ["drift"]
+    (chart,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert (chart.calibration_id, chart.alarm) == (first, opened.alarm.drift)
+    event = store.events.following(0)[-1]
+    assert (event.what, event.detail["what"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
+    assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == opened.alarm.sentence
+    second = calibrated()
+    assert store.drift_charts.of_scanner(scanner.id).charts == []
+    (closed,) = store.alarms.check()
+    assert (closed.what, closed.alarm.what) == ("alarm-closed", "drift")
+    charted([(0.3, 0.0)] * 60)
+    store.drift_charts.follow(follow)
+    (chart,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 60, None)
+    assert chart.baseline.cor_column_offset_mm == pytest.approx(0.3, abs=0.03)
+    assert store.alarms.check() == []
+
+
+def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(store, calibrated, charted, log, clock, finish):
+    active = calibrated()
+    charted([(0.0, 0.0)] * 50)
+    store.drift_charts.follow(follow)
+    clock.advance(days=2)
+    asked = store.drifts.accept(DriftAsk(scan_id=log()))
+    handed = store.jobs.handed_over(asked.job_id)
+    (baseline,) = handed.baselines
+    assert (baseline.method, baseline.looks) == ("view-pairs", 50)
+    origins = {origin_of(JobKind.DRIFT, each, "") for each in (handed, handed.model_copy(update={"baselines": ()}))}
+    assert len(origins) == 2, "what a check is compared with is a part of what its result depends on"
+    uncertain = {"cor_column_mm": 0.05, "tilt_rad": 0.002, "source_to_detector_mm": None}
+    against = baseline.model_dump() | {
+        "ray_offset_mm": 0.0,
+        "change": {"cor_column_mm": 0.02, "tilt_rad": 0.001, "source_to_detector_mm": 0.0},
+        "change_standard_deviation": uncertain,
+        "significance": uncertain,
+    }
+    finish(store, **answer((0.02, 0.001), "a" * 64, reference="baseline", baseline=against))
+    result = store.drifts.get(asked.id).result
+    assert (result.reference, result.at) == ("baseline", clock.now)
+    assert result.baseline.age_hours == pytest.approx((clock.now - baseline.last_at).total_seconds() / 3600.0)
+    measured = store.measurements.page(asked.scanner_id).items[0]
+    assert (measured.baseline_looks, measured.baseline_age_hours) == (50, result.baseline.age_hours)
+    assert (measured.against_id, measured.cor_column_baseline_change_mm) == (active, 0.02)
+    calibrated()
+    later = store.drifts.accept(DriftAsk(scan_id=log()))
+    assert store.jobs.handed_over(later.job_id).baselines == ()

@@ -1,0 +1,16 @@
+"""Continuing drift charts in the worker itself: plain numbers of rows, no file, and a millisecond for each look."""
+
+from typing import Any
+
+from sawmill_worker.contracts.choices import DriftMethod
+from sawmill_worker.contracts.scanner_drift import CountedLook, Followed, LooksBefore
+
+
+def follow_drift(
+    state: dict[str, Any] | None, method: DriftMethod, before: LooksBefore, looks: list[CountedLook]
+) -> Followed:
+    """As `sawmill_worker.use_cases.drift_following.follow`."""
+    # A worker that is asked for no drift check holds no NumPy.
+    from sawmill_worker.use_cases.drift_following import follow  # noqa: PLC0415
+
+    return follow(state, method, before, looks)

@@ -1,0 +1,105 @@
+"""Baselines of drift checks: of a chart, and of answers in files."""
+
+import json
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from sawmill_worker.contracts.base import placed_complaint
+from sawmill_worker.contracts.calibrations import CalibrationResult
+from sawmill_worker.contracts.choices import DriftMethod
+from sawmill_worker.contracts.drift_baselines import KnownBaseline
+from sawmill_worker.contracts.drifts import DriftResult
+from sawmill_worker.tomography.drift_chart.looks import Baseline, Look
+from sawmill_worker.use_cases.failures import JobFailure, refused
+
+# What the service or the command line wrote has some kilobytes.
+LONGEST_ANSWER = 1_000_000
+
+
+def known_baseline(
+    baseline: Baseline, method: DriftMethod, first_at: datetime | None, last_at: datetime | None
+) -> KnownBaseline:
+    """As contracts have it."""
+    zero = baseline.estimate
+    column, tilt = (float(value) for value in zero.change)
+    return KnownBaseline(
+        method=method,
+        looks=zero.looks,
+        outliers=zero.outliers,
+        first_at=first_at,
+        last_at=last_at,
+        cor_column_offset_mm=column,
+        tilt_offset_rad=tilt,
+        covariance=zero.covariance.tolist(),
+    )
+
+
+def baselines_of_files(paths: Sequence[Path], known: CalibrationResult) -> tuple[KnownBaseline, ...]:
+    """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
+
+    Raises
+    ------
+    JobFailure
+        A file holds no such answer, one is there twice, or those of a method are too few.
+    """
+    by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
+    for path in paths:
+        result = _read(path)
+        reason = _why_not(result, known)
+        if reason is not None:
+            raise refused("baseline", f"{path.name} {reason}")
+        if result.method is not None:  # else `_why_not` has a reason
+            earlier = by_method.setdefault(result.method, {})
+            if result.input_sha256 in earlier:
+                raise refused("baseline", f"{path.name} is of a scan that an earlier file is of: give each scan once")
+            earlier[result.input_sha256] = result
+    return tuple(_of(method, list(results.values())) for method, results in by_method.items())
+
+
+def _of(method: DriftMethod, results: Sequence[DriftResult]) -> KnownBaseline:
+    try:
+        baseline = Baseline.of([_look(result) for result in results])
+    except ValueError as error:
+        raise refused("baseline", f"by {method}, {error}") from error
+    times = [result.at for result in results if result.at is not None]
+    return known_baseline(baseline, method, min(times, default=None), max(times, default=None))
+
+
+def _look(result: DriftResult) -> Look:
+    change = np.array([result.change.cor_column_mm, result.change.tilt_rad])
+    return Look(0.0, change, np.array(result.covariance)[:2, :2])
+
+
+def _why_not(result: DriftResult, known: CalibrationResult) -> str | None:
+    """What keeps an answer from being in a baseline, after the name of its file."""
+    if result.method is None:
+        return "does not say how views were compared, as an earlier version wrote it: check that scan again"
+    frame = known.source_frame
+    calibrated = (frame.cor_column_mm, frame.tilt_rad, frame.source_to_detector_mm)
+    then = result.calibrated
+    if (then.cor_column_mm, then.tilt_rad, then.source_to_detector_mm) != calibrated or result.scanner != known.scanner:
+        return "is of a check against another calibration: a baseline is of checks against the one that is given"
+    if result.rotation is not known.rotation:
+        return "is of a log that turned the other way than at the calibration"
+    return None
+
+
+def _read(path: Path) -> DriftResult:
+    """What `drift --json` printed, or the service's answer with the result in it."""
+    try:
+        with path.open("rb") as stream:
+            document = json.loads(stream.read(LONGEST_ANSWER + 1)[:LONGEST_ANSWER])
+        inner = document.get("result", document)
+        return DriftResult.model_validate({name: value for name, value in inner.items() if name != "state"})
+    except ValidationError as error:
+        raise _refused(path, placed_complaint(error)) from error
+    except (AttributeError, UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise _refused(path, "it is no JSON document of an answer") from error
+
+
+def _refused(path: Path, reason: str) -> JobFailure:
+    return refused("baseline", f"{path.name} is not what drift --json prints, nor the service's answer: {reason}")
