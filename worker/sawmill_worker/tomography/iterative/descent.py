@@ -28,6 +28,8 @@ SHORTEST = 1e-8
 WINDOW = 8
 # Iterations after which the preconditioner is updated to the images. This and WINDOW: benchmarks/iterative.py.
 REFRESH = 4
+# Iterations at first after each of which its size is updated: a warm start takes shorter steps from there.
+SIZED = 3
 
 
 class Preconditioner(Protocol):
@@ -102,6 +104,7 @@ def minimise(
     lower: float,
     iterations: int,
     tolerance: float,
+    window: int = WINDOW,
     preconditioner: Preconditioner | None = None,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
@@ -114,7 +117,7 @@ def minimise(
     ----------
     start : (problems, n, n) float32
     tolerance : float
-        A problem is done when WINDOW iterations together lower its objective by less than this share of it.
+        A problem is done when `window` iterations together lower its objective by less than this share of it.
     preconditioner : Preconditioner, optional
         By default the identity.
     """
@@ -127,23 +130,23 @@ def minimise(
         # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
         steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)
         history.scales = np.maximum(1e-3 * np.abs(values), 1e-6 * np.sqrt(steepness)) / steepness
-    past = np.full((WINDOW, problems), np.inf)
+    past = np.full((window, problems), np.inf)
     done = np.zeros(problems, np.int64)
     converged = np.zeros(problems, bool)
     for iteration in range(iterations):
         active = every[~converged]
         if active.size == 0:
             break
-        past[iteration % WINDOW] = values
+        past[iteration % window] = values
         if preconditioner is not None and iteration % REFRESH == 0:
             history.scaling[active] = preconditioner.scaling(x[active].reshape(-1, n, n), active).reshape(
                 active.size, -1
             )
-        if preconditioner is None or iteration % REFRESH == 0:
+        if preconditioner is None or iteration % REFRESH == 0 or iteration < SIZED:
             history.scale(preconditioner, active)
         _step(objective, preconditioner, history, x, gradient, values, active, lower)
         done[active] = iteration + 1
-        earlier = past[(iteration + 1) % WINDOW, active]
+        earlier = past[(iteration + 1) % window, active]
         converged[active] = earlier - values[active] < tolerance * np.abs(values[active])
         if on_iteration is not None:
             on_iteration(iteration + 1, iterations)

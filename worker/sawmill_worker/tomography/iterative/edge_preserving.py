@@ -2,10 +2,11 @@
 
 The parameters are chosen from the middle slice where they are not given. Continuation in the prior's scale leads to a
 first image where the objective has many minima. The descent runs on the support region, and then on the full grid.
+Where the objective has one minimum, it runs on the support region alone, by way of larger pixels.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, Protocol, TypeVar
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.iterative.coarse_to_fine import descend_by_levels
 from sawmill_worker.tomography.iterative.descent import Floats, Images
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays
 from sawmill_worker.tomography.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation
@@ -46,8 +48,18 @@ class Problem:
     is_block: bool
 
     @classmethod
-    def of(cls, projector: Projector, sinogram: ArrayLike, noise: ArrayLike | None, *, non_negative: bool) -> "Problem":
+    def of(
+        cls,
+        projector: Projector,
+        sinogram: ArrayLike,
+        noise: ArrayLike | None,
+        *,
+        non_negative: bool,
+        multiple: int = 1,
+    ) -> "Problem":
         """Of sinograms (views, detector) or (slices, views, detector); the noise by default that of the air.
+
+        The support region's size is a multiple of the number given.
 
         Raises
         ------
@@ -58,7 +70,7 @@ class Problem:
         check_shown(lines)
         noises = noise_of_each_ray(noise, lines)
         # With the bound there is little to find in the air around the log.
-        support = SupportRegion.of(projector, lines, non_negative=non_negative)
+        support = SupportRegion.of(projector, lines, non_negative=non_negative, multiple=multiple)
         return cls(projector, lines, noises, support, non_negative, np.ndim(sinogram) == 3)
 
     @cached_property
@@ -111,7 +123,7 @@ class EdgePreservingMethod(Generic[ChoiceT]):
     usual_iterations : int
         Iterations after which most logs have converged.
     convex : bool
-        Whether the objective has one minimum, so that continuation only costs time.
+        Whether the objective has one minimum, to which larger pixels lead, and continuation does not.
     as_published : bool
         No continuation and no preconditioner: the published iterations end long before convergence, and where they end
         is the method.
@@ -165,17 +177,30 @@ def reconstruct_with_prior(
             tolerance=tolerance,
             on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
         )
-    found = descend_from_support(
-        Objective(problem.projector, lines, weights, settings.prior),
-        problem.support,
-        start,
-        non_negative=non_negative,
-        iterations=iterations,
-        tolerance=tolerance,
-        usual=method.usual_iterations,
-        preconditioned=not method.as_published,
-        on_progress=phases.of("descent"),
-    )
+    on_descent = phases.of("descent")
+    if method.convex:
+        found = descend_by_levels(
+            Objective(problem.support.projector, lines, weights, settings.prior),
+            start if has_near_image else None,
+            non_negative=non_negative,
+            iterations=iterations,
+            tolerance=tolerance,
+            usual=method.usual_iterations,
+            on_progress=on_descent,
+        )
+        found = replace(found, images=problem.support.embedded(found.images))
+    else:
+        found = descend_from_support(
+            Objective(problem.projector, lines, weights, settings.prior),
+            problem.support,
+            start,
+            non_negative=non_negative,
+            iterations=iterations,
+            tolerance=tolerance,
+            usual=method.usual_iterations,
+            preconditioned=not method.as_published,
+            on_progress=on_descent,
+        )
     misfit = data_misfit(problem.projector, found.images, lines, noises)
     shape = found.images.shape if problem.is_block else found.images.shape[1:]
     return Estimate(

@@ -6,7 +6,7 @@ import numpy as np
 from numba import get_num_threads
 from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
 
-from sawmill_worker.tomography.iterative.descent import Floats, Images, Indices, Minimum, OnIteration, minimise
+from sawmill_worker.tomography.iterative.descent import WINDOW, Floats, Images, Indices, Minimum, OnIteration, minimise
 from sawmill_worker.tomography.iterative.priors import Prior
 from sawmill_worker.tomography.projector import Projector
 
@@ -63,14 +63,14 @@ class InverseCurvature:
         signs = np.random.default_rng(SEED).choice(np.array([-1.0, 1.0], np.float32), (n, n))
         seen = np.square(objective.projector.forward(signs))
         total = np.einsum("skm,km->s", objective.weights, seen, dtype=np.float64) / n**2
-        stiffest = objective.prior.stiffest()
-        self._data = np.broadcast_to(total, stiffest.shape)
+        stiffness = objective.prior.even_share * objective.prior.stiffest()
+        self._data = np.broadcast_to(total, stiffness.shape)
         frequency = 2.0 * np.pi * np.hypot(fftfreq(n)[:, None], fftfreq(n))
         frequency[0, 0] = np.pi / n
         blur = 1.0 / frequency
         blur /= blur.mean()
         rough = 4.0 * (np.sin(np.pi * fftfreq(n))[:, None] ** 2 + np.sin(np.pi * rfftfreq(n)) ** 2)
-        curvature = self._data[:, None, None] * blur[:, : n // 2 + 1] + stiffest[:, None, None] * rough
+        curvature = self._data[:, None, None] * blur[:, : n // 2 + 1] + stiffness[:, None, None] * rough
         self._inverse = (1.0 / curvature).astype(np.float32)
 
     def scaling(self, images: Images, which: Indices) -> Images:
@@ -96,6 +96,7 @@ def descend(
     non_negative: bool,
     iterations: int,
     tolerance: float,
+    window: int = WINDOW,
     preconditioned: bool = True,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
@@ -106,6 +107,7 @@ def descend(
         lower=0.0 if non_negative else -np.inf,
         iterations=iterations,
         tolerance=tolerance,
+        window=window,
         preconditioner=InverseCurvature(objective) if preconditioned else None,
         on_iteration=on_iteration,
     )

@@ -29,6 +29,8 @@ class Prior(ABC):
     corner: Floats
     # The curvature over a difference d is stiffest * (1 + |d|^2 / scale^2)^-power.
     power: ClassVar[float]
+    # The stiffness of even ground as a share of the stiffest, which makes a good preconditioner.
+    even_share: ClassVar[float] = 1.0
     # (images, scale, strength, gradient, values (images, bands)): adds the gradient, fills the values.
     kernel: ClassVar[Callable[..., Any]]
 
@@ -93,6 +95,8 @@ class TotalVariationPrior(Prior):
     """strength * scale * sum (sqrt(1 + |d|^2 / scale^2) - 1): convex (Rudin, Osher and Fatemi 1992, smoothed)."""
 
     power = 0.5
+    # Few differences are as small as the smoothing: 1 / 16 to 1 / 64 halve the iterations of 1 (20 and 45 views).
+    even_share = 1.0 / 20.0
     kernel = staticmethod(kernels.total_variation)
 
     def stiffest(self) -> Floats:

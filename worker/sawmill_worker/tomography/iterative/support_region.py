@@ -44,10 +44,13 @@ class SupportRegion:
     size: int
 
     @classmethod
-    def of(cls, projector: Projector, lines: Images, *, non_negative: bool = True) -> "SupportRegion":
+    def of(
+        cls, projector: Projector, lines: Images, *, non_negative: bool = True, multiple: int = 1
+    ) -> "SupportRegion":
         """The region that all slices (slices, views, detector) show, with a margin, in a size whose transform is fast.
 
-        The full grid where a slice shows nothing but air, and where attenuation may be negative.
+        The full grid where a slice shows nothing but air, and where attenuation may be negative. Its size is a multiple
+        of the number given, where the full grid has room for it.
         """
         if not non_negative:
             return cls.full_grid(projector)
@@ -63,7 +66,7 @@ class SupportRegion:
         ends = [(max(low, 0), min(high, grid.size)) for low, high in ends]
         size = next_fast_len(max(1, *(high - low for low, high in ends)), real=True)
         # Concentric with a field that is centred on the COR: there, views a quarter turn apart are faster.
-        while (grid.size - size) % 2:
+        while size % multiple or (multiple == 1 and (grid.size - size) % 2):
             size = next_fast_len(size + 1, real=True)
         size = min(size, grid.size)
         low_x, low_y = (min(max((low + high - size) // 2, 0), grid.size - size) for low, high in ends)

@@ -1,0 +1,79 @@
+"""The price of a slice by total variation, and how far it ends from its minimum.
+
+A block of sixteen unlike slices (simulated logs of three kinds, `choosing.py`), 256 x 256 pixels, 768 cells, its weight
+given. Prints processor seconds a slice on one thread and on all, with the iterations of the last level and the error
+beside that of the same objective at rest (a hundred iterations more).
+
+    python benchmarks/slice_price.py [--views 20] [--noise 0.02] [--weight-share 4] [--repeats 3]
+"""
+
+import argparse
+import time
+
+import numpy as np
+from choosing import smooth_log, zoned_log
+from numba import get_num_threads, set_num_threads
+from scanners import SCANNER
+
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.phantom import Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.total_variation import total_variation
+
+THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
+SIZE, FIELD_MM, BLOCK = 256, 400.0, 16
+AT_REST = {"tolerance": 1e-6, "iterations": 150}
+
+
+def logs() -> list[Phantom]:
+    """Thin rings, broad zones and smooth rings in turn."""
+    rng = np.random.default_rng(1)
+    found = []
+    for index in range(BLOCK):
+        model = LogModel.random(int(rng.integers(1000)), radius_mm=rng.uniform(100.0, 140.0))
+        height = rng.uniform(150.0, 250.0)
+        found.append((model.slice_at(height), zoned_log(rng), smooth_log(rng))[index % 3])
+    return found
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", type=int, default=20)
+    parser.add_argument("--noise", type=float, default=0.02)
+    parser.add_argument("--weight-share", type=float, default=4.0, help="the weight times the wood's attenuation")
+    parser.add_argument("--repeats", type=int, default=3)
+    options = parser.parse_args()
+    geometry = FanBeamGeometry(SCANNER, THETA, (np.arange(options.views) + 0.5) * TAU / options.views)
+    projector, bodies = Projector(geometry, ImageGrid(SIZE, FIELD_MM)), logs()
+    lines = projector.block(
+        np.stack([simulate_sinogram(b, geometry, noise=options.noise, seed=n) for n, b in enumerate(bodies)])
+    )
+    truths = [body.rasterise(SIZE, FIELD_MM) for body in bodies]
+    weight = options.weight_share / SAPWOOD_PER_MM
+    total_variation(projector, lines, weight=weight, iterations=1)
+    rest = total_variation(projector, lines, weight=weight, **AT_REST)
+    least = np.array([relative_error(image, truth) for image, truth in zip(rest.image, truths, strict=True)])
+    for threads in sorted({1, get_num_threads()}):
+        set_num_threads(threads)
+        laps = []
+        for _ in range(options.repeats):
+            started, used = time.perf_counter(), time.process_time()
+            found = total_variation(projector, lines, weight=weight)
+            laps.append((time.process_time() - used, time.perf_counter() - started))
+        processor, clock = (1e3 * np.min(laps, axis=0) / BLOCK).tolist()
+        errors = np.array([relative_error(image, truth) for image, truth in zip(found.image, truths, strict=True)])
+        print(
+            f"{options.views} views, {100.0 * options.noise:g} % noise, {threads} threads: {processor:.1f} ms of "
+            f"processor, {clock:.1f} ms by the clock a slice; {found.iterations.mean():.1f} iterations; error "
+            f"{errors.mean():.4f}, {errors.mean() / least.mean():.4f} of that at rest, {(errors / least).max():.3f} at "
+            "most"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""A descent by way of larger pixels: where it ends, and what it saves."""
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.coarse_to_fine import coarser, descend_by_levels, finer
+from sawmill_worker.tomography.iterative.first_image import mean_along_rays
+from sawmill_worker.tomography.iterative.penalised import Objective, descend
+from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.simulate import simulate_sinogram
+
+SIZE, SIGMA = 128, 0.05
+LOG = Phantom("log with a core", (Disc((5.0, -8.0), 120.0, 0.018), Disc((0.0, 0.0), 40.0, 0.006)))
+
+
+@pytest.fixture(scope="module")
+def objective():
+    angles = (np.arange(20) + 0.3) * 2.0 * np.pi / 20
+    geometry = FanBeamGeometry(Scanner(860.0, 256, 3.2), Theta(0.7, 700.0, 50.0, 10.0, 0.05), angles)
+    projector = Projector(geometry, ImageGrid(SIZE, 300.0))
+    lines = projector.block(np.stack([simulate_sinogram(LOG, geometry, noise=0.02, seed=n) for n in (1, 2)]))
+    prior = TotalVariationPrior(np.full(2, 4e-4), np.full(2, 300.0), np.full(2, 0.02))
+    return Objective(projector, lines, np.full(lines.shape, 1.0 / SIGMA**2, np.float32), prior)
+
+
+def test_larger_pixels_lead_to_the_same_minimum_in_fewer_iterations(objective):
+    settings = {"non_negative": True, "iterations": 200, "tolerance": 1e-4}
+    reported = []
+    found = descend_by_levels(objective, **settings, usual=20, on_progress=reported.append)
+    plain = descend(objective, mean_along_rays(objective.projector, objective.lines), **settings)
+    np.testing.assert_allclose(found.values, plain.values, rtol=2e-3)
+    assert np.linalg.norm(found.images - plain.images) < 0.02 * np.linalg.norm(plain.images)
+    few = settings | {"iterations": 8, "tolerance": 0.0}
+    early = descend_by_levels(objective, **few, usual=8)
+    straight = descend(
+        objective,
+        mean_along_rays(objective.projector, objective.lines),
+        **few | {"iterations": 12},
+    )
+    assert (early.values < straight.values).all()
+    assert reported == sorted(reported)
+    assert reported[-1] <= 1.0
+
+
+def test_a_near_image_needs_no_larger_pixels(objective):
+    settings = {"non_negative": True, "iterations": 3, "tolerance": 0.0, "usual": 3}
+    truth = np.stack([LOG.rasterise(SIZE, 300.0)] * 2).astype(np.float32)
+    near = descend_by_levels(objective, truth, **settings)
+    assert (near.values < objective(truth, np.arange(2))[0]).all()
+    assert near.iterations.tolist() == [3, 3]
+
+
+def test_a_level_costs_as_much_for_an_image_of_its_pixels(objective):
+    level = coarser(objective)
+    assert level.projector.grid.size == SIZE // 2
+    assert level.lines.shape == (2, 20, 128)
+    large = LOG.rasterise(SIZE // 2, 300.0).astype(np.float32)
+    small = np.repeat(np.repeat(large, 2, 0), 2, 1)
+    which = np.arange(2)
+    (wide, _), (fine, _) = (
+        one.prior.add(np.stack([image] * 2), which, np.zeros((2, *image.shape), np.float32))
+        for one, image in ((level, large), (objective, small))
+    )
+    np.testing.assert_allclose(wide, fine, rtol=0.1)
+
+
+def test_pairs_of_cells_weigh_what_both_do_and_none_where_both_are_left_out(objective):
+    weights = objective.weights.copy()
+    weights[0, 3, 10:12] = 0.0
+    weights[0, 4, 20] = 0.0
+    level = coarser(Objective(objective.projector, objective.lines, weights, objective.prior))
+    assert level.weights[0, 3, 5] == level.lines[0, 3, 5] == 0.0
+    assert level.lines[0, 4, 10] == pytest.approx(objective.lines[0, 4, 21])
+    np.testing.assert_allclose(level.weights.sum(), weights.sum(), rtol=1e-6)
+    odd = objective.projector.geometry
+    odd = FanBeamGeometry(Scanner(860.0, 255, 3.2), odd.theta, odd.angles_rad)
+    alone = Objective(
+        Projector(odd, objective.projector.grid), objective.lines[..., 1:], weights[..., 1:], objective.prior
+    )
+    assert coarser(alone).lines.shape == (2, 20, 255)
+
+
+def test_a_plane_stays_a_plane_with_smaller_pixels():
+    x, y = np.meshgrid(np.arange(6.0), np.arange(6.0), indexing="ij")
+    plane = (2.0 * x - y)[None].astype(np.float32)
+    fine = finer(plane)
+    assert fine.shape == (1, 12, 12)
+    inner = fine[0, 1:-1, 1:-1]
+    np.testing.assert_allclose(np.diff(inner, axis=0), 1.0, atol=1e-5)
+    np.testing.assert_allclose(np.diff(inner, axis=1), -0.5, atol=1e-5)
+    assert fine.mean() == pytest.approx(plane.mean(), abs=1e-5)
