@@ -74,7 +74,7 @@ def settings(tmp_path: Path, database_url: str | None) -> StorageSettings:
 
 @pytest.fixture
 def filled(settings: StorageSettings, empty_data: Path) -> StorageSettings:
-    """Of a store whose tables are there: that is quicker than migrating."""
+    """Of a store whose tables and built-in phantoms are there: that is quicker than migrating."""
     if settings.database_url is None:
         shutil.copytree(empty_data, settings.data_folder)
     return settings
@@ -83,14 +83,14 @@ def filled(settings: StorageSettings, empty_data: Path) -> StorageSettings:
 @pytest.fixture
 def clocked_store(filled: StorageSettings, clock: TestClock) -> Iterator[Store]:
     """A store whose clock the test moves."""
-    opened = Store.open(filled, clock=clock)
+    opened = Store(filled, clock=clock)
     yield opened
     opened.close()
 
 
 @pytest.fixture
 def store(filled: StorageSettings) -> Iterator[Store]:
-    opened = Store.open(filled)
+    opened = Store(filled)
     yield opened
     opened.close()
 

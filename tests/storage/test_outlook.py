@@ -16,17 +16,14 @@ from sawmill_worker.vocabulary import CalibrationMethod, Progress
 
 
 @pytest.fixture
-def store(settings, clock):
-    Store.open(settings).close()
-    opened = Store(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 @pytest.fixture
-def add(settings, clock):
+def add(store, clock):
     """Rows of jobs, a second apart."""
-    database = Database(make_engine(settings.url), clock)
+    database = Database(make_engine(store.settings.url), clock)
     numbers = count()
 
     def insert_rows(number, kind, *, took_s=None, **values):

@@ -8,18 +8,14 @@ from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.storage.acting import Actor, acting_as
 from sawmill_worker.storage.keys import hash_of
 from sawmill_worker.storage.sessions import LASTS, RENEWAL_STEP
-from sawmill_worker.storage.store import Store
 from sawmill_worker.storage.tables import SessionRow
 
 OPENER = hash_of("the token")
 
 
 @pytest.fixture
-def store(settings, clock):
-    """A store whose clock the test moves."""
-    opened = Store.open(settings, clock=clock)
-    yield opened
-    opened.close()
+def store(clocked_store):
+    return clocked_store
 
 
 def count(store):
