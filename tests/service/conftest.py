@@ -157,8 +157,9 @@ def log_lines(log_text: Callable[[str], io.StringIO]) -> Callable[[], list[dict[
     return lines
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def settings() -> ServiceSettings:
+    """Made once: to look for forty variables takes longer than many a request."""
     return ServiceSettings(
         max_upload_bytes=100_000,
         max_picture_bytes=50_000,
