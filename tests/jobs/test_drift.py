@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk, CalibrationResult
+from sawmill_worker.contracts.drift_baselines import KnownBaseline
 from sawmill_worker.contracts.drifts import DriftAsk, DriftResult
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.jobs import FailureKind, JobKind
@@ -147,6 +148,27 @@ def test_the_job_answers_with_what_moved(asked, log_scan, finish, store):
     finish(looking, result.model_dump(mode="json"))
     stored = store.drifts.get(looking.job.subject_id).result
     assert stored == result.ended(stored.at)
+
+
+def test_the_job_takes_the_baseline_that_it_is_handed(asked, log_scan):
+    looking = asked(log_scan()[:, None])
+    baselines = [
+        KnownBaseline(
+            method=method,
+            looks=50,
+            outliers=0,
+            first_at=None,
+            last_at=None,
+            cor_column_offset_mm=offset_mm,
+            tilt_offset_rad=0.0,
+            covariance=[[1e-6, 0.0], [0.0, 1e-12]],
+        )
+        for method, offset_mm in (("view-pairs", 0.7), ("opposite-rays", 0.2))
+    ]
+    given = looking.given.model_copy(update={"baselines": tuple(baselines)})
+    result = DriftResult.model_validate(run(replace(looking, given=given)))
+    assert (result.reference, result.method, result.baseline.method) == ("baseline", "opposite-rays", "opposite-rays")
+    assert result.change.cor_column_mm - result.baseline.change.cor_column_mm == pytest.approx(0.2)
 
 
 def test_twenty_views_are_compared_two_by_two(look, log_scan):

@@ -6,6 +6,7 @@ from datetime import timedelta
 
 import numpy as np
 import pytest
+from results import drift_result
 from sqlalchemy import select
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -133,20 +134,38 @@ def rows(store):
         return list(session.scalars(checks))
 
 
-def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(store, ready_scan, calibrated, look):
+@pytest.fixture
+def taken_over(store, clock):
+    """Check a log with the answer of an earlier check."""
+
+    def check(scan_id):
+        clock.advance(minutes=1)
+        store.drifts.accept(DriftAsk(scan_id=scan_id))
+        claim = store.jobs.claim("test")
+        output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+        result = drift_result(**answer((0.0, 0.0), "b" * 64))
+        store.jobs.succeed(claim, result, output, answered_from="earlier")
+
+    return check
+
+
+def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
+    store, ready_scan, calibrated, look, taken_over
+):
     first = calibrated()
     again = store.drifts.get(look()).scan_id
     look(scan_id=again)
     look(scan_id=ready_scan.id)
+    taken_over(again)
     look(rotation="reversed")
     look(method=None)
     look(covariance=[[0.0] * 3] * 3)
     second = calibrated()
     look()
     counted = rows(store)
-    assert [row.activation_number for row in counted] == [1, None, None, None, None, None, 2]
-    assert [row.awaits_chart for row in counted] == [True, None, None, None, None, None, True]
-    assert [row.against_id for row in counted] == [first] * 6 + [second]
+    assert [row.activation_number for row in counted] == [1, None, None, None, None, None, None, 2]
+    assert [row.awaits_chart for row in counted] == [True, None, None, None, None, None, None, True]
+    assert [row.against_id for row in counted] == [first] * 7 + [second]
     measured = store.measurements.page(counted[0].scanner_id).items[0]
     assert measured.cor_column_tilt_covariance_mm_deg == pytest.approx(math.degrees(COVARIANCE[0, 1]))
     assert (measured.method, measured.baseline_looks, measured.pooled_looks) == ("view-pairs", None, None)
@@ -154,7 +173,7 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
 
 def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):
     calibrated()
-    charted([(0.0, 0.0)] * 130)
+    charted([(0.0, 0.0)] * 75)
     taken = []
 
     def killed(*given):
@@ -170,10 +189,10 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     with ThreadPoolExecutor(3) as several:
         numbers = list(several.map(lambda _: store.drift_charts.follow(noting), range(3)))
-    assert sum(numbers) == len(taken) == len({*taken}) == 130
+    assert sum(numbers) == len(taken) == len({*taken}) == 75
     assert store.drift_charts.follow(noting) == 0
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (130, 50, 50, "quiet")
+    assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (75, 50, 50, "quiet")
     assert (chart.alarm, chart.method) == (None, "view-pairs")
     at_once = follow(None, "view-pairs", lambda _: [], looks_of(store, chart.since))
     assert chart.finding == at_once.finding
@@ -188,13 +207,13 @@ def looks_of(store, since):
 
 def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, charted, clock):
     first = calibrated()
-    charted([(0.0, 0.0)] * 100 + [(0.12, 0.0)] * 40)
+    charted([(0.0, 0.0)] * 80 + [(0.12, 0.0)] * 30)
     clock.advance(days=1)
     store.drift_charts.follow(follow)
     (opened,) = store.alarms.check()
     assert (opened.what, opened.alarm.what, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
     assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
-    jump_at = store.drift_charts.of_scanner(scanner.id).charts[0].since + timedelta(minutes=500)
+    jump_at = store.drift_charts.of_scanner(scanner.id).charts[0].since + timedelta(minutes=400)
     assert abs(opened.alarm.drift.began_at - jump_at) < timedelta(hours=2)
     assert "scan the phantom and calibrate" in opened.alarm.sentence
     assert store.alarms.check() == []
@@ -208,10 +227,10 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     (closed,) = store.alarms.check()
     assert (closed.what, closed.alarm.what) == ("alarm-closed", "drift")
-    charted([(0.3, 0.0)] * 60)
+    charted([(0.3, 0.0)] * 51)
     store.drift_charts.follow(follow)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
-    assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 60, None)
+    assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 51, None)
     assert chart.baseline.cor_column_offset_mm == pytest.approx(0.3, abs=0.03)
     assert store.alarms.check() == []
 
