@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import chart_kernel
 import numpy as np
 from look_errors import OUTPUT
 from numpy.typing import NDArray
@@ -130,10 +131,7 @@ def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Gene
     largest = np.zeros((2, scanners))
     for _, history in track(histories(errors, scanner, days, rng), total=round(days * GROUPS_A_DAY)):
         before = largest
-        models = history.alternatives(QUIET)
-        alone = [history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models]
-        statistics = [alone, [model.evidence.max(axis=0) for model in models]]
-        largest = np.maximum(largest, np.max(statistics, axis=1))
+        largest = np.maximum(largest, history.scatter.chi_squared(chart_kernel.largest(history, QUIET)))
         waiting = before[:, None] <= LIMITS[:, None]
         groups += waiting.sum(axis=2)
         alarms += (waiting & (largest[:, None] > LIMITS[:, None])).sum(axis=2)
@@ -153,9 +151,10 @@ def found(errors: Errors, scanners: int, moved: Moved, rng: np.random.Generator)
     scanner = np.arange(scanners) % len(errors.scatter)
     waiting, early, findings = np.ones(scanners, bool), 0, []
     for group, history in histories(errors, scanner, QUIET_DAYS + LONGEST_DAYS, rng, moved):
-        models = history.alternatives(QUIET)
-        evidence = np.maximum(*(model.evidence.max(axis=0) for model in models))
-        for at in np.flatnonzero(waiting & (evidence > LIMIT)):
+        evidence = history.scatter.chi_squared(chart_kernel.largest(history, QUIET)[1])
+        alarmed = np.flatnonzero(waiting & (evidence > LIMIT))
+        models = history.alternatives(QUIET) if alarmed.size else ()
+        for at in alarmed:
             of_one = (Alternatives(*(values[:, at] for values in vars(model).values())) for model in models)
             after = group * GROUP_LOOKS - round(QUIET_DAYS * LOOKS_A_DAY)
             waiting[at] = False
@@ -190,7 +189,7 @@ def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> Non
         looks[: len(findings)] = [each.looks for each in findings]
         right = [each.finding for each in findings if each.finding.kind is kind]
         times = [f.between_days for f in right if f.between_days is not None]
-        held = np.mean([early <= QUIET_DAYS + 0.003 and late >= QUIET_DAYS for early, late in times])
+        held = np.mean([first <= QUIET_DAYS + 0.003 and last >= QUIET_DAYS for first, last in times])
         sizes = [(f.change[0] - size) / math.sqrt(f.covariance[0, 0]) for f in right if f.change is not None]
         print(
             f"{name:20s} {len(findings) / len(looks):5.1%} {np.median(looks):7.0f} {np.quantile(looks, 0.9):6.0f}"
