@@ -65,7 +65,7 @@ study-contract: install-dev
 study-wheel: install-dev
 	@$(BIN)/python benchmarks/wheel.py
 
-# Errors of 3 000 simulated looks, about ten minutes, and then the drift chart's run lengths with them, about fifteen.
+# Errors of 3 000 simulated looks, about ten minutes, and then the drift chart's run lengths with them, about five.
 study-run-lengths: install-dev
 	@$(BIN)/python benchmarks/look_errors.py
 	@$(BIN)/python benchmarks/run_lengths.py

@@ -26,7 +26,7 @@ from sawmill_worker.tomography.drift_chart.alternatives import Alternatives
 from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftKind, Finding, likelier
 from sawmill_worker.tomography.drift_chart.history import History
 from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, pooled_means
-from sawmill_worker.tomography.drift_chart.matrices import inverse
+from sawmill_worker.tomography.drift_chart.matrices import inverse, scaled
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.geometry import FloatArray
 
@@ -63,6 +63,14 @@ class Errors:
     scatter: FloatArray
     from_radius: float
     exponent: float
+
+    @property
+    def of_fifty(self) -> FloatArray:
+        """Standard deviations of u_c, (scanners,) in mm, of fifty looks pooled, as they scatter."""
+        own = inverse(self.roots @ np.swapaxes(self.roots, -1, -2)).mean(axis=1) * 50.0
+        scattering = self.scatter @ np.swapaxes(self.scatter, -1, -2)
+        deviation: FloatArray = np.sqrt(scaled(inverse(own), scattering)[:, 0, 0])
+        return deviation
 
     @classmethod
     def read(cls, path: Path) -> "Errors":
@@ -226,6 +234,7 @@ def main() -> None:
     print(f"{len(errors.shape)} looks at {len(errors.scatter)} scanners")
     print(f"scatter by the covariances: {size.min():.2f} to {size.max():.2f}, median {np.median(size):.2f}")
     print(f"distances at 50, 90, 97, 99, 99.7 %: {quantiles.round(2)}; normal ones are at 1.18 2.15 2.65 3.03 3.41")
+    print(f"fifty looks pooled place u_c to {np.median(errors.of_fifty):.4f} mm, at most {errors.of_fifty.max():.4f}")
     print(f"exponent of the tail beyond {TAIL:.0%}: {errors.exponent:.1f}")
     batches = [false_alarms(errors, options.scanners, options.days, rng) for _ in range(options.batches)]
     print_alarms(*(np.sum(each, axis=0) for each in zip(*batches, strict=True)))
