@@ -26,7 +26,7 @@ from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.projector import Image
-from sawmill_worker.tomography.quality import structural_similarity_index
+from sawmill_worker.tomography.quality import relative_error, structural_similarity_index
 from sawmill_worker.tomography.simulate import simulate_stack
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, MetalHandling, ReconstructionMethod, Rotation
@@ -92,8 +92,7 @@ def image_of(
 
 def quality(image: Image, truth: Image, wood: NDArray[np.bool_]) -> tuple[float, float]:
     """Relative error outside the metal, and SSIM there."""
-    error = float(np.linalg.norm((image - truth)[wood]) / np.linalg.norm(truth[wood]))
-    return error, structural_similarity_index(np.where(wood, image, truth), truth)
+    return relative_error(image[wood], truth[wood]), structural_similarity_index(np.where(wood, image, truth), truth)
 
 
 def main() -> None:

@@ -26,6 +26,7 @@ from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_fea
 from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
 from sawmill_worker.tomography.present_rows import filled
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.use_cases.conversion import to_phantom
 
 Stack = NDArray[np.float32]
@@ -131,20 +132,17 @@ def slices() -> None:
             )
             stack = (lines[:, row : row + 1] + noise).astype(np.float32)
 
-            def error(image: Stack, truth: Stack = truth) -> float:
-                return float(np.linalg.norm(image - truth) / np.linalg.norm(truth))
-
-            complete = error(fbp(projector, stack[:, 0]).image)
+            complete = relative_error(fbp(projector, stack[:, 0]).image, truth)
             for share in (0.05, 0.2, 1.0 / 3.0, 0.5):
                 there = np.random.default_rng(2).random(views) >= share
                 some = Projector(projector.geometry.with_angles(angles[there]), projector.grid)
                 try:
-                    weighed = f"{error(fbp(some, stack[there, 0]).image):.3f}"
+                    weighed = f"{relative_error(fbp(some, stack[there, 0]).image, truth):.3f}"
                 except GeometryError:
                     weighed = "refused"
                 lacking = stack.copy()
                 lacking[~there] = np.nan
-                interpolated = error(fbp(projector, filled(lacking, angles)[:, 0]).image)
+                interpolated = relative_error(fbp(projector, filled(lacking, angles)[:, 0]).image, truth)
                 print(
                     f"{views} views, {name}, {share:.0%} less: complete {complete:.3f}, gaps weighed {weighed}, "
                     f"interpolated {interpolated:.3f}",

@@ -23,6 +23,7 @@ from sawmill_worker.tomography.preparing.row_shifts import RowsError, RowShifts
 from sawmill_worker.tomography.preparing.shifts_by_features import shifts_by_features
 from sawmill_worker.tomography.preparing.shifts_by_mass import RowMoments, shifts_by_mass
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.quality import relative_error
 
 Stack = NDArray[np.float32]
 THETA = Theta(0.9, 710.0, 240.0, 35.0, 0.2)
@@ -90,8 +91,7 @@ def rings() -> None:
             stripes = np.random.default_rng(seed).standard_normal(768) * share * clean.max()
             striped = clean + stripes.astype(np.float32)
             errors = [
-                np.linalg.norm(fbp(projector, sinogram).image - truth) / np.linalg.norm(truth)
-                for sinogram in (striped, remove_rings(striped))
+                relative_error(fbp(projector, sinogram).image, truth) for sinogram in (striped, remove_rings(striped))
             ]
             print(
                 f"log {seed}, stripes {share:.1%}: relative error {errors[0]:.4f}, sorted {errors[1]:.4f}", flush=True
