@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import astra_rivals
 import numpy as np
@@ -17,16 +17,17 @@ from whole_logs import Rows
 from sawmill_worker.contracts.geometry import ScannerConstants
 from sawmill_worker.contracts.reconstructions import ReconstructionOptions, ReconstructionResult
 from sawmill_worker.tomography.iterative.cross_validation import parabola_minimum
+from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.support_region import SupportRegion
 from sawmill_worker.tomography.total_variation import SMOOTHING_SHARE, total_variation
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, Rotation
 
-# Candidates for the truth-tuned weight, times the wood's attenuation.
-WEIGHTS = np.geomspace(2.0, 80.0, 7)
-# Of the yardsticks: a hundredth of what ours ends with; enough iterations from each slice's own minimum.
-CONVERGED, STACK_ITERATIONS = 3e-5, 30
+# Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
+WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
+# Of the yardsticks: a thirtieth of what ours ends with; enough iterations from each slice's own minimum.
+CONVERGED, STACK_ITERATIONS = 1e-4, 80
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
 # A step of the search for the stack's weights, and the rows on either side of a judged one that it looks at.
@@ -149,6 +150,7 @@ def _wood(scan: LogScan) -> float:
     return float(np.median(typical_attenuation(mean_along_rays(scan.projector, scan.lines[scan.judged]))))
 
 
+@lru_cache(maxsize=1)  # the stack's search starts from it
 def tuned_in_the_plane(scan: LogScan) -> Outcome:
     """Total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
     judged, projector, wood = scan.judged, scan.projector, _wood(scan)
@@ -156,8 +158,11 @@ def tuned_in_the_plane(scan: LogScan) -> Outcome:
     def images(lines: Rows, weight: float) -> Rows:
         return total_variation(projector, lines, weight=weight, tolerance=CONVERGED).image
 
-    errors = [scan.error(images(scan.lines[judged], weight / wood), judged) for weight in WEIGHTS]
-    weight, _ = parabola_minimum(WEIGHTS / wood, np.log(errors))
+    def best(weights: Floats) -> float:
+        errors = [scan.error(images(scan.lines[judged], weight), judged) for weight in weights]
+        return parabola_minimum(weights, np.log(errors))[0]
+
+    weight = best(best(WEIGHTS / wood) * NEAR_WEIGHTS)
     found, cpu, wall = _timed(lambda: images(scan.lines, weight))
     return Outcome(found, cpu / len(found), wall / len(found), settings={"weight": weight})
 
@@ -201,6 +206,9 @@ def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int
         at = best
 
 
+# Whether the product couples the slices of a log, which it then does by itself.
+COUPLES = "coupling" in ReconstructionOptions.model_fields
+UNCOUPLED = {"coupling": "none"} if COUPLES else {}
 METHODS: dict[str, Callable[[LogScan], Outcome]] = {
     "FBP": ours("fbp"),
     "FBP, tuned": tuned_fbp,
@@ -208,7 +216,9 @@ METHODS: dict[str, Callable[[LogScan], Outcome]] = {
     "SIRT, tuned": astra_rival("SIRT"),
     "Tikhonov": ours_on_judged_rows("tikhonov"),
     "Cauchy MAP": ours_on_judged_rows("cauchy_map"),
-    "total variation": ours("total_variation", ("weight",)),
+    "total variation": ours("total_variation", ("weight",), **UNCOUPLED),
     "2-D total variation, tuned": tuned_in_the_plane,
     "3-D total variation, tuned": tuned_along_the_axis,
 }
+if COUPLES:
+    METHODS["total variation, coupled"] = ours("total_variation", ("weight", "coupling"))

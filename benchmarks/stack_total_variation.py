@@ -1,18 +1,19 @@
 """Isotropic total variation of a whole stack, as 3-D reconstruction software has it: a rival with the truth in hand.
 
 The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(dx^2 + dy^2 + (axis dz)^2 + s^2) - s), x >= 0, all
-rows at once (Rudin, Osher and Fatemi 1992; forward differences, the last one 0). SciPy's L-BFGS-B (Byrd, Lu, Nocedal
-and Zhu 1995) descends from the minimum of each slice alone. None of this is the solver of the product.
+rows at once (Rudin, Osher and Fatemi 1992; forward differences, the last one 0). The spectral projected gradient
+(Birgin, Martinez and Raydan 2000) descends from the minimum of each slice alone. None of it is the product's solver.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
-from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.noise import noise_of_each_ray
 from sawmill_worker.tomography.projector import Image, Projector
+
+# A step must not rise above the highest of the last objectives, less this share of what the slope predicts.
+MEMORY, ARMIJO, SHORTEST = 8, 1e-4, 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,25 +38,27 @@ class StackObjective:
     smoothing: float
 
     def minimum(self, start: Image, iterations: int) -> Image:
-        """The stack (rows, size, size) after at most so many iterations from another one."""
-        # In units in which a difference is of the order of one.
-        unit, shape = self.smoothing, start.shape
+        """The stack (rows, size, size) with the lowest objective of so many iterations from another stack."""
         noises = np.broadcast_to(noise_of_each_ray(None, self.lines), self.lines.shape).astype(np.float32)
-
-        def evaluate(vector: FloatArray) -> tuple[float, FloatArray]:
-            value, gradient = self.evaluate((unit * vector).astype(np.float32).reshape(shape), noises)
-            return value, unit * gradient.ravel().astype(np.float64)
-
-        bounds = np.zeros(start.size), np.full(start.size, np.inf)
-        found = minimize(
-            evaluate,
-            start.ravel().astype(np.float64) / unit,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=np.stack(bounds, axis=1),
-            options={"maxiter": iterations, "maxcor": 8, "ftol": 1e-7, "gtol": 0.0},
-        )
-        return (unit * found.x).astype(np.float32).reshape(shape)
+        images = np.maximum(start, 0.0)
+        value, gradient = self.evaluate(images, noises)
+        lowest, best, values, length = value, images, [value], self.smoothing / float(np.abs(gradient).max())
+        for _ in range(iterations):
+            way = np.maximum(images - np.float32(length) * gradient, 0.0) - images
+            slope, share = float(np.vdot(gradient, way)), 1.0
+            while True:
+                trial = images + np.float32(share) * way
+                value, next_gradient = self.evaluate(trial, noises)
+                if value <= max(values[-MEMORY:]) + ARMIJO * share * slope or share < SHORTEST:
+                    break
+                share *= 0.5
+            step, change = trial - images, next_gradient - gradient
+            length = float(np.vdot(step, step)) / max(float(np.vdot(step, change)), 1e-30)
+            images, gradient = trial, next_gradient
+            values.append(value)
+            if value < lowest:
+                lowest, best = value, images
+        return best
 
     def evaluate(self, images: Image, noises: Image) -> tuple[float, Image]:
         """Value and gradient."""
