@@ -104,17 +104,19 @@ def ours(method: str, open_settings: tuple[str, ...] = (), **options: object) ->
         result: list[ReconstructionResult] = []
 
         def work(**given: object) -> Rows:
-            data, found = _reconstruct(scan, method=method, **options, **given)
+            data, found = _reconstruct(scan, method=method, **{**options, **given})
             result.append(found)
             return data
 
         images, cpu, wall = _timed(work)
         report = result[0].method
         assert report is not None
-        settings = {name: float(getattr(report, name)) for name in open_settings}
+        settings = {name: float(getattr(report, name) or 0.0) for name in open_settings}
         choosing, rows = 0.0, len(images)
         if settings:
-            _, given_cpu, wall = _timed(lambda: work(**settings))
+            # The coupling is a word or a number, as text.
+            given = {name: f"{value:.6f}" if name == "coupling" else value for name, value in settings.items()}
+            _, given_cpu, wall = _timed(lambda: work(**given))
             choosing, cpu = max(cpu - given_cpu, 0.0), given_cpu
         return Outcome(images, cpu / rows, wall / rows, choosing, settings)
 
@@ -206,7 +208,7 @@ def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int
         at = best
 
 
-# Whether the product couples the slices of a log, which it then does by itself.
+# Whether the product couples the slices of a log.
 COUPLES = "coupling" in ReconstructionOptions.model_fields
 UNCOUPLED = {"coupling": "none"} if COUPLES else {}
 METHODS: dict[str, Callable[[LogScan], Outcome]] = {
@@ -221,4 +223,4 @@ METHODS: dict[str, Callable[[LogScan], Outcome]] = {
     "3-D total variation, tuned": tuned_along_the_axis,
 }
 if COUPLES:
-    METHODS["total variation, coupled"] = ours("total_variation", ("weight", "coupling"))
+    METHODS["total variation, coupled"] = ours("total_variation", ("weight", "coupling"), coupling="auto")
