@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scanners import SCANNER
+from scanners import SCANNER, leaves_air
 
 from sawmill_worker.tomography.analytic import DetectorCells, project
 from sawmill_worker.tomography.geometry import TAU, FloatArray, SourceFrame, Theta
@@ -151,13 +151,18 @@ def random_sections(rng: np.random.Generator, number: int) -> list[Phantom]:
 
 
 def _theta(rng: np.random.Generator) -> Theta:
-    """A scanner on whose detector the largest log that is farthest off centre leaves air at both ends."""
+    """A scanner on whose detector any log leaves air at both ends."""
     while True:
         theta = Theta(*rng.uniform([0.0, 600.0, -300.0, -100.0, -0.3], [TAU, 850.0, 300.0, 100.0, 0.3]))
-        largest = Phantom("largest", (Disc((0.0, 0.0), 1.1 * (MOST_RADIUS_MM + MOST_BARK_MM) + OFF_CENTRE_MM),))
-        shadow = project(largest, CELLS, theta.source_frame(SCANNER.source_to_cor_mm), np.zeros(1), rays_per_cell=1)
-        if not (shadow[:, :AIR].any() or shadow[:, -AIR:].any()):
+        if holds_any_log(theta):
             return theta
+
+
+def holds_any_log(theta: Theta) -> bool:
+    """Whether the largest log, as far off centre as any, leaves air at both ends of the detector."""
+    largest = Phantom("largest", (Disc((0.0, 0.0), 1.1 * (MOST_RADIUS_MM + MOST_BARK_MM) + OFF_CENTRE_MM),))
+    frame = theta.source_frame(SCANNER.source_to_cor_mm)
+    return leaves_air(project(largest, CELLS, frame, np.zeros(1), rays_per_cell=1), AIR)
 
 
 def _patch(rng: np.random.Generator, radius_mm: float) -> Polygon:

@@ -160,6 +160,42 @@ def test_faulty_cells_and_corrupt_views_are_left_out():
     assert abs(error_of(fit, frame)[0]) < min(0.2, 4.0 * fit.deviation[0])
 
 
+@pytest.mark.parametrize(("cells", "value"), [([0], 0.0), ([766, 767], 8.0)])
+def test_dead_cells_at_an_end_are_no_log_that_is_cut_off(cells, value):
+    rays, frame = averaged(turn(20))
+    scan = noisy(rays, np.random.default_rng(3), rows=100)
+    sound = view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
+    scan[:, cells] = value
+    fit = view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN)
+    assert fit.adjustments == (f"{len(cells)} detector cells without a usable signal were left out",)
+    # They are air, of which hundreds of cells are left.
+    assert fit.cor_column_mm == pytest.approx(sound.cor_column_mm, abs=0.3 * sound.deviation[0])
+
+
+def test_the_noise_of_the_flat_fields_counts():
+    """A pattern of the cells as large as the noise, in every view alike: 20 views average the noise and not it."""
+    rays, frame = averaged(turn(20))
+    shares, plain = [], []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        scan = rays + 0.003 * rng.standard_normal(rays.shape)
+        plain.append(view_pair_fit(MILL, scan, turn(20), frame, Rotation.AS_GIVEN).deviation[0])
+        fit = view_pair_fit(MILL, scan + 0.003 * rng.standard_normal(768), turn(20), frame, Rotation.AS_GIVEN)
+        shares.append(error_of(fit, frame) / fit.deviation[:2])
+        assert fit.deviation[0] > 1.5 * plain[-1]
+    # The RMS of 12 standard normal numbers is between 0.4 and 1.6 in 99.8 % of draws.
+    assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.6)
+
+
+def test_a_flat_field_that_slopes_does_not_move_a_dense_scan():
+    """By 3 %, with gains of 0.5 %: what the views' gains made of the slope moved u_c by 0.01 mm."""
+    rays, frame = averaged(turn(120), rows=1)
+    scan = rays * (1.0 + 0.005 * np.random.default_rng(1).standard_normal((120, 1)))
+    sloped = scan + 0.03 * np.linspace(-0.5, 0.5, 768)
+    flat, fit = (detector_fit(MILL, each, turn(120), frame, Rotation.AS_GIVEN) for each in (scan, sloped))
+    assert fit.cor_column_mm == pytest.approx(flat.cor_column_mm, abs=1e-4)
+
+
 def test_dense_scans_all_round_keep_their_opposite_rays(scanner, theta, full_turn, log_sinogram):
     start = theta.source_frame(scanner.source_to_cor_mm)
     dense = detector_fit(scanner, log_sinogram, full_turn(360), start, Rotation.AS_GIVEN)

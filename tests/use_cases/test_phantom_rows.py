@@ -12,6 +12,7 @@ from sawmill_worker.tomography.geometry import to_vector
 from sawmill_worker.tomography.preparing.line_integrals import line_integrals
 from sawmill_worker.tomography.ray_error import ray_error
 from sawmill_worker.use_cases.calibrate import CalibrationInput, _in_phantom_rows, calibration_result, run_calibration
+from sawmill_worker.use_cases.second_witness import hear_log, witness_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
@@ -61,6 +62,16 @@ def test_the_rows_that_are_found_give_the_answer_that_they_give_when_they_are_na
     _, named = run_calibration(narrowed, CalibrationOptions(), lambda _: None)
     np.testing.assert_array_equal(to_vector(found.frame), to_vector(named.frame))
     assert found.search == named.search
+
+
+def test_the_log_beside_the_phantom_is_heard_in_views_six_degrees_apart(stack, calibrated):
+    narrowed, calibration, _ = calibrated
+    after, heard = hear_log(calibration, narrowed, asked=None, rows=(0, stack.shape[1]), read=lambda row: stack[:, row])
+    witness = witness_of(heard, after)
+    assert (witness.agreement, witness.taken, witness.log_jump_mm) == ("agree", "both", None)
+    assert witness.log_rows[0] > PHANTOM_ROWS
+    true = THETA.source_frame(SCANNER.source_to_cor_mm)
+    assert abs(witness.log.cor_column_mm - true.cor_column_mm) < 3.0 * witness.log_standard_deviation.cor_column_mm
 
 
 def test_a_stack_of_log_rows_only_keeps_all_of_them(stack):

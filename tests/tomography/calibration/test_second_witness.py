@@ -68,6 +68,17 @@ def test_of_a_phantom_that_slips_the_log_gives_where_the_cor_is(full_turn):
     assert off(heard) < min(off(alone) + 0.01, heard.error_bars.predicted_ray_error.upper_95_mm)
 
 
+def test_of_twenty_views_the_log_is_heard_by_pairs_of_them(full_turn):
+    alone, heard = both(full_turn(20))
+    witness = heard.evidence.witness
+    assert (witness.agreement, witness.moved, witness.taken) == (Agreement.AGREE, None, "both")
+    assert witness.log.movement is None
+    # 50 000 photons and 8 rows of 20 views of 256 cells: 0.03 mm, and three standard deviations.
+    assert abs(witness.log.seen[0] - TRUE.cor_column_mm) < 3.0 * np.sqrt(witness.log.covariance[0, 0]) < 0.2
+    assert heard.error_bars.predicted_ray_error.rms_mm <= alone.error_bars.predicted_ray_error.rms_mm
+    assert heard.judgement.verdict == alone.judgement.verdict
+
+
 def test_of_a_log_that_slips_nothing_is_taken(full_turn):
     alone, heard = both(full_turn(VIEWS), log_by=(0.3, 0.2))
     witness = heard.evidence.witness
@@ -83,11 +94,11 @@ def heard():
     covariance = np.diag([1e-4, 0.2, 0.2, 0.01, 1e-4]) ** 2
     covariance[2, 3] = covariance[3, 2] = 0.5 * 0.2 * 0.01
 
-    def compare(column_mm, movement=STILL, rotation=Rotation.AS_GIVEN):
+    def compare(column_mm, movement=STILL, rotation=Rotation.AS_GIVEN, *, phantom_moved=False):
         seen = to_vector(TRUE)[[3, 4]] + [column_mm, 0.0]
         log = LogAnswer(seen, np.diag([0.02, 3e-3]) ** 2, np.zeros(2), rotation, movement)
         return compare_witnesses(
-            SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=False, radius_mm=150.0
+            SCANNER, TRUE, covariance, log, Rotation.AS_GIVEN, phantom_moved=phantom_moved, radius_mm=150.0
         )
 
     return compare
@@ -124,6 +135,14 @@ def test_a_log_that_jumped_or_turned_the_other_way_is_not_heard(heard):
     assert jumped.taken == turned.taken == "phantom"
     assert turned.other_sense
     assert np.array_equal(jumped.vector, to_vector(TRUE))
+
+
+def test_few_views_do_not_tell_which_of_two_moved_unless_the_phantom_was_seen_to(heard):
+    undecided, slipped = heard(0.24, None), heard(0.24, None, phantom_moved=True)
+    assert (undecided.agreement, undecided.moved, undecided.taken) == (Agreement.DISAGREE, None, "phantom")
+    assert np.array_equal(undecided.vector, to_vector(TRUE))
+    assert (slipped.moved, slipped.taken) == (MovedBody.PHANTOM, "log")
+    assert heard(0.02, None).taken == "both"
 
 
 def test_r_is_held_where_it_would_be_less_than_the_scanners():

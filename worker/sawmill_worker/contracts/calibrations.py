@@ -284,7 +284,7 @@ class ColumnAndTilt(Contract):
 
 
 class SecondWitness(Contract):
-    """The log beside the phantom: by opposite rays its rows give u_c and the tilt too."""
+    """The log beside the phantom: by opposite rays or pairs of views its rows give u_c and the tilt too."""
 
     log_rows: tuple[int, int] = Field(
         description="First row that shows the log and the one after the last.", examples=[[20, 28]]
@@ -311,14 +311,21 @@ class SecondWitness(Contract):
         "disagree: above.",
         examples=["agree"],
     )
-    moved: MovedBody | None = Field(description="Which body moved during the scan. Null: none did.", examples=["log"])
+    moved: MovedBody | None = Field(
+        description="Which body moved during the scan. Null: none did, or the scan does not tell which.",
+        examples=["log"],
+    )
     taken: WitnessTaken = Field(
         description="Whose u_c and tilt are reported; both: combined by their covariances.", examples=["both"]
     )
-    log_jump_mm: float = Field(
-        description="The jump of the log that its opposite rays show, in noise or beyond it.", examples=[0.02]
+    log_jump_mm: float | None = Field(
+        description="The jump of the log that its opposite rays show, in noise or beyond it. Null: views in steps of "
+        "more than 3 degrees do not show it.",
+        examples=[0.02],
     )
-    log_jump_view: int = Field(description="The first view after it, counted from 0.", examples=[131])
+    log_jump_view: int | None = Field(
+        description="The first view after it, counted from 0; null with log_jump_mm.", examples=[131]
+    )
     reason: str = Field(description="What the agreement means, in one sentence.", examples=["phantom and log agree"])
 
 
@@ -442,7 +449,7 @@ class CalibrationResult(Contract):
     second_witness: SecondWitness | None = Field(
         None,
         description="The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, "
-        "or has fewer than 120 views.",
+        "or has fewer than 8 views.",
     )
 
     @property

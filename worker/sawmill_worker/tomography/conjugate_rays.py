@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.conjugate_minimum import coarse_minimum, fine_minimum, refuse_unseen
 from sawmill_worker.tomography.disturbances import (
     ROUNDS,
@@ -26,6 +25,7 @@ from sawmill_worker.tomography.full_turn import Turn, check_full_turn, even_view
 from sawmill_worker.tomography.geometry import FanBeamGeometry, FloatArray, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import fitted_air
 from sawmill_worker.tomography.log_movement import log_movement
+from sawmill_worker.tomography.log_screening import screen_log
 from sawmill_worker.tomography.metal import MetalSearch
 from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.opposite_rays import WITHOUT_DISTANCE, Solution
@@ -70,7 +70,7 @@ def conjugate_fit(
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     check_full_turn(sinogram, angles_rad)
-    screening = screen(sinogram)
+    screening = screen_log(sinogram)
     lines, metal, without_metal = _without_metal(
         scanner, screening.bridged(sinogram), rotation.apply(angles_rad), start
     )

@@ -40,6 +40,11 @@ FLAT_FIELD_CHANGE_NOT_SEEN = (
     "an error of the flat field behind the log that is newer than the baseline and that the air beside the log does "
     "not show: with so few views it looks like a centre of rotation that moved"
 )
+# The figure is that of `python benchmarks/drift_coverage.py --encoder 0.1`.
+ENCODER_NOT_SEEN = (
+    "an encoder that is eccentric: with so few views 0.1 degrees and a log 20 mm off centre look like a centre of "
+    "rotation that moved by up to 0.06 mm, one way or the other as the log lies"
+)
 NOT_SEEN = (
     "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
     "the first angle psi, so neither the encoder's zero nor which way is up",

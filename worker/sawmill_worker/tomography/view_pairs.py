@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtri, stdtrit
 
-from sawmill_worker.tomography.calibration.faults.screening import screen
 from sawmill_worker.tomography.drift import DetectorFit, DriftError, better_sense, seen_vector
 from sawmill_worker.tomography.geometry import FloatArray, GeometryError, Scanner, SourceFrame
 from sawmill_worker.tomography.levelled_rays import levelled_rays
+from sawmill_worker.tomography.log_screening import screen_log
 from sawmill_worker.tomography.pair_sums import PairSums
 from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS, Rotation
 
@@ -65,7 +65,7 @@ def view_pair_fit(
         If the deviations have another shape than the sinogram, or are not positive and finite.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
-    screening = screen(sinogram)
+    screening = screen_log(sinogram)
     usable = int(screening.views.sum())
     if usable < FEWEST_PAIRED_VIEWS:
         raise DriftError(

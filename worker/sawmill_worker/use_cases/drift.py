@@ -16,6 +16,7 @@ from sawmill_worker.tomography.calibration.scale import TWO_SIDED_95
 from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.drift import (
     DISTANCE_NOT_SEEN,
+    ENCODER_NOT_SEEN,
     FLAT_FIELD_CHANGE_NOT_SEEN,
     FLAT_FIELD_NOT_SEEN,
     NOT_SEEN,
@@ -236,8 +237,9 @@ def _reported(
 
 def _not_seen(fit: DetectorFit, zero: DriftBaseline | None) -> list[str]:
     of_flat_field = FLAT_FIELD_NOT_SEEN if zero is None else FLAT_FIELD_CHANGE_NOT_SEEN
-    also = ((fit.distance_held, DISTANCE_NOT_SEEN), (not isinstance(fit, ConjugateFit), of_flat_field))
-    return [*NOT_SEEN, *(sentence for holds, sentence in also if holds)]
+    of_distance = [DISTANCE_NOT_SEEN] if fit.distance_held else []
+    of_few_views = [] if isinstance(fit, ConjugateFit) else [of_flat_field, ENCODER_NOT_SEEN]
+    return [*NOT_SEEN, *of_distance, *of_few_views]
 
 
 def _disturbance(each: Disturbance, amplitude: float) -> TurnDisturbance:

@@ -1,4 +1,4 @@
-"""The log beside the phantom: which rows show it, and what its opposite rays say of the calibration."""
+"""The log beside the phantom: which rows show it, and what they say of the calibration."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -15,13 +15,13 @@ from sawmill_worker.tomography.drift import DriftError
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.use_cases.calibrate import CalibrationInput
 from sawmill_worker.use_cases.failures import refused
+from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 
-# Opposite rays are paired in steps of 3 degrees or less.
-FEWEST_VIEWS = 120
 # Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
 MOST_ROWS, GAP = 16, 1
-# Rows are told from the phantom's by means over blocks of views and cells, in which noise has no part.
-BLOCK_VIEWS, BLOCK_CELLS = 6, 8
+# Rows are told from the phantom's by means over blocks of views and cells, in which noise has no part: of up to so many
+# views, but a part of the turn that both bodies show alike.
+BLOCK_VIEWS, BLOCK_CELLS, BLOCKS_A_TURN = 6, 8, 20
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ def hear_log(
     -------
     The input, with a remark where a log could not be heard, and the calibration.
     """
-    if calibration.error_bars is None or given.angles_rad.size < FEWEST_VIEWS:
+    if calibration.error_bars is None or given.angles_rad.size < FEWEST_PAIRED_VIEWS:
         return given, calibration
     found = log_rows(given, asked=asked, rows=rows, read=read)
     if found is None:
@@ -92,6 +92,7 @@ def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.S
     witness = None if calibration.evidence is None else calibration.evidence.witness
     if witness is None:
         return None
+    jump = witness.log.movement
     return contracts.SecondWitness(
         log_rows=(given.log_rows[0], given.log_rows[-1] + 1),
         log_rows_averaged=len(given.log_rows),
@@ -108,8 +109,8 @@ def witness_of(calibration: Calibration, given: CalibrationInput) -> contracts.S
         agreement=witness.agreement,
         moved=witness.moved,
         taken=witness.taken,
-        log_jump_mm=witness.log.movement.by_mm,
-        log_jump_view=witness.log.movement.view,
+        log_jump_mm=None if jump is None else jump.by_mm,
+        log_jump_view=None if jump is None else jump.view,
         reason=_reason(witness),
     )
 
@@ -118,11 +119,15 @@ def _reason(witness: SecondWitness) -> str:
     beyond = f"chi-squared {witness.chi_squared:.1f} of 2 degrees of freedom"
     if witness.other_sense:
         return "the log turned the other way than the phantom is explained by: its answer was not used"
+    jump = witness.log.movement
     match witness.taken:
+        case "log" if jump is None:
+            return f"the phantom slipped and the log contradicts it ({beyond}): the log's u_c and tilt were taken"
         case "log":
             return f"the log stood still and contradicts the phantom ({beyond}): its u_c and tilt were taken"
-        case "phantom":
-            jump = witness.log.movement
+        case "phantom" if jump is None:
+            return f"the log contradicts the phantom ({beyond}), so few views do not tell why: the phantom's were taken"
+        case "phantom" if jump is not None:
             return f"the log moved by {jump.by_mm:.2g} mm at view {jump.view}: the phantom's u_c and tilt were taken"
     return f"both agree ({beyond}): they were combined by their covariances"
 
@@ -145,10 +150,9 @@ def _asked(given: CalibrationInput, asked: str, rows: tuple[int, int]) -> list[i
 
 def _coarse(sinogram: FloatArray) -> FloatArray:
     """Means over blocks of views and cells, (blocks,)."""
-    views, cells = (
-        size // block * block for size, block in zip(sinogram.shape, (BLOCK_VIEWS, BLOCK_CELLS), strict=True)
-    )
-    blocks = sinogram[:views, :cells].reshape(views // BLOCK_VIEWS, BLOCK_VIEWS, -1, BLOCK_CELLS)
+    together = min(BLOCK_VIEWS, max(1, len(sinogram) // BLOCKS_A_TURN))
+    views, cells = (size // block * block for size, block in zip(sinogram.shape, (together, BLOCK_CELLS), strict=True))
+    blocks = sinogram[:views, :cells].reshape(views // together, together, -1, BLOCK_CELLS)
     means: FloatArray = blocks.mean(axis=(1, 3)).ravel()
     return means
 

@@ -176,7 +176,7 @@ def _second_witness(evidence: Evidence, limits: Limits) -> Iterator[Remark]:
     if witness.other_sense:
         yield Remark(
             Degree.WATCH,
-            "the log's opposite rays agree only if the scanner turns the other way: check the sign of the angles and "
+            "the log's rays agree only if the scanner turns the other way: check the sign of the angles and "
             "from which end the phantom was seen",
         )
     elif witness.agreement is Agreement.DISAGREE:
@@ -331,15 +331,22 @@ def _disagreement(witness: SecondWitness) -> str:
     )
     jump = witness.log.movement
     match witness.moved:
-        case MovedBody.LOG:
+        case MovedBody.LOG if jump is not None:
             return (
                 f"{differ}: the log moved alone, by {jump.by_mm:.2g} mm at view {jump.view}; the phantom's were taken"
             )
-        case MovedBody.BOTH:
+        case MovedBody.BOTH if jump is not None:
             return (
                 f"{differ}: both moved, the log by {jump.by_mm:.2g} mm at view {jump.view}: fasten the log on the "
                 "turntable and repeat the scan"
             )
+        case None:
+            return (
+                f"{differ}: so few views do not tell which of them moved, or whether the flat field has an error "
+                "behind the log; the phantom's were taken: fasten both and repeat the scan, with 120 views or more"
+            )
+        case _ if jump is None:
+            return f"{differ}: the phantom slipped, and the log's were taken: fasten the phantom and repeat the scan"
     return (
         f"{differ}: the log stood still, so the phantom slipped, or it is not as drawn; the log's were taken: fasten "
         "the phantom and repeat the scan"

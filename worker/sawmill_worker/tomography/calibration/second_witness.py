@@ -1,7 +1,7 @@
 """The log beside the phantom as a second witness for u_c and tau (docs/geometry.md#a-second-witness).
 
-The phantom's rows and, by opposite rays, the log's rows give u_c and tau independently. Answers that agree are combined
-by their covariances; where they do not, what moved during the scan decides whose are taken.
+The phantom's rows and, by opposite rays or pairs of views, the log's rows give u_c and tau independently. Answers that
+agree are combined by their covariances; where they do not, what moved during the scan decides whose are taken.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ BOTH = [Parameter.U_C, Parameter.TILT]
 
 @dataclass(frozen=True, eq=False)
 class LogAnswer:
-    """What the log's opposite rays give at the phantom's SDD.
+    """What the log gives at the phantom's SDD.
 
     Attributes
     ----------
@@ -34,14 +34,15 @@ class LogAnswer:
         Change of the two per mm of SDD.
     rotation : Rotation
         The sense in which the log turned; the calibrated one where the log does not tell.
-    movement : LogMovement
+    movement : LogMovement or None
+        None where the scan does not show whether the log moved: of few views.
     """
 
     seen: FloatArray
     covariance: FloatArray
     sdd_sensitivity: FloatArray
     rotation: Rotation
-    movement: LogMovement
+    movement: LogMovement | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class SecondWitness:
         RMS distance that the difference makes to the rays in the log's disc.
     agreement : Agreement
     moved : MovedBody or None
-        Which body moved during the scan, where one did. A log that moved is not heard.
+        Which body moved during the scan, where one did and the scan tells which. A log that moved is not heard.
     taken : WitnessTaken
         Whose u_c and tau are reported.
     vector, covariance : (5,), (5, 5) float64
@@ -120,14 +121,15 @@ def compare_witnesses(
     sees = np.zeros((2, len(vector)))
     sees[[0, 1], BOTH] = 1.0
     difference = log.seen - vector[BOTH]
-    # At another SDD the log's opposite rays give another u_c and tau.
+    # At another SDD the log gives another u_c and tau.
     sees[:, Parameter.SDD] = -log.sdd_sensitivity
     spread = sees @ covariance @ sees.T + log.covariance
     chi_squared = float(difference @ np.linalg.solve(spread, difference))
     agreement = _agreement(chi_squared)
     moved = _moved(log.movement, agreement, phantom_moved=phantom_moved)
     other_sense = log.rotation is not rotation
-    taken = _taken(moved, other_sense=other_sense)
+    undecided = moved is None and agreement is Agreement.DISAGREE
+    taken = _taken(moved, heard=not (other_sense or undecided))
     prior = _Prior(vector, covariance, sees)
     match taken:
         case "phantom":
@@ -161,15 +163,17 @@ def _agreement(chi_squared: float) -> Agreement:
     return Agreement.AGREE if chi_squared <= AGREE else Agreement.STRAINED
 
 
-def _moved(log: LogMovement, agreement: Agreement, *, phantom_moved: bool) -> MovedBody | None:
+def _moved(log: LogMovement | None, agreement: Agreement, *, phantom_moved: bool) -> MovedBody | None:
     """A log whose opposite rays agree with each other stood still: where the answers differ, the phantom moved."""
+    if log is None:
+        return MovedBody.PHANTOM if phantom_moved and agreement is Agreement.DISAGREE else None
     if log.beyond_chance:
         return MovedBody.BOTH if phantom_moved else MovedBody.LOG
     return MovedBody.PHANTOM if agreement is Agreement.DISAGREE else None
 
 
-def _taken(moved: MovedBody | None, *, other_sense: bool) -> WitnessTaken:
-    if other_sense or moved in {MovedBody.LOG, MovedBody.BOTH}:
+def _taken(moved: MovedBody | None, *, heard: bool) -> WitnessTaken:
+    if not heard or moved in {MovedBody.LOG, MovedBody.BOTH}:
         return "phantom"
     return "both" if moved is None else "log"
 

@@ -11,8 +11,8 @@ from sawmill_worker.tomography.calibration.fit import Fit
 from sawmill_worker.tomography.calibration.judgement import Evidence, Limits, judge
 from sawmill_worker.tomography.calibration.scale import scale_uncertainty
 from sawmill_worker.tomography.calibration.second_witness import BOTH, LogAnswer, SecondWitness, compare_witnesses
-from sawmill_worker.tomography.conjugate_rays import conjugate_fit
-from sawmill_worker.tomography.drift import ConjugateFit
+from sawmill_worker.tomography.detector_fit import detector_fit
+from sawmill_worker.tomography.drift import ConjugateFit, DetectorFit
 from sawmill_worker.tomography.fit_parameters import Parameter
 from sawmill_worker.tomography.geometry import FloatArray, Scanner, SourceFrame, Theta
 from sawmill_worker.tomography.ray_error import predicted_ray_error
@@ -32,7 +32,7 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
     Raises
     ------
     DriftError
-        The log's opposite rays show nothing: few views, not all round, or a log too round.
+        The log shows nothing: too few views, a log too round, or one that reaches an end of the detector.
     """
     evidence, task = calibration.evidence, calibration.task
     if evidence is None:
@@ -54,22 +54,23 @@ def with_log(calibration: Calibration, log_sinogram: FloatArray) -> Calibration:
 def _ask_log(
     scanner: Scanner, sinogram: FloatArray, angles_rad: FloatArray, frame: SourceFrame, rotation: Rotation
 ) -> LogAnswer:
-    """What the opposite rays of a log's sinogram (views, detector) give near the phantom's answer.
+    """What a log's sinogram (views, detector) gives near the phantom's answer, by opposite rays or pairs of views.
 
     Raises
     ------
     DriftError
-        The views are sparse or do not go all round, or this log does not show the two.
+        The views are too few, or this log does not show the two.
     """
-    fit = conjugate_fit(scanner, sinogram, angles_rad, frame, rotation)
+    fit = detector_fit(scanner, sinogram, angles_rad, frame, rotation)
     sensitivity, covariance = _at_known_distance(fit)
     seen = np.array([fit.cor_column_mm, fit.tilt_rad])
     seen += sensitivity * (frame.source_to_detector_mm - fit.source_to_detector_mm)
     turned = fit.rotation if fit.rotation_decided else rotation
-    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement)
+    # Pairs of views refuse a log that moves far, and do not tell where it jumped a little.
+    return LogAnswer(seen, covariance, sensitivity, turned, fit.movement if isinstance(fit, ConjugateFit) else None)
 
 
-def _at_known_distance(fit: ConjugateFit) -> tuple[FloatArray, FloatArray]:
+def _at_known_distance(fit: DetectorFit) -> tuple[FloatArray, FloatArray]:
     """Change of (u_c, tau) per mm of SDD, (2,), and their covariance (2, 2) where SDD is known."""
     if fit.distance_held:
         return fit.distance_sensitivity, fit.covariance[:2, :2]

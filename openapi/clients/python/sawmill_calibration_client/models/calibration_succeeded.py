@@ -128,7 +128,7 @@ class CalibrationSucceeded:
     """ Id of the schedule that asked for it. Null: a person or a program did. """
     second_witness: None | SecondWitness | Unset = UNSET
     """ The log beside the phantom as a second witness for u_c and tilt; null where the scan shows none, or has
-    fewer than 120 views. """
+    fewer than 8 views. """
     status: CalibrationStatus | None | Unset = UNSET
     """ How far the answer may be relied on; the verdict is pass only where it is calibrated. Null: an answer of an
     earlier version, which did not report it. """

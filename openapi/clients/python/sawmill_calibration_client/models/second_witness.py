@@ -18,7 +18,7 @@ T = TypeVar("T", bound="SecondWitness")
 
 @_attrs_define
 class SecondWitness:
-    """The log beside the phantom: by opposite rays its rows give u_c and the tilt too."""
+    """The log beside the phantom: by opposite rays or pairs of views its rows give u_c and the tilt too."""
 
     agreement: Agreement
     """ Whether the phantom and the log beside it give the same u_c and tilt: within 95 %, within 99.9 %, or not.
@@ -31,10 +31,11 @@ class SecondWitness:
     """ What the phantom's rows and the log's rows both show. """
     log: ColumnAndTilt
     """ What the phantom's rows and the log's rows both show. """
-    log_jump_mm: float
-    """ The jump of the log that its opposite rays show, in noise or beyond it. In mm. """
-    log_jump_view: int
-    """ The first view after it, counted from 0. """
+    log_jump_mm: float | None
+    """ The jump of the log that its opposite rays show, in noise or beyond it. Null: views in steps of more than 3
+    degrees do not show it. In mm. """
+    log_jump_view: int | None
+    """ The first view after it, counted from 0; null with log_jump_mm. """
     log_rows: list[int]
     """ First row that shows the log and the one after the last. """
     log_rows_averaged: int
@@ -42,7 +43,7 @@ class SecondWitness:
     log_standard_deviation: ColumnAndTilt
     """ What the phantom's rows and the log's rows both show. """
     moved: MovedBody | None
-    """ Which body moved during the scan. Null: none did. """
+    """ Which body moved during the scan. Null: none did, or the scan does not tell which. """
     phantom: ColumnAndTilt
     """ What the phantom's rows and the log's rows both show. """
     phantom_standard_deviation: ColumnAndTilt
@@ -69,8 +70,10 @@ class SecondWitness:
 
         log = self.log.to_dict()
 
+        log_jump_mm: float | None
         log_jump_mm = self.log_jump_mm
 
+        log_jump_view: int | None
         log_jump_view = self.log_jump_view
 
         log_rows = []
@@ -145,9 +148,19 @@ class SecondWitness:
 
         log = ColumnAndTilt.from_dict(d.pop("log"))
 
-        log_jump_mm = d.pop("log_jump_mm")
+        def _parse_log_jump_mm(data: object) -> float | None:
+            if data is None:
+                return data
+            return cast(float | None, data)
 
-        log_jump_view = d.pop("log_jump_view")
+        log_jump_mm = _parse_log_jump_mm(d.pop("log_jump_mm"))
+
+        def _parse_log_jump_view(data: object) -> int | None:
+            if data is None:
+                return data
+            return cast(int | None, data)
+
+        log_jump_view = _parse_log_jump_view(d.pop("log_jump_view"))
 
         log_rows = []
         _log_rows = d.pop("log_rows")
