@@ -150,9 +150,19 @@ def everything_in(path):
 
 # Blocks of 16 slices, two at a time; and one after another, with a weight that is chosen once.
 @pytest.mark.usefixtures("hours_go_by")
-@pytest.mark.parametrize(("method", "rows"), [("fbp", 100), ("total_variation", 40), ("tikhonov", 40)])
-def test_a_volume_killed_again_and_again_has_the_same_values(volume, attempt, run_killed, tmp_path, method, rows):
-    volume(rows, method=method)
+@pytest.mark.parametrize(
+    ("method", "rows", "options"),
+    [
+        ("fbp", 100, {}),
+        ("total_variation", 40, {}),
+        ("total_variation", 60, {"coupling": "auto"}),
+        ("tikhonov", 40, {}),
+    ],
+)
+def test_a_volume_killed_again_and_again_has_the_same_values(
+    volume, attempt, run_killed, tmp_path, method, rows, options
+):
+    volume(rows, method=method, **options)
     job = attempt(JobKind.RECONSTRUCT)
     whole = run(job)
     result, deaths = run_killed(job, 0)

@@ -18,7 +18,12 @@ from sawmill_worker.tomography.total_variation import total_variation
 SIZE, SLICES = 24, 3
 LOG = Phantom("log", (Disc((5.0, -8.0), 110.0, 0.018), Disc((0.0, 0.0), 60.0, 0.006)))
 FUNCTIONS = {"fbp": fbp, "tikhonov": tikhonov, "cauchy_map": cauchy_map, "total_variation": total_variation}
-PARAMETERS = {"fbp": set(), "tikhonov": {"alpha"}, "cauchy_map": {"sigma", "beta"}, "total_variation": {"weight"}}
+PARAMETERS = {
+    "fbp": set(),
+    "tikhonov": {"alpha"},
+    "cauchy_map": {"sigma", "beta"},
+    "total_variation": {"weight", "coupling"},
+}
 
 
 @pytest.fixture

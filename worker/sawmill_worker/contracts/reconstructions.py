@@ -37,6 +37,8 @@ def _one_number(value: object, info: ValidationInfo) -> object:
 
 OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
+# A command's flag is one text, whether a word or a number.
+Coupling = Annotated[str, Field(pattern=r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$")]
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,13 @@ class ReconstructionOptions(Contract):
         None,
         description="Of `total_variation`, in 1 / attenuation. By default chosen by cross-validation.",
         examples=[0.5],
+    )
+    coupling: Annotated[Coupling, OfTotalVariation] = Field(
+        "none",
+        description="Of `total_variation`: how neighbouring slices help each other. A number is the weight of a "
+        "difference along the axis relative to one in the plane, no unit, below 100. `auto` chooses it, and whether at "
+        "all, by cross-validation on slices in the middle. `none`: each slice by itself.",
+        examples=["auto"],
     )
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
         default=True, description="Of `cauchy_map` and `total_variation`: no attenuation below zero.", examples=[True]
@@ -309,6 +318,12 @@ class MethodReport(Contract):
     )
     weight: float | None = Field(
         None, description="Used by `total_variation`, in 1 / attenuation. Null: another method.", examples=[0.5]
+    )
+    coupling: float | None = Field(
+        None,
+        description="Used by `total_variation`: the weight of a difference along the axis relative to one in the "
+        "plane, no unit. 0: each slice by itself. Null: another method.",
+        examples=[0.5],
     )
     metal: MetalReport | None = Field(None, description="Null: none was found, or it was not looked for.")
     unconverged_slices: int = Field(

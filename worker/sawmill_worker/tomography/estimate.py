@@ -1,7 +1,7 @@
 """The answer that every reconstruction method gives."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,20 @@ class Estimate:
     objective: Floats | None = None
     curves: tuple[Mapping[str, Floats], ...] = ()
     remarks: tuple[str, ...] = ()
+
+    def part(self, which: NDArray[np.bool_]) -> "Estimate":
+        """Of those slices of a block (slices,)."""
+        slices = len(self.converged)
+        return replace(
+            self,
+            image=self.image[which],
+            iterations=self.iterations[which],
+            converged=self.converged[which],
+            parameters={name: of[which] if of.size == slices else of for name, of in self.parameters.items()},
+            misfit=None if self.misfit is None else self.misfit[which],
+            objective=None if self.objective is None else self.objective[which],
+            curves=tuple(curve for curve, wanted in zip(self.curves, which, strict=False) if wanted),
+        )
 
     @classmethod
     def direct(cls, image: Image) -> "Estimate":

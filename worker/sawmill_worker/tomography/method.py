@@ -113,4 +113,44 @@ class FittedMethod(ABC):
         """
 
 
+@dataclass(frozen=True)
+class CoupledMethod(FittedMethod):
+    """A fitted method whose slices may help their neighbours."""
+
+    @property
+    @abstractmethod
+    def halo(self) -> int:
+        """Slices beyond either end of a block that it is reconstructed with; 0 where each slice is by itself."""
+
+    @property
+    @abstractmethod
+    def coupling_is_open(self) -> bool:
+        """Whether the coupling is to be chosen from neighbouring slices."""
+
+    @abstractmethod
+    def with_coupling_chosen(
+        self, projector: Projector, lines: Image, *, counts: bool, left_out: LeftOut = None
+    ) -> Self:
+        """The method, its other parameters given, with the coupling chosen from slices (slices, views, detector)."""
+
+    @abstractmethod
+    def reconstruct(
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
+        numbers: NDArray[np.int64] | None = None,
+    ) -> Estimate:
+        """As of `FittedMethod`.
+
+        Parameters
+        ----------
+        numbers : (slices,) int64, optional
+            Of the slices along the log: those whose numbers follow each other are neighbours. By default all are.
+        """
+
+
 Method = DirectMethod | FittedMethod

@@ -6,15 +6,16 @@ from functools import partial
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.iterative.coarse_to_fine import MULTIPLE
+from sawmill_worker.tomography.iterative.coarse_to_fine import MULTIPLE, descend_by_levels
 from sawmill_worker.tomography.iterative.cross_validation import (
     cross_validate,
     first_images_of_folds,
     parabola_minimum,
+    power_along_detector,
 )
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.edge_preserving import (
@@ -27,7 +28,7 @@ from sawmill_worker.tomography.iterative.first_image import typical_attenuation
 from sawmill_worker.tomography.iterative.penalised import Objective
 from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod, LeftOut
+from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod, LeftOut
 from sawmill_worker.tomography.noise import noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
 
@@ -49,6 +50,13 @@ TOLERANCE = 3e-3
 USUAL_ITERATIONS = 10
 # Projections forward and back: 12 with the own pixels, and what those with larger ones are worth.
 USUAL_PAIRS = 17.0
+# Candidates for the coupling, and what the weight in the plane is times the uncoupled one with each: slices that help
+# each other need less in the plane. Found on simulated logs with the truth in hand (seeds from 4000 of
+# benchmarks/whole_logs.py).
+COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
+VALIDATION_VIEWS = 4
+# What lies further away changes a slice by less than the noise does.
+HALO = 2
 # The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
 # (benchmarks/choosing.py).
 CHOOSING_COST = 210.0
@@ -63,6 +71,7 @@ def total_variation(
     non_negative: bool = True,
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
+    coupling: ArrayLike = 0.0,
     on_progress: OnProgress | None = None,
 ) -> Estimate:
     """Reconstruct one slice or a block of slices by penalising the sum of differences (Rudin, Osher and Fatemi 1992).
@@ -70,12 +79,16 @@ def total_variation(
     The objective is 1/2 sum ((A x - y) / noise)^2 + weight * sum (sqrt(|d|^2 + s^2) - s). The estimate's parameter is
     `weight`, (slices,).
 
+    Coupled, weight * coupling * sum (sqrt(d^2 + s^2) - s) of the differences along the axis comes on top.
+
     Parameters
     ----------
     sinogram : (views, detector) or (slices, views, detector) float
         Line integrals whose air stands at 0.
     weight : float, optional
         In 1 / attenuation; by default chosen from the middle slice by cross-validation.
+    coupling : float or (slices - 1,) float
+        Of each slice with the next one, 0 or more; 0 where they are no neighbours.
     noise, non_negative, iterations, tolerance, on_progress
         As of `cauchy_map`.
 
@@ -87,10 +100,17 @@ def total_variation(
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
 
+    couplings = np.asarray(coupling, np.float64)
+    if not ((couplings >= 0.0).all() and np.isfinite(couplings).all()):
+        raise GeometryError(f"coupling must be 0 or a positive number, not {couplings.min():g}")
+
     def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
         typical = typical_attenuation(problem.first_images)
-        weights = np.full(typical.shape, weight if choice is None else choice.weight)
-        return Settings(problem.noises, _prior(typical, weights), {"weight": weights})
+        factor = _weight_factor(couplings.max(initial=0.0))
+        weights = np.full(typical.shape, weight if choice is None else factor * choice.weight)
+        between = np.broadcast_to(couplings, len(typical) - 1).copy()
+        parameters = {"weight": weights, "coupling": np.array([couplings.max(initial=0.0)])}
+        return Settings(problem.noises, _prior(typical, weights), parameters, between)
 
     method = EdgePreservingMethod(
         choose=partial(choose_weight, non_negative=non_negative) if weight is None else None,
@@ -165,12 +185,66 @@ def choose_weight(
     return WeightChoice(SMOOTHER * weight, support.embedded(validation.images[:, np.argmin(errors)]))
 
 
+@dataclass(frozen=True)
+class CouplingChoice:
+    """How much neighbouring slices help each other, and the weight that goes with it."""
+
+    coupling: float
+    weight: float
+
+
+def choose_coupling(
+    projector: Projector,
+    lines: Image,
+    weight: float,
+    *,
+    noise: ArrayLike | None = None,
+    non_negative: bool = True,
+) -> CouplingChoice:
+    """The coupling of neighbouring slices (slices, views, detector), by cross-validation over views of all of them.
+
+    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict the views best wins, 0
+    among them. With pixels of twice the size, where their number is even: structures along the axis are large.
+    """
+    problem = Problem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
+    noises = np.broadcast_to(problem.noises, problem.lines.shape)
+    views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
+    training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
+    typical = typical_attenuation(problem.first_images)
+    inner = slice(1, -1) if len(lines) > 2 else slice(None)
+
+    def error(coupling: float, factor: float) -> float:
+        prior = _prior(typical, np.full(len(lines), factor * weight))
+        objective = Objective(problem.support.projector, problem.lines, training, prior)
+        found = descend_by_levels(
+            objective,
+            non_negative=non_negative,
+            iterations=USUAL_ITERATIONS,
+            tolerance=TOLERANCE,
+            usual=USUAL_ITERATIONS,
+            coupling=np.full(len(lines) - 1, coupling),
+        )
+        missed = (problem.support.projector.forward(found.images[inner]) - problem.lines[inner]) / noises[inner]
+        missed = np.where(np.isfinite(noises[inner]), missed, 0.0)
+        return float(np.log(power_along_detector(missed[:, views], 1.0)).sum())
+
+    errors = {candidate: error(*candidate) for candidate in COUPLINGS}
+    coupling, factor = min(errors, key=lambda candidate: errors[candidate])
+    return CouplingChoice(coupling, factor * weight)
+
+
+def _weight_factor(coupling: float) -> float:
+    """What the weight in the plane is times the uncoupled one."""
+    couplings, factors = zip(*COUPLINGS, strict=True)
+    return float(np.interp(coupling, couplings, factors))
+
+
 def _prior(typical: Floats, weights: Floats) -> TotalVariationPrior:
     return TotalVariationPrior(SMOOTHING_SHARE * typical, weights, typical)
 
 
 @dataclass(frozen=True)
-class TotalVariation(FittedMethod):
+class TotalVariation(CoupledMethod):
     """`total_variation` as a method of the table."""
 
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
@@ -180,6 +254,31 @@ class TotalVariation(FittedMethod):
 
     weight: float | None = None
     non_negative: bool = True
+    coupling: str = "none"
+
+    @property
+    def coupling_is_open(self) -> bool:
+        """Whether it is `auto`."""
+        return self.coupling == "auto"
+
+    @property
+    def _coupling(self) -> float:
+        """As a number; 0 while it is open."""
+        return 0.0 if self.coupling in {"auto", "none"} else float(self.coupling)
+
+    @property
+    def halo(self) -> int:
+        """Where slices are coupled."""
+        return HALO if self._coupling > 0.0 else 0
+
+    def with_coupling_chosen(
+        self, projector: Projector, lines: Image, *, counts: bool, left_out: LeftOut = None
+    ) -> Self:
+        """By `choose_coupling`."""
+        assert self.weight is not None  # noqa: S101 - chosen before
+        noise = noise_of_rays(lines, counts=counts, left_out=left_out)
+        found = choose_coupling(projector, lines, self.weight, noise=noise, non_negative=self.non_negative)
+        return replace(self, coupling=f"{found.coupling:g}", weight=found.weight)
 
     @property
     def is_open(self) -> bool:
@@ -203,16 +302,16 @@ class TotalVariation(FittedMethod):
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
-        return replace(self, weight=choice.weight)
+        return replace(self, weight=_weight_factor(self._coupling) * choice.weight)
 
     @property
     def choice(self) -> dict[str, float]:
-        """The weight."""
-        return {} if self.weight is None else {"weight": float(self.weight)}
+        """The weight and the coupling."""
+        return {} if self.weight is None else {"weight": float(self.weight), "coupling": self._coupling}
 
     def with_choice(self, choice: Mapping[str, float]) -> Self:
         """With a weight that was chosen."""
-        return replace(self, weight=choice["weight"])
+        return replace(self, weight=choice["weight"], coupling=f"{choice['coupling']:g}")
 
     def reconstruct(
         self,
@@ -222,13 +321,16 @@ class TotalVariation(FittedMethod):
         counts: bool,
         on_progress: OnProgress,
         left_out: LeftOut = None,
+        numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
         """A block."""
+        neighbours = np.ones(len(lines) - 1) if numbers is None else np.diff(numbers) == 1
         return total_variation(
             projector,
             lines,
             weight=self.weight,
             noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             non_negative=self.non_negative,
+            coupling=self._coupling * neighbours,
             on_progress=on_progress,
         )

@@ -66,6 +66,7 @@ def _iterative_methods() -> None:
     noisy = sinogram + np.random.default_rng(0).normal(scale=noise, size=sinogram.shape)
     for method in (tikhonov, cauchy_map, total_variation):
         method(projector, noisy)
+    total_variation(projector, np.stack([noisy, noisy]), weight=1.0, coupling=0.5, iterations=2)
     # A view less, and none is a quarter turn from another: kernels of one lane.
     tikhonov(Projector(geometry.with_angles(geometry.angles_rad[1:]), projector.grid), noisy[1:])
 

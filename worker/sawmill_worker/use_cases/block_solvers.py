@@ -16,12 +16,20 @@ from sawmill_worker.tomography.choosing import Recommendation
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
-from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, DirectMethod, FittedMethod, Method
+from sawmill_worker.tomography.method import (
+    CANDIDATES_AT_ONCE,
+    IMAGES_OF_A_DESCENT,
+    CoupledMethod,
+    DirectMethod,
+    FittedMethod,
+    Method,
+)
 from sawmill_worker.tomography.methods import METHODS
 from sawmill_worker.tomography.noise import data_misfit, estimated_noise
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent
+from sawmill_worker.tomography.total_variation import HALO
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
@@ -29,6 +37,7 @@ from sawmill_worker.use_cases.method_findings import BlockFindings, CurvePoints,
 from sawmill_worker.vocabulary import MetalHandling, ReconstructionMethod
 
 Images = NDArray[np.float32]
+WHOLE = slice(None)
 # JSON-able.
 Settings = Mapping[str, Any]
 Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
@@ -38,6 +47,8 @@ Report = Callable[[BlockFindings, MetalReport | None], MethodReport]
 CHECKED_SLICES = 5
 # Slices that a fitted method reconstructs side by side: more are no faster (benchmarks/iterative.py).
 FITTED_TOGETHER = 16
+# Slices that are coupled side by side, those beside the block included.
+COUPLED_TOGETHER = 32
 NO_UNCERTAINTY = (
     "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
     "(docs/reconstruction.md#the-uncertainty-map)"
@@ -46,7 +57,7 @@ NO_UNCERTAINTY = (
 BACKGROUND = 0.5
 # The most images that a fitted method has in memory at once.
 MOST_FITTED_IMAGES = max(
-    IMAGES_OF_A_DESCENT * max(CANDIDATES_AT_ONCE, FITTED_TOGETHER),
+    IMAGES_OF_A_DESCENT * max(CANDIDATES_AT_ONCE, FITTED_TOGETHER, COUPLED_TOGETHER),
     *(method.least_images for method in METHODS.values() if issubclass(method, FittedMethod)),
 )
 
@@ -73,6 +84,8 @@ class LogTask:
         Called, while a block is at work, with the number of its slices that the work done is worth.
     on_chosen : callable
         Called with the solver's settings when parameters have been chosen for all slices.
+    around : callable
+        The line integrals (slices, views, detector) of the sample and of its neighbours, as the sample's.
     """
 
     options: ReconstructionOptions
@@ -85,6 +98,7 @@ class LogTask:
     memory_bytes: int
     on_progress: Callable[[float], None]
     on_chosen: Callable[[Settings], None]
+    around: Callable[[], Images]
 
     def full_grid(self) -> tuple[ImageGrid, tuple[slice, slice]]:
         """The grid that also holds all of the log, and where the field lies in it."""
@@ -105,17 +119,25 @@ class BlockSolver(Protocol):
     ----------
     step, concurrent : int
         Slices in a block, and the number of threads that may call it at once.
+    halo : int
+        Slices beyond either end of a block that are given with it and are no part of it.
     """
 
     step: int
     concurrent: int
 
     @property
+    def halo(self) -> int:
+        """See above."""
+
+    @property
     def settings(self) -> Settings:
         """What has been chosen once for the whole log: a solver that is given them solves blocks as this one does."""
 
-    def __call__(self, first: int, rows: Images) -> Solved:
+    def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:
         """A block of line integrals (views, slices, detector); `first` is the number of the first slice.
+
+        Only the part is asked for: the slices beside it are there to help.
 
         NaN in every cell of rows that a view lacks: methods that can leave out rays do without them, others have them
         interpolated in angle.
@@ -166,6 +188,8 @@ def solver_of(
 class _DirectSolver:
     """Concurrent blocks of the field alone; the misfit of a few slices."""
 
+    halo = 0
+
     def __init__(
         self,
         method: DirectMethod,
@@ -193,7 +217,7 @@ class _DirectSolver:
     def settings(self) -> Settings:
         return {"step": self.step}
 
-    def __call__(self, first: int, rows: Images) -> Solved:
+    def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:  # noqa: ARG002 - each is by itself
         complete = filled(rows, self._projector.geometry.angles_rad)
         block = self._metal(complete.transpose(1, 0, 2))
         findings = BlockFindings(metal=block.count())
@@ -253,7 +277,10 @@ class _FittedSolver:
         image_bytes = 4 * grid.size**2
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
-        self.step = int(min(max(together, 1), FITTED_TOGETHER))
+        couples = isinstance(method, CoupledMethod) and (method.coupling_is_open or method.halo > 0)
+        self._halo_read = HALO if couples and task.slices > 1 else 0
+        most = COUPLED_TOGETHER if self._halo_read else FITTED_TOGETHER
+        self.step = int(max(min(together, most) - 2 * self._halo_read, 1))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out)
         if method.is_open:
             self._sample = _levelled(task.sample[None], general)
@@ -271,30 +298,50 @@ class _FittedSolver:
     def settings(self) -> Settings:
         return {"step": self.step, "choice": self._method.choice}
 
+    @property
+    def halo(self) -> int:
+        return self._halo_read
+
     def _choose(self, choice: Mapping[str, float]) -> None:
         if choice:
             self._method = self._method.with_choice(choice)
 
-    def __call__(self, first: int, rows: Images) -> Solved:
+    def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:
         findings = BlockFindings()
+        couples = isinstance(self._method, CoupledMethod) and self._method.coupling_is_open and self._halo_read > 0
+        choosing = couples or (self._method.is_open and self._task.slices > rows.shape[1])
+        worth = len(range(rows.shape[1])[part])
+        phases = Phases(
+            lambda share: self._task.on_progress(worth * share),
+            choose=self._method.choosing_cost_slices * choosing,
+            reconstruct=worth,
+        )
+        if choosing:
+            self._choose_for_the_log(phases.of("choose"))
+        if isinstance(self._method, CoupledMethod) and not self._method.halo:
+            # Chosen to be by itself, a slice needs no neighbours.
+            first, rows, part = first + (part.start or 0), rows[:, part], WHOLE
         complete = filled(rows, self._projector.geometry.angles_rad)
         lines, lost = _levelled(np.ascontiguousarray(complete.transpose(1, 0, 2)), findings), ~present_rows(rows)
-        shown = lines.any(axis=(1, 2))
+        shown: NDArray[np.bool_] = np.asarray(lines.any(axis=(1, 2)))
         size = self._task.projector.grid.size
         images = np.zeros((len(lines), size, size), np.float32)
         if shown.any():
             numbers = first + np.flatnonzero(shown)
             block = self._metal(lines[shown])
-            findings.metal = block.count()
+            in_part = np.zeros(len(lines), bool)
+            in_part[part] = True
+            asked: NDArray[np.bool_] = in_part[shown]
+            findings.metal = block.count(asked)
             left_out = self._left_out(block, lost.T[shown])
-            found = self._solve(block.lines, left_out, lambda share: self._task.on_progress(len(lines) * share))
-            findings.add(found)
+            found = self._solve(block.lines, left_out, numbers, phases.of("reconstruct"))
+            findings.add(found.part(asked))
             findings.curve = self._curve_of(numbers, found)
             images_found = found.image
             block.put_back(images_found, self._projector.grid)
             images[shown] = images_found[(slice(None), *self._field)]
-        findings.add_empty(int((~shown).sum()))
-        return Solved(images, findings)
+        findings.add_empty(int((~shown[part]).sum()))
+        return Solved(images[part], findings)
 
     def _left_out(self, block: WithoutMetal, lost: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """The rays that the method does without: through metal, and of views that lost the row (slices, views)."""
@@ -303,27 +350,44 @@ class _FittedSolver:
         rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
         return rays if block.left_out is None else block.left_out | rays
 
-    def _solve(self, lines: Images, left_out: NDArray[np.bool_] | None, on_progress: OnProgress) -> Estimate:
-        """Slices of the full grid, from line integrals (slices, views, detector)."""
-        counts = self._task.counts
-        choosing = self._method.is_open and self._task.slices > len(lines)
-        phases = Phases(on_progress, choose=self._method.choosing_cost_slices * choosing, reconstruct=len(lines))
-        if choosing:
+    def _choose_for_the_log(self, on_progress: OnProgress) -> None:
+        """From the sample, and where slices may help each other from its neighbours as well."""
+        counts, chosen = self._task.counts, self._method
+        if chosen.is_open:
             sample = self._metal(self._sample)
-            chosen = self._method.chosen(
+            chosen = chosen.chosen(
                 self._projector,
                 sample.lines[0],
                 counts=counts,
-                on_progress=phases.of("choose"),
+                on_progress=on_progress,
                 left_out=sample.left_out,
             )
-            self._choose(chosen.choice)
-            self._task.on_chosen(self.settings)
+        if isinstance(chosen, CoupledMethod) and chosen.coupling_is_open:
+            around = _levelled(self._task.around(), self._general)
+            block = self._metal(around[around.any(axis=(1, 2))])
+            chosen = chosen.with_coupling_chosen(self._projector, block.lines, counts=counts, left_out=block.left_out)
+        self._choose(chosen.choice)
+        self._task.on_chosen(self.settings)
+
+    def _solve(
+        self, lines: Images, left_out: NDArray[np.bool_] | None, numbers: NDArray[np.int64], on_progress: OnProgress
+    ) -> Estimate:
+        """Slices of the full grid, from line integrals (slices, views, detector)."""
+        counts = self._task.counts
+        if isinstance(self._method, CoupledMethod):
+            return self._method.reconstruct(
+                self._projector,
+                lines,
+                counts=counts,
+                on_progress=on_progress,
+                left_out=left_out,
+                numbers=numbers,
+            )
         return self._method.reconstruct(
             self._projector,
             lines,
             counts=counts,
-            on_progress=phases.of("reconstruct"),
+            on_progress=on_progress,
             left_out=left_out,
         )
 

@@ -33,9 +33,9 @@ class WithoutMetal:
     metal: Mapping[int, Metal] = field(default_factory=dict)
     left_out: NDArray[np.bool_] | None = None
 
-    def count(self) -> MetalCount:
-        """Of the metal in the block."""
-        traces = [found.trace for found in self.metal.values()]
+    def count(self, asked: NDArray[np.bool_] | None = None) -> MetalCount:
+        """Of the metal in the block, or in those of its slices (slices,) that are asked for."""
+        traces = [found.trace for index, found in self.metal.items() if asked is None or asked[index]]
         return MetalCount(len(traces), sum(int(trace.sum()) for trace in traces), sum(trace.size for trace in traces))
 
     def put_back(self, images: Images, grid: ImageGrid) -> None:

@@ -41,6 +41,8 @@ MEMORY_SHARE = 0.5
 PACE_SHARE, PACE_SECONDS = 0.05, 2.0
 # Rows along the log whose extent is determined: a log tapers, bends and flares at its butt.
 EXTENT_ROWS = 17
+# Slices around the middle one from which their coupling is chosen.
+SLICES_AROUND = 6
 
 
 @dataclass(frozen=True)
@@ -206,8 +208,16 @@ class _Run:
             memory_bytes=int(MEMORY_SHARE * memory_available()),
             on_progress=self._reporting.within_block,
             on_chosen=on_chosen,
+            around=self._around_the_middle,
         )
         return solver_of(name, task, recommended, settings)
+
+    def _around_the_middle(self) -> Images:
+        """Of the slices around the middle one (slices, views, detector), missing views interpolated in angle."""
+        first = max(self.slices // 2 - SLICES_AROUND // 2, 0)
+        rows = self._given.read(first, min(first + SLICES_AROUND, self.slices))
+        complete = filled(rows, self._given.angles_rad)
+        return np.ascontiguousarray(complete.transpose(1, 0, 2))
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
         projector, options = self._projector, self._options
@@ -249,11 +259,12 @@ class _Run:
             block = take_up(start)
             yield
             if block is None:
-                rows = given.read(start, stop)
+                first = max(start - solver.halo, 0)
+                rows, part = given.read(first, min(stop + solver.halo, self.slices)), slice(start - first, stop - first)
                 yield
-                images, findings = solver(start, rows)
+                images, findings = solver(first, rows, part)
                 yield
-                fewest = int(present_rows(rows).sum(axis=0).min())
+                fewest = int(present_rows(rows)[:, part].sum(axis=0).min())
                 block = FinishedBlock(seen.sample(images), findings, fewest)
                 write(start, images, block)
             blocks[start] = block

@@ -120,3 +120,45 @@ def scaling(images, scales, stiffest, data, power, out):
         for i in range(n):
             for j in range(n):
                 g[i, j] = math.sqrt(flat / g[i, j])
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def axial(images, scales, strengths, gradient, values):
+    """Add the gradient of sum strength * scale * (sqrt(1 + d^2 / scale^2) - 1) to gradient; its values (slices - 1, n).
+
+    images and gradient are (slices, n, n); d is the difference of slice k + 1 and slice k, scales and strengths
+    (slices - 1,).
+    """
+    slices, n, _ = images.shape
+    for ii in prange(n):
+        i = np.int64(ii)
+        for k in range(slices - 1):
+            here, there, g, h = images[k, i], images[k + 1, i], gradient[k, i], gradient[k + 1, i]
+            inverse = np.float32(1.0 / scales[k] ** 2)
+            weight = np.float32(strengths[k] / scales[k])
+            total = np.float32(0.0)
+            for j in range(n):
+                d = there[j] - here[j]
+                root = math.sqrt(np.float32(1.0) + d * d * inverse)
+                slope = weight * d / root
+                total += root - np.float32(1.0)
+                g[j] -= slope
+                h[j] += slope
+            values[k, i] = strengths[k] * scales[k] * total
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def axial_stiffness(images, scales, strengths, out):
+    """Add to out (slices, n, n) how stiff the differences along the axis are: strength / scale / root of each."""
+    slices, n, _ = images.shape
+    for ii in prange(n):
+        i = np.int64(ii)
+        for k in range(slices - 1):
+            here, there, g, h = images[k, i], images[k + 1, i], out[k, i], out[k + 1, i]
+            inverse = np.float32(1.0 / scales[k] ** 2)
+            weight = np.float32(strengths[k] / scales[k])
+            for j in range(n):
+                d = there[j] - here[j]
+                stiff = weight / math.sqrt(np.float32(1.0) + d * d * inverse)
+                g[j] += stiff
+                h[j] += stiff

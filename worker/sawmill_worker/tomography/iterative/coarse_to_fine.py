@@ -5,12 +5,14 @@ large shapes. Where the minimum lies does not depend on it.
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.iterative.descent import Images, Minimum
+from sawmill_worker.tomography.iterative.coupled import CoupledObjective, descend_coupled
+from sawmill_worker.tomography.iterative.descent import Floats, Images, Minimum
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays
 from sawmill_worker.tomography.iterative.penalised import Objective, descend
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
@@ -37,6 +39,7 @@ def descend_by_levels(
     iterations: int,
     tolerance: float,
     usual: int,
+    coupling: Floats | None = None,
     on_progress: OnProgress | None = None,
 ) -> Minimum:
     """Minimise from a near image (images, n, n), or by way of larger pixels from the mean along the rays.
@@ -47,6 +50,8 @@ def descend_by_levels(
         Of the last level.
     usual : int
         Iterations of the last level after which most logs have converged.
+    coupling : (images - 1,) float64, optional
+        As of `CoupledObjective`, of neighbouring slices; by default each image is by itself.
     on_progress : callable, optional
         Called with the share of the work that is done.
     """
@@ -57,25 +62,31 @@ def descend_by_levels(
         first = coarser[0] if coarser else objective
         start = mean_along_rays(first.projector, first.lines)
     for n, level in zip(range(len(coarser), 0, -1), coarser, strict=True):
-        found = descend(
+        found = _descend(
             level,
+            coupling,
             start,
             non_negative=non_negative,
             iterations=ITERATIONS[-n],
             tolerance=tolerance,
-            window=WINDOW,
             on_iteration=phases.descent(f"level {n}", ITERATIONS[-n]),
         )
         start = finer(found.images)
-    return descend(
+    return _descend(
         objective,
+        coupling,
         start,
         non_negative=non_negative,
         iterations=iterations,
         tolerance=tolerance,
-        window=WINDOW,
         on_iteration=phases.descent("last", usual),
     )
+
+
+def _descend(objective: Objective, coupling: Floats | None, start: Images, **settings: Any) -> Minimum:  # noqa: ANN401
+    if coupling is None or not coupling.any():
+        return descend(objective, start, **settings, window=WINDOW)
+    return descend_coupled(CoupledObjective(objective, coupling), start, **settings, window=WINDOW)
 
 
 def _coarser_levels(objective: Objective) -> list[Objective]:

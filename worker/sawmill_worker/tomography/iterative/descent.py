@@ -1,5 +1,6 @@
 """Projected limited-memory quasi-Newton descent for several images side by side."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
@@ -12,6 +13,7 @@ from sawmill_worker.tomography.iterative import _descent_numba as kernels
 Images = NDArray[np.float32]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
+Shape = tuple[int, ...]
 # Objective (named,) and gradient (named, n, n) of images (named, n, n); the indices say which problems they belong to.
 Objective = Callable[[Images, Indices], tuple[Floats, Images]]
 # Called after each iteration with the number done and the largest number allowed.
@@ -73,14 +75,15 @@ class Minimum:
 class _History:
     """Steps and changes of gradient, a ring for each problem."""
 
-    def __init__(self, problems: int, n: int) -> None:
-        self.n = n
-        self.steps = np.zeros((problems, MEMORY, n * n), np.float32)
+    def __init__(self, problems: int, shape: Shape) -> None:
+        self.shape = shape
+        pixels = math.prod(shape)
+        self.steps = np.zeros((problems, MEMORY, pixels), np.float32)
         self.changes = np.zeros_like(self.steps)
         self.products = np.ones((problems, MEMORY))
         self.taken = np.zeros((problems, MEMORY))
         # The preconditioner's scaling, and a factor for each problem.
-        self.scaling = np.ones((problems, n * n), np.float32)
+        self.scaling = np.ones((problems, pixels), np.float32)
         self.scales = np.ones(problems)
         self.used = np.zeros(problems, np.int64)
         self.newest = np.full(problems, MEMORY - 1, np.int64)
@@ -88,11 +91,13 @@ class _History:
     def scale(self, preconditioner: Preconditioner | None, which: Indices) -> None:
         """Scale the preconditioner to the size that the last change of gradient shows, s . y / y . H y."""
         known = which[self.used[which] > 0]
+        if known.size == 0:
+            return
         change = self.changes[known, self.newest[known]] * self.scaling[known]
         if preconditioner is None:
             product = np.einsum("bp,bp->b", change, change, dtype=np.float64)
         else:
-            smoothed = preconditioner.smoothed(change.reshape(-1, self.n, self.n), known).reshape(change.shape)
+            smoothed = preconditioner.smoothed(change.reshape(-1, *self.shape), known).reshape(change.shape)
             product = np.einsum("bp,bp->b", change, smoothed, dtype=np.float64)
         self.scales[known] = self.products[known, self.newest[known]] / product
 
@@ -115,17 +120,18 @@ def minimise(
 
     Parameters
     ----------
-    start : (problems, n, n) float32
+    start : (problems, n, n) or (problems, slices, n, n) float32
+        What belongs to one problem has one step length and one end.
     tolerance : float
         A problem is done when `window` iterations together lower its objective by less than this share of it.
     preconditioner : Preconditioner, optional
         By default the identity.
     """
-    problems, n, _ = start.shape
+    problems, shape = len(start), start.shape[1:]
     x = np.maximum(start, np.float32(lower)).reshape(problems, -1)
     every = np.arange(problems, dtype=np.int64)
-    values, gradient = _evaluate(objective, x, every, n)
-    history = _History(problems, n)
+    values, gradient = _evaluate(objective, x, every, shape)
+    history = _History(problems, shape)
     if preconditioner is None:
         # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
         steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)
@@ -139,7 +145,7 @@ def minimise(
             break
         past[iteration % window] = values
         if preconditioner is not None and iteration % REFRESH == 0:
-            history.scaling[active] = preconditioner.scaling(x[active].reshape(-1, n, n), active).reshape(
+            history.scaling[active] = preconditioner.scaling(x[active].reshape(-1, *shape), active).reshape(
                 active.size, -1
             )
         if preconditioner is None or iteration % REFRESH == 0 or iteration < SIZED:
@@ -153,8 +159,8 @@ def minimise(
     return Minimum(x.reshape(start.shape), values, done, converged)
 
 
-def _evaluate(objective: Objective, x: Images, which: Indices, n: int) -> tuple[Floats, Images]:
-    values, gradient = objective(x.reshape(-1, n, n), which)
+def _evaluate(objective: Objective, x: Images, which: Indices, shape: Shape) -> tuple[Floats, Images]:
+    values, gradient = objective(x.reshape(-1, *shape), which)
     return values, gradient.reshape(len(x), -1)
 
 
@@ -173,9 +179,7 @@ def _step(
     direction = np.empty((active.size, x.shape[1]), np.float32)
     kernels.first_recursion(active, x, gradient, lower, history.scaling, *rings, direction)
     if preconditioner is not None:
-        direction = preconditioner.smoothed(direction.reshape(-1, history.n, history.n), active).reshape(
-            direction.shape
-        )
+        direction = preconditioner.smoothed(direction.reshape(-1, *history.shape), active).reshape(direction.shape)
     kernels.second_recursion(active, x, gradient, lower, history.scaling, history.scales, *rings, direction)
     lengths = np.ones(active.size)
     trying = np.arange(active.size)
@@ -183,7 +187,7 @@ def _step(
         which = active[trying]
         trial = np.empty((trying.size, x.shape[1]), np.float32)
         predicted = kernels.move(which, trying, x, direction, gradient, lengths[trying], lower, trial)
-        value, slope = _evaluate(objective, trial, which, history.n)
+        value, slope = _evaluate(objective, trial, which, history.shape)
         enough = values[which] + ARMIJO * predicted + ROUNDING * np.abs(values[which])
         lengths[trying] *= SHRINK
         short = (value > enough) & (lengths[trying] > SHORTEST)

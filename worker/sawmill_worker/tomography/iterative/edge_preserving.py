@@ -101,11 +101,14 @@ class Settings:
     prior : Prior
     parameters : mapping of str to (slices,) or (1,) float64
         As of `Estimate`.
+    coupling : (slices - 1,) float64, optional
+        Of neighbouring slices, where the objective is convex.
     """
 
     sigmas: Floats
     prior: Prior
     parameters: Mapping[str, Floats]
+    coupling: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +189,7 @@ def reconstruct_with_prior(
             iterations=iterations,
             tolerance=tolerance,
             usual=method.usual_iterations,
+            coupling=settings.coupling,
             on_progress=on_descent,
         )
         found = replace(found, images=problem.support.embedded(found.images))

@@ -73,6 +73,10 @@ class InverseCurvature:
         curvature = self._data[:, None, None] * blur[:, : n // 2 + 1] + stiffness[:, None, None] * rough
         self._inverse = (1.0 / curvature).astype(np.float32)
 
+    def flat(self) -> Floats:
+        """The diagonal of the curvature where all is flat, (images,)."""
+        return np.asarray(self._data + 4.0 * self._prior.stiffest())
+
     def scaling(self, images: Images, which: Indices) -> Images:
         """Square root of how much softer each pixel is than in a flat image, (named, n, n)."""
         return self._prior.scaling(images, which, self._data)

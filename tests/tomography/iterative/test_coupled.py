@@ -1,0 +1,96 @@
+"""Slices that help their neighbours: the objective's laws, and what is gained."""
+
+import numpy as np
+import pytest
+
+from sawmill_worker.tomography.geometry import FanBeamGeometry, GeometryError, Scanner, Theta
+from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.iterative.coupled import CoupledObjective
+from sawmill_worker.tomography.iterative.penalised import Objective
+from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.tomography.simulate import simulate_sinogram
+from sawmill_worker.tomography.total_variation import choose_coupling, total_variation
+
+SIZE, SLICES = 48, 6
+
+
+def log(number):
+    """A core that wanders slowly along the axis."""
+    core = Disc((0.0, 2.0 * number), 40.0, 0.006)
+    return Phantom("log", (Disc((5.0, -8.0), 120.0, 0.018), core))
+
+
+@pytest.fixture(scope="module")
+def projector():
+    angles = (np.arange(20) + 0.3) * 2.0 * np.pi / 20
+    geometry = FanBeamGeometry(Scanner(860.0, 144, 5.6), Theta(0.7, 700.0, 50.0, 10.0, 0.05), angles)
+    return Projector(geometry, ImageGrid(SIZE, 300.0))
+
+
+@pytest.fixture(scope="module")
+def lines(projector):
+    found = [simulate_sinogram(log(n), projector.geometry, noise=0.04, seed=2500 + n) for n in range(SLICES)]
+    return projector.block(np.stack(found))
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return np.stack([log(n).rasterise(SIZE, 300.0) for n in range(SLICES)])
+
+
+def test_the_gradient_is_that_of_the_value(projector, lines):
+    prior = TotalVariationPrior(np.full(SLICES, 4e-4), np.full(SLICES, 300.0), np.full(SLICES, 0.02))
+    weights = np.full((1, 1, 1), 100.0, np.float32) * np.ones_like(lines)
+    coupling = np.array([0.5, 0.0, 0.5, 1.0, 0.5])
+    objective = CoupledObjective(Objective(projector, lines, weights, prior), coupling)
+    rng = np.random.default_rng(2510)
+    here = (0.018 * rng.random((1, SLICES, SIZE, SIZE))).astype(np.float32)
+    way = (1e-3 * rng.standard_normal(here.shape)).astype(np.float32)
+    which = np.arange(1)
+    (before,), _ = objective(here - way, which)
+    (after,), _ = objective(here + way, which)
+    _, gradient = objective(here, which)
+    assert float(np.vdot(gradient.astype(float), way)) == pytest.approx(0.5 * (after - before), rel=2e-3)
+    # Slices that are no neighbours do not matter to each other.
+    other = here.copy()
+    other[0, 2] += 0.01
+    _, moved = objective(other, which)
+    np.testing.assert_array_equal(moved[0, :2], gradient[0, :2])
+    assert np.abs(moved[0, 3] - gradient[0, 3]).max() > 0.0
+
+
+def test_neighbours_lower_the_error_and_the_data_choose_to_let_them(projector, lines, truth):
+    alone = total_variation(projector, lines, weight=200.0)
+    found = choose_coupling(projector, lines, 200.0)
+    assert found.coupling > 0.0
+    assert found.weight < 200.0
+    coupled = total_variation(projector, lines, weight=found.weight, coupling=found.coupling)
+    errors = [np.linalg.norm(image - truth) for image in (coupled.image, alone.image)]
+    assert errors[0] < 0.93 * errors[1]
+    assert alone.parameters["coupling"].tolist() == [0.0]
+    assert coupled.parameters["coupling"].tolist() == [found.coupling]
+
+
+def test_slices_that_have_nothing_in_common_are_left_alone(projector):
+    discs = [Disc((70.0 * np.cos(2.4 * n), 70.0 * np.sin(2.4 * n)), 25.0, 0.03) for n in range(5)]
+    bodies = [Phantom("disc", (disc,)) for disc in discs]
+    lines = projector.block(
+        np.stack(
+            [simulate_sinogram(body, projector.geometry, noise=0.01, seed=2520 + n) for n, body in enumerate(bodies)]
+        )
+    )
+    assert choose_coupling(projector, lines, 100.0).coupling == 0.0
+
+
+def test_one_slice_has_no_neighbours(projector, lines):
+    np.testing.assert_array_equal(
+        total_variation(projector, lines[:1], weight=200.0, coupling=0.5).image,
+        total_variation(projector, lines[:1], weight=200.0).image,
+    )
+
+
+def test_a_negative_coupling_is_refused(projector, lines):
+    with pytest.raises(GeometryError, match=r"coupling must be 0 or a positive number, not -0\.5"):
+        total_variation(projector, lines, weight=200.0, coupling=-0.5)

@@ -1,0 +1,104 @@
+"""Blocks of slices that help their neighbours: no seam, the same volume in any blocks, and its report."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from sawmill_worker.contracts.geometry import ScannerConstants
+from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
+from sawmill_worker.tomography.phantom import Disc, Phantom
+from sawmill_worker.tomography.simulate import simulate_rows
+from sawmill_worker.use_cases import block_solvers
+from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.vocabulary import Handedness, Rotation
+
+MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=120, detector_pitch_mm=4.0)
+THETA = Theta(0.7, 715.0, 40.0, 10.0, 0.05)
+SIZE, FIELD_MM, VIEWS, ROWS = 32, 240.0, 20, 24
+
+
+def log(row):
+    return Phantom("log", (Disc((5.0, -4.0), 90.0, 0.018), Disc((15.0, 30.0 - 2.0 * row), 20.0, 0.012)))
+
+
+@pytest.fixture(scope="module")
+def given():
+    fan = FanBeamGeometry(MILL, THETA, (np.arange(VIEWS) + 0.5) * TAU / VIEWS)
+    stack = simulate_rows([log(row) for row in range(ROWS)], fan, noise=0.04, seed=2601)
+    return ReconstructionInput(
+        read=lambda start, stop: stack[:, start:stop],
+        angles_rad=fan.angles_rad,
+        rows=(0, ROWS),
+        scanner=ScannerConstants(**vars(MILL)),
+        theta=THETA,
+        rotation=Rotation.AS_GIVEN,
+        handedness=Handedness.AS_DRAWN,
+        input_sha256="0" * 64,
+        counts=False,
+    )
+
+
+def made(given, **options):
+    asked = ReconstructionOptions(size=SIZE, field_mm=FIELD_MM, method="total_variation", metal="none", **options)
+    return reconstruct_in_memory(given, asked, lambda _: None)
+
+
+def test_no_seam_shows_where_blocks_meet(given, monkeypatch):
+    whole = made(given, weight=150.0, coupling="0.5")
+    monkeypatch.setattr(block_solvers, "COUPLED_TOGETHER", 12)
+    in_blocks = made(given, weight=150.0, coupling="0.5")
+    # Blocks of eight slices.
+    apart = np.linalg.norm(in_blocks.data - whole.data, axis=(1, 2)) / np.linalg.norm(whole.data, axis=(1, 2))
+    assert apart.max() < 0.03
+    steps = np.linalg.norm(np.diff(in_blocks.data, axis=0), axis=(1, 2))
+    seams = np.array([7, 15])
+    inner = np.delete(steps, seams)
+    assert steps[seams].mean() < 1.15 * inner.mean()
+    assert whole.result.method.coupling == in_blocks.result.method.coupling == 0.5
+    # Each slice is counted once.
+    assert in_blocks.data.shape == (ROWS, SIZE, SIZE)
+    assert in_blocks.result.method.unconverged_slices == 0
+
+
+def test_auto_lets_slices_help_and_reports_it(given):
+    truth = np.stack([log(row).rasterise(SIZE, FIELD_MM) for row in range(ROWS)])
+    alone, coupled = made(given), made(given, coupling="auto")
+    assert alone.result.method.coupling == 0.0
+    assert coupled.result.method.coupling > 0.0
+    assert coupled.result.method.weight < alone.result.method.weight
+    errors = [np.linalg.norm(found.data - truth) for found in (coupled, alone)]
+    assert errors[0] < 0.93 * errors[1]
+
+
+def test_an_empty_slice_separates_those_beside_it(given):
+    def without_one(start, stop):
+        rows = given.read(start, stop).copy()
+        if start <= 10 < stop:
+            rows[:, 10 - start] = 0.0
+        return rows
+
+    broken = made(replace(given, read=without_one), weight=150.0, coupling="0.5")
+    assert not broken.data[10].any()
+    assert broken.data[9].any()
+    assert broken.data[11].any()
+
+
+def test_one_row_alone_is_as_without_coupling(given):
+    one = replace(given, rows=(3, 4), read=lambda start, stop: given.read(3 + start, 3 + stop))
+    np.testing.assert_array_equal(made(one, coupling="auto").data, made(one).data)
+
+
+@pytest.mark.parametrize("value", ["-0.5", "much", "1000", "nan"])
+def test_other_couplings_are_refused(value):
+    with pytest.raises(ValidationError, match="coupling"):
+        ReconstructionOptions(method="total_variation", coupling=value)
+
+
+@pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "fbp"])
+def test_other_methods_are_not_coupled(method):
+    with pytest.raises(ValidationError, match=f"coupling belongs to method total_variation, not {method}"):
+        ReconstructionOptions(method=method, coupling="auto")
+    assert ReconstructionOptions(method=method, coupling="none").coupling == "none"
