@@ -33,6 +33,9 @@ class MethodReport:
     """ Used by `tikhonov`, in mm². Null: another method. """
     beta: float | None | Unset = UNSET
     """ Used by `cauchy_map`, in the volume's unit. Null: another method. """
+    coupling: float | None | Unset = UNSET
+    """ Used by `total_variation`: the weight of a difference along the axis relative to one in the plane, no unit.
+    0: each slice by itself. Null: another method. """
     expected_error: float | None | Unset = UNSET
     """ With `auto`: the relative error, no unit, of simulated logs from as many views, with as much noise. Null
     where the views do not go all round. """
@@ -75,6 +78,12 @@ class MethodReport:
             beta = UNSET
         else:
             beta = self.beta
+
+        coupling: float | None | Unset
+        if isinstance(self.coupling, Unset):
+            coupling = UNSET
+        else:
+            coupling = self.coupling
 
         expected_error: float | None | Unset
         if isinstance(self.expected_error, Unset):
@@ -130,6 +139,8 @@ class MethodReport:
             field_dict["alpha"] = alpha
         if beta is not UNSET:
             field_dict["beta"] = beta
+        if coupling is not UNSET:
+            field_dict["coupling"] = coupling
         if expected_error is not UNSET:
             field_dict["expected_error"] = expected_error
         if metal is not UNSET:
@@ -190,6 +201,15 @@ class MethodReport:
             return cast(float | None | Unset, data)
 
         beta = _parse_beta(d.pop("beta", UNSET))
+
+        def _parse_coupling(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        coupling = _parse_coupling(d.pop("coupling", UNSET))
 
         def _parse_expected_error(data: object) -> float | None | Unset:
             if data is None:
@@ -257,6 +277,7 @@ class MethodReport:
             worst_data_misfit=worst_data_misfit,
             alpha=alpha,
             beta=beta,
+            coupling=coupling,
             expected_error=expected_error,
             metal=metal,
             reason=reason,

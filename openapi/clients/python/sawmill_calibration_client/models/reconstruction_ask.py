@@ -41,6 +41,10 @@ class ReconstructionAsk:
     chosen with sigma, or a usual share of the wood's attenuation where sigma is given. """
     calibration_id: None | str | Unset = UNSET
     """ Null: the scanner's active calibration, unless theta is given. """
+    coupling: str | Unset = "none"
+    """ Of `total_variation`: how neighbouring slices help each other. A number is the weight of a difference along
+    the axis relative to one in the plane, no unit, below 100. `auto` chooses it, and whether at all, by cross-
+    validation on slices in the middle. `none`: each slice by itself. """
     field_centre_mm: list[float] | Unset = UNSET
     """ (x, y) of the field's centre; that of a region of interest is not the rotation centre. In mm. """
     field_mm: float | Unset = 400.0
@@ -118,6 +122,8 @@ class ReconstructionAsk:
             calibration_id = UNSET
         else:
             calibration_id = self.calibration_id
+
+        coupling = self.coupling
 
         field_centre_mm: list[float] | Unset = UNSET
         if not isinstance(self.field_centre_mm, Unset):
@@ -228,6 +234,8 @@ class ReconstructionAsk:
             field_dict["beta"] = beta
         if calibration_id is not UNSET:
             field_dict["calibration_id"] = calibration_id
+        if coupling is not UNSET:
+            field_dict["coupling"] = coupling
         if field_centre_mm is not UNSET:
             field_dict["field_centre_mm"] = field_centre_mm
         if field_mm is not UNSET:
@@ -311,6 +319,8 @@ class ReconstructionAsk:
             return cast(None | str | Unset, data)
 
         calibration_id = _parse_calibration_id(d.pop("calibration_id", UNSET))
+
+        coupling = d.pop("coupling", UNSET)
 
         _field_centre_mm = d.pop("field_centre_mm", UNSET)
         field_centre_mm: list[float] | Unset = UNSET
@@ -478,6 +488,7 @@ class ReconstructionAsk:
             alpha_rule=alpha_rule,
             beta=beta,
             calibration_id=calibration_id,
+            coupling=coupling,
             field_centre_mm=field_centre_mm,
             field_mm=field_mm,
             filter_=filter_,
