@@ -20,7 +20,8 @@ from sawmill_worker.tomography.iterative.cross_validation import parabola_minimu
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.support_region import SupportRegion
-from sawmill_worker.tomography.total_variation import SMOOTHING_SHARE, total_variation
+from sawmill_worker.tomography.total_variation import HALO, SMOOTHING_SHARE, total_variation
+from sawmill_worker.use_cases.block_solvers import COUPLED_TOGETHER, FITTED_TOGETHER
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, Rotation
 
@@ -50,6 +51,8 @@ class Outcome:
         As they were chosen or tuned.
     judged_only : bool
         Whether the images are of the judged rows alone.
+    block : int
+        Rows that were reconstructed side by side: between blocks there may be seams.
     """
 
     images: Rows
@@ -58,6 +61,7 @@ class Outcome:
     choosing_cpu_s: float = 0.0
     settings: Mapping[str, float] = field(default_factory=dict)
     judged_only: bool = False
+    block: int = FITTED_TOGETHER
 
 
 def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
@@ -118,7 +122,8 @@ def ours(method: str, open_settings: tuple[str, ...] = (), **options: object) ->
             given = {name: f"{value:.6f}" if name == "coupling" else value for name, value in settings.items()}
             _, given_cpu, wall = _timed(lambda: work(**given))
             choosing, cpu = max(cpu - given_cpu, 0.0), given_cpu
-        return Outcome(images, cpu / rows, wall / rows, choosing, settings)
+        block = COUPLED_TOGETHER - 2 * HALO if settings.get("coupling") else FITTED_TOGETHER
+        return Outcome(images, cpu / rows, wall / rows, choosing, settings, block=block)
 
     return run
 
@@ -208,9 +213,6 @@ def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int
         at = best
 
 
-# Whether the product couples the slices of a log.
-COUPLES = "coupling" in ReconstructionOptions.model_fields
-UNCOUPLED = {"coupling": "none"} if COUPLES else {}
 METHODS: dict[str, Callable[[LogScan], Outcome]] = {
     "FBP": ours("fbp"),
     "FBP, tuned": tuned_fbp,
@@ -218,9 +220,8 @@ METHODS: dict[str, Callable[[LogScan], Outcome]] = {
     "SIRT, tuned": astra_rival("SIRT"),
     "Tikhonov": ours_on_judged_rows("tikhonov"),
     "Cauchy MAP": ours_on_judged_rows("cauchy_map"),
-    "total variation": ours("total_variation", ("weight",), **UNCOUPLED),
+    "total variation": ours("total_variation", ("weight",), coupling="none"),
+    "total variation, coupled": ours("total_variation", ("weight", "coupling"), coupling="auto"),
     "2-D total variation, tuned": tuned_in_the_plane,
     "3-D total variation, tuned": tuned_along_the_axis,
 }
-if COUPLES:
-    METHODS["total variation, coupled"] = ours("total_variation", ("weight", "coupling"), coupling="auto")

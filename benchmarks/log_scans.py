@@ -13,7 +13,6 @@ from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.quality import relative_error
-from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER
 
 PUBLISHED = "published"
 # Every method's error is that of these rows: some rivals take seconds for each.
@@ -69,14 +68,15 @@ class LogScan:
             true += float(truth[core].mean() - truth[ring].mean())
         return found / true if true else None
 
-    def seam(self, images: Rows) -> float | None:
+    def seam(self, images: Rows, block: int) -> float | None:
         """How much more the error changes from block to block than from row to row elsewhere, a ratio.
 
-        The largest root mean square of a change at a seam over the largest elsewhere; None without a seam.
+        The largest root mean square of a change at a seam, every `block` rows, over the largest elsewhere; None without
+        a seam.
         """
         error = images - self.truth
         changes = np.sqrt(np.mean(np.square(np.diff(error, axis=0)), axis=(1, 2)))
-        at_seam = np.arange(1, len(error)) % FITTED_TOGETHER == 0
+        at_seam = np.arange(1, len(error)) % block == 0
         return float(changes[at_seam].max() / changes[~at_seam].max()) if at_seam.any() else None
 
 

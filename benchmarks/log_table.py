@@ -69,7 +69,7 @@ def figures(scan: LogScan, found: Outcome) -> Figures:
     if not found.judged_only:
         measured["error_all"] = scan.error(found.images, every)
         measured |= {name: scan.contrast(found.images, name) for name in ("nail", "knot")}
-        measured["seam"] = scan.seam(found.images)
+        measured["seam"] = scan.seam(found.images, found.block)
     return measured
 
 

@@ -39,9 +39,10 @@ def test_an_error_that_begins_with_a_block_is_a_seam(scan):
     truth = np.zeros((18, 32, 32), np.float32)
     whole = LogScan("zeros", scan.projector, scan.lines, truth, None)
     error = np.random.default_rng(4011).standard_normal(truth.shape).astype(np.float32)
-    assert whole.seam(error) == pytest.approx(1.0, abs=0.1)
+    assert whole.seam(error, 16) == pytest.approx(1.0, abs=0.1)
+    assert whole.seam(error, 18) is None
     error[16:] += 5.0
-    assert whole.seam(error) > 3.0
+    assert whole.seam(error, 16) > 3.0
 
 
 def test_astra_stops_where_the_error_is_least(scan):
