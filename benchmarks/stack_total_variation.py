@@ -38,7 +38,7 @@ class StackObjective:
     smoothing: float
 
     def minimum(self, start: Image, iterations: int) -> Image:
-        """The stack (rows, size, size) with the lowest objective of so many iterations from another stack."""
+        """The stack (rows, size, size) of lowest objective on the way from another stack, after all iterations."""
         noises = np.broadcast_to(noise_of_each_ray(None, self.lines), self.lines.shape).astype(np.float32)
         images = np.maximum(start, 0.0)
         value, gradient = self.evaluate(images, noises)
