@@ -20,7 +20,7 @@ from sawmill_worker.vocabulary import FEWEST_PAIRED_VIEWS
 # Rows that are averaged, evenly spaced over those that can be; a row next to the phantom's may show both.
 MOST_ROWS, GAP = 16, 1
 # Rows are told from the phantom's by means over blocks of views and cells, in which noise has no part: of up to
-# BLOCK_VIEWS views, fewer where those would turn too far for both bodies to look alike in them.
+# BLOCK_VIEWS views, fewer where those would turn too far for the views of one body to be similar.
 BLOCK_VIEWS, BLOCK_CELLS, BLOCKS_A_TURN = 6, 8, 20
 
 
