@@ -26,7 +26,7 @@ THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
 MIX = ("plan",) * 5 + ("phantom scan", "log scan", "calibration", "drift check", "reconstruction")
 PLANS = 2  # kinds of them
 BASE = ("phantom scan", "calibration", "log scan")
-_DIFFERS = {"id", "created_at", "links", "timing_s", "time_s", "sha256", "input_sha256"}
+_DIFFERS = {"id", "created_at", "links", "at", "timing_s", "time_s", "sha256", "input_sha256"}
 
 
 @dataclass(frozen=True)

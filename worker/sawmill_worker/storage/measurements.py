@@ -103,15 +103,17 @@ def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
     """Add what a calibration or a drift check with its result measured, and enter it in its scanner's history.
 
-    A drift check's result gets the time of its end, and so the age of its baseline. Other kinds measure nothing of a
-    scanner.
+    A drift check's result gets the time of its end, and so the age of its baseline; one that was answered from an
+    earlier check has that one's. Other kinds measure nothing of a scanner.
     """
     if isinstance(subject, CalibrationRow):
         calibrated = CalibrationResult.model_validate(subject.result)
         row, why = _of_calibration(subject, calibrated, now), _in_words(calibrated)
     elif isinstance(subject, DriftRow):
-        checked = DriftResult.model_validate(subject.result).ended(now)
-        subject.result = checked.model_dump(mode="json")
+        checked = DriftResult.model_validate(subject.result)
+        if checked.at is None:
+            checked = checked.ended(now)
+            subject.result = checked.model_dump(mode="json")
         row, why = _of_drift(subject, checked, now, counts_since(session, subject, checked)), checked.reason
     else:
         return
