@@ -20,7 +20,7 @@ THETA_FLAG = ("--theta", "2.55,714.7,319.9,43.7,0.281")
 SCANNER_FLAGS = ("--source-to-cor-mm", 859.46, "--detector-pitch-mm", 4.508593749, "--detector-pixels", 256)
 DRAWING = BUILT_IN_PHANTOMS["l-shape"].model_dump_json()
 # Times and identifiers differ from run to run.
-OF_THE_RUN = {"id", "timing_s", "time_s", "input_sha256"}
+OF_THE_RUN = {"id", "at", "timing_s", "time_s", "input_sha256"}
 
 
 def command(*arguments):

@@ -4,6 +4,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -387,7 +388,7 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
         remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
     )
     with input_errors():
-        return Drift(run_drift(given))
+        return Drift(run_drift(given).ended(datetime.now(UTC)))
 
 
 def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:
