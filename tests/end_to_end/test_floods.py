@@ -8,7 +8,7 @@ import socket
 import statistics
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +81,11 @@ def time_of_others(service: Any) -> float:
 
 
 def sockets(service: Any) -> int:
-    targets = (entry.readlink() for entry in Path(f"/proc/{service.process_id}/fd").iterdir())
-    return sum(str(target).startswith("socket:") for target in targets)
+    number = 0
+    for entry in Path(f"/proc/{service.process_id}/fd").iterdir():
+        with suppress(FileNotFoundError):  # closed meanwhile
+            number += str(entry.readlink()).startswith("socket:")
+    return number
 
 
 def wait_for(condition: Callable[[], object], timeout_s: float = 20.0) -> None:

@@ -18,9 +18,11 @@ from watching_process import kill, no_progress, watchers
 
 from sawmill_service.cli import main
 from sawmill_worker.contracts.keys import KeyAsk, Scope
+from sawmill_worker.contracts.scans import ScanState
 from sawmill_worker.watching.command import CannotWatch
 from sawmill_worker.watching.folder import Folder
 from sawmill_worker.watching.news import News
+from sawmill_worker.watching.sending import Sending
 from sawmill_worker.watching.service import Service
 from sawmill_worker.watching.settings import read_settings
 from sawmill_worker.watching.stopping import Stop
@@ -115,6 +117,24 @@ def test_what_is_no_scan_goes_to_refused_with_the_reason(watched, log):
     refused = log("refused")
     assert max(line["to_look_at"] for line in refused) == 4
     assert (watched.left(), watched.records()) == ([], [])
+
+
+def test_a_scan_that_is_read_at_once_is_named_beside_its_refused_file(watched, monkeypatch):
+    send = Sending.send
+
+    def send_and_let_it_be_read(self, *given):
+        taking = send(self, *given)
+        deadline = time.monotonic() + 20.0
+        while watched.running.store.scans.get(taking.scan_id).state is not ScanState.REFUSED:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        return taking
+
+    monkeypatch.setattr(Sending, "send", send_and_let_it_be_read)
+    watched.put("bad.npy", BAD)
+    assert not watched.once()
+    (bad,) = watched.scans()
+    assert f"scan: {bad.id}" in watched.reason("bad.npy").splitlines()
 
 
 def test_equal_contents_and_a_name_used_again_are_scans_of_their_own(watched):

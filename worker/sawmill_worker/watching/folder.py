@@ -170,7 +170,8 @@ class Folder:
         try:
             return self._advance(taking)
         except _FileRefused as refused:
-            self._refuse(taking, refused.code, str(refused))
+            # With the scan that was made of it in this very round.
+            self._refuse(self._takings.read_again(taking), refused.code, str(refused))
             return True
         except _FileWaits as waits:
             code, reason = waits.code, str(waits)
