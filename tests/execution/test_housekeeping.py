@@ -22,7 +22,7 @@ from sawmill_worker.execution.logs import configure_logs
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.jobs import Pulse
 from sawmill_worker.storage.outbox import Attempt
-from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, MeasurementRow
+from sawmill_worker.storage.tables import ActivationRow, DeliveryRow, MeasurementRow, ScannerRow
 from sawmill_worker.storage.webhooks import KEPT
 
 pytestmark = pytest.mark.slow
@@ -93,7 +93,20 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
                 awaits_chart=True,
             )
         )
-    Housekeeping(store, settings, threading.Event()).once()
+        (check,) = (row for row in session.new if isinstance(row, MeasurementRow))
+        known = session.get_one(ScannerRow, scan.scanner_id)
+        session.add(ScannerRow(id="a-first-one", created_at=since, spec=known.spec))
+        # Of an activation that is not there: its chart cannot be made.
+        columns = {
+            column.name: getattr(check, column.name)
+            for column in MeasurementRow.__table__.columns
+            if column.name != "number"
+        }
+        session.add(MeasurementRow(**columns | {"scanner_id": "a-first-one", "activation_number": 1_000}))
+    with capture_logs() as log:
+        Housekeeping(store, settings, threading.Event()).once()
+    put_off = [(entry["event"], entry["scanner_id"]) for entry in log if entry["log_level"] == "error"]
+    assert put_off == [("drift-chart-put-off", "a-first-one")]
     (chart,) = store.drift_charts.of_scanner(scan.scanner_id).charts
     assert (chart.looks, chart.finding.kind, chart.calibration_id) == (1, "learning", calibration.id)
     assert (chart.pooled_looks, chart.pooled_cor_column_mm) == (1, pytest.approx(-209.0))

@@ -118,6 +118,8 @@ def test_the_page_shows_charts_entries_and_the_way_to_the_file(seeded):
         "Passed",
         "Within tolerance",
         "u_c -209.100",
+        "± 0.200",
+        "A value lies within its ± with 95 %.",
         "gain 1.00000 per mm",
         "/calibrations/example/report",
     ):

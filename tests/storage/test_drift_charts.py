@@ -7,7 +7,8 @@ from datetime import timedelta
 import numpy as np
 import pytest
 from results import drift_result
-from sqlalchemy import select
+from sqlalchemy import select, update
+from structlog.testing import capture_logs
 
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
@@ -17,13 +18,19 @@ from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.scans import ScanSpec
 from sawmill_worker.storage.drift_charts import _counted
 from sawmill_worker.storage.origins import origin_of
-from sawmill_worker.storage.tables import ActivationRow, MeasurementRow
+from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow
 from sawmill_worker.use_cases.drift_following import follow
 from sawmill_worker.vocabulary import DataKind
 
 COLUMN, TILT = -209.1, -0.083
 DEVIATIONS = np.array([0.05, 0.002])
 COVARIANCE = np.outer(DEVIATIONS, DEVIATIONS) * [[1.0, -0.6], [-0.6, 1.0]]
+# So much that it cannot be inverted any more once it was stored in degrees.
+CORRELATED = [
+    [7.635460506186958e-05, 5.802928303579087e-05, 0.0],
+    [5.802928303579087e-05, 4.410209033128191e-05, 0.0],
+    [0.0, 0.0, 0.0],
+]
 
 
 @pytest.fixture
@@ -160,12 +167,13 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
     look(rotation="reversed")
     look(method=None)
     look(covariance=[[0.0] * 3] * 3)
+    look(covariance=CORRELATED)
     second = calibrated()
     look()
     counted = rows(store)
-    assert [row.activation_number for row in counted] == [1, None, None, None, None, None, None, 2]
-    assert [row.awaits_chart for row in counted] == [True, None, None, None, None, None, None, True]
-    assert [row.against_id for row in counted] == [first] * 7 + [second]
+    assert [row.activation_number for row in counted] == [1, *[None] * 7, 2]
+    assert [row.awaits_chart for row in counted] == [True, *[None] * 7, True]
+    assert [row.against_id for row in counted] == [first] * 8 + [second]
     measured = store.measurements.page(counted[0].scanner_id).items[0]
     assert measured.cor_column_tilt_covariance_mm_deg == pytest.approx(math.degrees(COVARIANCE[0, 1]))
     assert (measured.method, measured.baseline_looks, measured.pooled_looks) == ("view-pairs", None, None)
@@ -176,8 +184,7 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
     charted([(0.0, 0.0)] * 75)
     taken = []
 
-    def killed(*given):
-        follow(*given)
+    def killed(*_):
         raise KeyboardInterrupt
 
     def noting(state, method, before, looks):
@@ -185,12 +192,12 @@ def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store
         return follow(state, method, before, looks)
 
     with pytest.raises(KeyboardInterrupt):
-        store.drift_charts.follow(killed)
+        store.drift_charts.follow(scanner.id, killed)
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     with ThreadPoolExecutor(3) as several:
-        numbers = list(several.map(lambda _: store.drift_charts.follow(noting), range(3)))
+        numbers = list(several.map(lambda _: store.drift_charts.follow(scanner.id, noting), range(3)))
     assert sum(numbers) == len(taken) == len({*taken}) == 75
-    assert store.drift_charts.follow(noting) == 0
+    assert store.drift_charts.follow(scanner.id, noting) == 0
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (75, 50, 50, "quiet")
     assert (chart.alarm, chart.method) == (None, "view-pairs")
@@ -209,7 +216,7 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     first = calibrated()
     charted([(0.0, 0.0)] * 80 + [(0.12, 0.0)] * 30)
     clock.advance(days=1)
-    store.drift_charts.follow(follow)
+    store.drift_charts.follow(scanner.id, follow)
     (opened,) = store.alarms.check()
     assert (opened.what, opened.alarm.what, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
     assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
@@ -223,22 +230,30 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     event = store.events.following(0)[-1]
     assert (event.what, event.detail["what"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
     assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == opened.alarm.sentence
+    with store._database.write() as session:
+        session.execute(update(DriftChartRow).values(alarm={"at": "yesterday"}))
+    with capture_logs() as log:
+        assert store.alarms.check() == []
+    assert [(entry["event"], entry["scanner_id"]) for entry in log] == [("alarms-unreadable", scanner.id)]
+    assert [alarm.what for alarm in store.alarms.open()] == ["drift"]
     second = calibrated()
     assert store.drift_charts.of_scanner(scanner.id).charts == []
     (closed,) = store.alarms.check()
     assert (closed.what, closed.alarm.what) == ("alarm-closed", "drift")
     charted([(0.3, 0.0)] * 51)
-    store.drift_charts.follow(follow)
+    store.drift_charts.follow(scanner.id, follow)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 51, None)
     assert chart.baseline.cor_column_offset_mm == pytest.approx(0.3, abs=0.03)
     assert store.alarms.check() == []
 
 
-def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(store, calibrated, charted, log, clock, finish):
+def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
+    store, scanner, calibrated, charted, log, clock, finish
+):
     active = calibrated()
     charted([(0.0, 0.0)] * 50)
-    store.drift_charts.follow(follow)
+    store.drift_charts.follow(scanner.id, follow)
     clock.advance(days=2)
     asked = store.drifts.accept(DriftAsk(scan_id=log()))
     handed = store.jobs.handed_over(asked.job_id)

@@ -15,6 +15,7 @@ from sawmill_service.pages.drift_chart import drift_chart
 from sawmill_service.pages.frame import PageFrame, ThePage
 from sawmill_service.pages.geometry_drawing import scanner_drawing
 from sawmill_service.pages.languages import locale_of, marked
+from sawmill_service.pages.pooled_lines import DEVIATIONS
 from sawmill_service.pages.scanner_form import FIELDS, ScannerForm, ScannerForms
 from sawmill_service.pages.schedule_form import DAYS, KINDS, OUTCOMES, ScheduleForm, added, plain
 from sawmill_service.scanner_conditions import ALARMS, condition_of
@@ -136,6 +137,7 @@ def _answer(
             together=together,
         ),
         together=together,
+        deviations=DEVIATIONS,
         is_calibration=is_calibration,
         days=days,
         spans=SPANS,

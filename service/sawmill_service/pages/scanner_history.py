@@ -13,6 +13,7 @@ from sawmill_service.pages.charts import is_calibration, span_of
 from sawmill_service.pages.frame import ThePage
 from sawmill_service.pages.languages import marked
 from sawmill_service.pages.lists import SHOWN, check_zone, day_of, parse_day
+from sawmill_service.pages.pooled_lines import DEVIATIONS
 from sawmill_service.pages.scanner import SPANS
 from sawmill_service.pages.trend_chart import MOST_LINES, trend_chart
 from sawmill_service.pages.words import Word
@@ -133,6 +134,7 @@ def scanner_history(
         chart=trend_chart(movements, marks, opened, span, total, store.drift_charts.of_scanner(scanner_id).charts),
         most_lines=MOST_LINES,
         is_calibration=is_calibration,
+        deviations=DEVIATIONS,
         days=shown.days,
         found=store.history.page(scanner_id, **shown.arguments(), after=shown.after, limit=PER_PAGE),
         kinds=KINDS,

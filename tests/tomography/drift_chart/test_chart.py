@@ -130,3 +130,29 @@ def test_a_state_that_is_none_is_refused():
         chart_from_state({**state, "layout": 2})
     with pytest.raises(ValueError, match="no state of a drift chart: 'pending'"):
         chart_from_state({name: value for name, value in state.items() if name != "pending"})
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong"),
+    [
+        (("pending",), [[1.0]]),
+        (("pending",), "none"),
+        (("baseline",), None),
+        (("baseline", "change"), [0.0]),
+        (("history",), []),
+        (("history", "segments", 0, "precision"), [1.0]),
+        (("history", "baseline", "first_days"), None),
+        (("history", "scatter", "differences"), "many"),
+        (("history", "scatter", "squares"), [[math.nan, 0.0], [0.0, 1.0]]),
+    ],
+)
+def test_a_damaged_state_is_refused_before_a_look_is_added(place, wrong):
+    chart = DriftChart()
+    for look in looks(9, BASELINE_LOOKS + 10):
+        chart = chart.with_look(look)
+    inner = state = chart_to_state(chart)
+    for name in place[:-1]:
+        inner = inner[name]
+    inner[place[-1]] = wrong
+    with pytest.raises(ValueError, match=r"drift chart|could not convert|inhomogeneous"):
+        chart_from_state(state)

@@ -106,7 +106,9 @@ class Housekeeping:
 
     def _follow_drift(self) -> None:
         """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
-        self._store.drift_charts.follow(follow_drift)
+        for scanner_id in self._store.drift_charts.waiting():
+            with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
+                self._store.drift_charts.follow(scanner_id, follow_drift)
 
     def _check_alarms(self) -> None:
         if (now_s := time.monotonic()) < self._alarms_due_s:

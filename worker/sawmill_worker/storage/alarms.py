@@ -128,12 +128,12 @@ class _Known(NamedTuple):
 def _changes(session: Session, now: datetime, scanner_id: str | None = None) -> Iterator[AlarmChange]:
     """What has ended, and what is new. The time opens alarms and ends none: clocks differ, and are put back."""
     opened = {(each.scanner_id, each.what): each for each in _opened(session, scanner_id)}
-    drifted = {each.alarm.scanner_id: each for each in _drifted(session, scanner_id)}
+    drifted = _drifted(session, scanner_id)
     for known in _known(session, scanner_id):
         try:
             expected = {each.alarm.what: each for each in _expected(known)}
             if known.scanner.id in drifted:
-                expected[AlarmKind.DRIFT] = drifted[known.scanner.id]
+                expected[AlarmKind.DRIFT] = _of_drift(known.scanner.id, drifted[known.scanner.id])
         except ValidationError as error:
             structlog.get_logger().error("alarms-unreadable", scanner_id=known.scanner.id, reason=str(error))
             continue
@@ -184,20 +184,25 @@ def _known(session: Session, scanner_id: str | None) -> Iterator[_Known]:
         yield _Known(scanner, scan_at, phantom_scan_at, coming_at, ready_at, *phantom)
 
 
-def _drifted(session: Session, scanner_id: str | None) -> Iterator[_Expected]:
-    """What charts of active calibrations found, the first of each scanner last: another calibration ends it."""
+def _drifted(session: Session, scanner_id: str | None) -> dict[str, list[Any]]:
+    """By scanner: what charts of its active calibration found. Another calibration ends it."""
     newest = select(func.max(ActivationRow.number)).where(ActivationRow.scanner_id == DriftChartRow.scanner_id)
     found = DriftChartRow.alarm.is_not(None), DriftChartRow.activation_number == newest.scalar_subquery()
     statement = select(DriftChartRow.scanner_id, DriftChartRow.alarm).where(*found)
     if scanner_id is not None:
         statement = statement.where(DriftChartRow.scanner_id == scanner_id)
-    alarms = [
-        Alarm(scanner_id=its_id, what=AlarmKind.DRIFT, since=alarm["at"], drift=alarm["finding"])
-        for its_id, alarm in session.execute(statement)
-        if alarm is not None
-    ]
-    for alarm in sorted(alarms, key=lambda each: each.since, reverse=True):
-        yield _Expected(alarm, alarm.since)
+    found_of = dict[str, list[Any]]()
+    for its_id, alarm in session.execute(statement):
+        found_of.setdefault(its_id, []).append(alarm)
+    return found_of
+
+
+def _of_drift(scanner_id: str, found: list[Any]) -> _Expected:
+    """The first that its charts found."""
+    about = {"scanner_id": scanner_id, "what": AlarmKind.DRIFT}
+    alarms = [Alarm.model_validate(about | {"since": each.get("at"), "drift": each.get("finding")}) for each in found]
+    first = min(alarms, key=lambda each: each.since)
+    return _Expected(first, first.since)
 
 
 def _expected(known: _Known) -> Iterator[_Expected]:

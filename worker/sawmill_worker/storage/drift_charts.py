@@ -35,29 +35,19 @@ _DAY_S = 86_400.0
 
 
 class DriftCharts:
-    """Every method is one transaction, `follow` one for each scanner and batch."""
+    """Every method is one transaction, `follow` one for each batch."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def follow(self, follow: Follow) -> int:
-        """Put checks that wait into their charts, once each however many processes look; their number."""
+    def waiting(self) -> list[str]:
+        """The scanners of which checks wait for their chart."""
         with self._database.read() as session:
             waiting = select(MeasurementRow.scanner_id).where(MeasurementRow.awaits_chart.is_not(None)).distinct()
-            scanner_ids = sorted(session.scalars(waiting))
-        return sum(self._follow_scanner(scanner_id, follow) for scanner_id in scanner_ids)
+            return sorted(session.scalars(waiting))
 
-    def of_scanner(self, scanner_id: str) -> ScannerDrift:
-        """Its charts since the active calibration, or `NotFound`."""
-        with self._database.read() as session:
-            found(session, ScannerRow, "scanner", scanner_id)
-            active = _newest_activation(session, scanner_id)
-            if active is None:
-                return ScannerDrift(charts=[])
-            charts = _charts(session, active)
-            return ScannerDrift(charts=[_read(chart, active, _newest_look(session, chart)) for chart in charts])
-
-    def _follow_scanner(self, scanner_id: str, follow: Follow) -> int:
+    def follow(self, scanner_id: str, follow: Follow) -> int:
+        """Put a scanner's checks that wait into its charts, once each however many processes look; their number."""
         number = 0
         while True:
             with self._database.write() as session:
@@ -70,6 +60,16 @@ class DriftCharts:
             number += len(rows)
             if len(rows) < MOST_AT_ONCE:
                 return number
+
+    def of_scanner(self, scanner_id: str) -> ScannerDrift:
+        """Its charts since the active calibration, or `NotFound`."""
+        with self._database.read() as session:
+            found(session, ScannerRow, "scanner", scanner_id)
+            active = _newest_activation(session, scanner_id)
+            if active is None:
+                return ScannerDrift(charts=[])
+            charts = _charts(session, active)
+            return ScannerDrift(charts=[_read(chart, active, _newest_look(session, chart)) for chart in charts])
 
 
 def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:

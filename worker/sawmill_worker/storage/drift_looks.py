@@ -13,6 +13,9 @@ from sawmill_worker.storage.tables import (
     ScanRow,
 )
 
+# The largest square of the correlation between u_c and tilt: nearer to 1, rounding decides what the inverse is.
+MOST_CORRELATED = 1.0 - 1e-9
+
 
 def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int | None:
     """The number of the activation that a drift check is a look since; None where it does not count.
@@ -49,6 +52,6 @@ def lock_scanner(session: Session, scanner_id: str) -> None:
 
 
 def _is_certain(result: DriftResult) -> bool:
-    """Whether the covariance of (u_c, tilt) can be inverted, as one of a fit can."""
+    """Whether the covariance of (u_c, tilt) can be inverted, also when it was stored in degrees and read again."""
     (column, cross, _), (_, tilt, _), _ = result.covariance
-    return result.method is not None and column > 0.0 and tilt > 0.0 and cross**2 < column * tilt
+    return result.method is not None and column > 0.0 and tilt > 0.0 and cross**2 < MOST_CORRELATED * column * tilt

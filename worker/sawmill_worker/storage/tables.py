@@ -425,7 +425,7 @@ class MeasurementRow(Base):
     """What a calibration or a drift check measured of its scanner."""
 
     __tablename__ = "measurements"
-    # Those of a scanner, and the last weeks of all of them; looks since an activation, and those that wait.
+    # Those of a scanner, and the last weeks of all of them; looks since an activation, one of a file, those that wait.
     __table_args__ = (
         Index(None, "scanner_id", "number"),
         Index(None, "scanner_id", "at"),
@@ -434,6 +434,13 @@ class MeasurementRow(Base):
             "activation_number",
             "method",
             "number",
+            sqlite_where=text("activation_number IS NOT NULL"),
+            postgresql_where=text("activation_number IS NOT NULL"),
+        ),
+        Index(
+            "ix_measurements_counted",
+            "activation_number",
+            "input_sha256",
             sqlite_where=text("activation_number IS NOT NULL"),
             postgresql_where=text("activation_number IS NOT NULL"),
         ),

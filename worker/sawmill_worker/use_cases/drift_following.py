@@ -1,9 +1,9 @@
 """A scanner's drift chart, continued look by look: what housekeeping calls, on plain values."""
 
 import math
-from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timedelta
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,8 @@ import numpy as np
 from sawmill_worker.contracts.choices import DriftMethod
 from sawmill_worker.contracts.scanner_drift import CountedLook, DriftFinding, Followed, LooksBefore, Pool
 from sawmill_worker.tomography.drift_chart.chart import DriftChart, Finding
-from sawmill_worker.tomography.drift_chart.looks import Look, pooled
+from sawmill_worker.tomography.drift_chart.looks import Look, pooled_means, stacked
+from sawmill_worker.tomography.drift_chart.matrices import inverse
 from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
 from sawmill_worker.use_cases.drift_baseline import known_baseline
 
@@ -22,15 +23,12 @@ POOLED_LOOKS = 50
 def follow(
     state: dict[str, Any] | None, method: DriftMethod, before: LooksBefore, looks: list[CountedLook]
 ) -> Followed:
-    """Continue a chart with one look or more; a state of another version's layout is begun anew from all looks."""
+    """Continue a chart with one look or more; from what is no state of this version's it is begun anew with all."""
     chart = _chart(state, before)
-    window = deque(map(_look, before(POOLED_LOOKS)), maxlen=POOLED_LOOKS)
     start = looks[0].at - timedelta(days=looks[0].days)
-    finding, baseline, alarm, pools = _reported(chart.finding(), start), None, None, []
+    finding, baseline, alarm, scatters = _reported(chart.finding(), start), None, None, []
     for counted in looks:
-        look, known = _look(counted), chart
-        chart = known.with_look(look)
-        window.append(look)
+        known, chart = chart, chart.with_look(_look(counted))
         if chart.baseline is not None and known.baseline is None:
             first_at, last_at = (
                 start + timedelta(days=days) for days in (known.pending[0].days, chart.baseline.until_days)
@@ -41,7 +39,8 @@ def follow(
             finding = _reported(found, start)
             if found.alarm and alarm is None:
                 alarm = (finding, counted.at)
-        pools.append(_pool(window, counted, finding.scatter))
+        scatters.append(finding.scatter)
+    pools = list(_pools(before(POOLED_LOOKS), looks, scatters))
     return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
 
 
@@ -65,15 +64,24 @@ def _look(counted: CountedLook) -> Look:
     return Look(counted.days, change, np.array(counted.covariance))
 
 
-def _pool(window: Iterable[Look], newest: CountedLook, scatter: float) -> Pool:
-    """As the looks measured it, and as uncertain as they scatter."""
-    together = pooled(list(window))
-    calibrated = np.array([newest.cor_column_mm, newest.tilt_rad]) - [
-        newest.cor_column_change_mm,
-        newest.tilt_change_rad,
-    ]
-    (column, tilt), (column_deviation, tilt_deviation) = calibrated + together.change, scatter * together.deviation
-    return Pool(together.looks, float(column), float(column_deviation), float(tilt), float(tilt_deviation))
+def _pools(before: Sequence[CountedLook], looks: Sequence[CountedLook], scatters: Sequence[float]) -> Iterator[Pool]:
+    """Of each look, it and those before it: as they measured it, and as uncertain as they scatter by then."""
+    change, covariance = stacked([_look(counted) for counted in (*before, *looks)])
+    newest = iter(zip(looks, scatters, strict=True))
+    ends = range(len(before) + 1, len(before) + len(looks) + 1)
+    for number, its_ends in groupby(ends, lambda end: min(end, POOLED_LOOKS)):
+        which = np.array([range(end - number, end) for end in its_ends])
+        means = pooled_means(change[which], covariance[which])
+        deviations = np.sqrt(np.diagonal(inverse(means.precision), axis1=-2, axis2=-1))
+        for (column, tilt), deviation in zip(means.mean, deviations, strict=True):
+            counted, scatter = next(newest)
+            yield Pool(
+                number,
+                float(counted.cor_column_mm - counted.cor_column_change_mm + column),
+                float(scatter * deviation[0]),
+                float(counted.tilt_rad - counted.tilt_change_rad + tilt),
+                float(scatter * deviation[1]),
+            )
 
 
 def _reported(found: Finding, start: datetime) -> DriftFinding:

@@ -10,6 +10,7 @@ from sawmill_worker.tomography.drift_chart.history import History
 from sawmill_worker.tomography.drift_chart.looks import Baseline, Look, PooledLook
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.drift_chart.segments import Segment
+from sawmill_worker.tomography.geometry import FloatArray
 
 # Of the layout below: a chart of another one is begun anew from the looks.
 LAYOUT = 1
@@ -50,38 +51,56 @@ def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
     ValueError
         If it is of another layout, or no state of a chart.
     """
-    if state.get("layout") != LAYOUT:
-        raise ValueError(
-            f"the drift chart's layout is {state.get('layout')!r} and must be {LAYOUT}: begin it anew from the looks"
-        )
     try:
+        if state["layout"] != LAYOUT:
+            raise ValueError(
+                f"the drift chart's layout is {state['layout']!r} and must be {LAYOUT}: begin it anew from the looks"
+            )
         baseline, history = state["baseline"], state["history"]
+        if (baseline is None) != (history is None):
+            raise ValueError("a drift chart has a baseline and a history, or neither")
         return DriftChart(
-            tuple(Look(**_arrays(look)) for look in state["pending"]),
-            baseline and _baseline(baseline),
-            history
-            and History(
-                _segment(history["baseline"]),
-                tuple(_segment(segment) for segment in history["segments"]),
-                Scatter(**_arrays(history["scatter"])),
-            ),
+            tuple(Look(**_look(look)) for look in state["pending"]),
+            None if baseline is None else _baseline(baseline),
+            None if history is None else _history(history),
         )
-    except (KeyError, TypeError) as wrong:
+    except (KeyError, TypeError, AttributeError) as wrong:
         raise ValueError(f"this is no state of a drift chart: {wrong}") from wrong
 
 
-def _arrays(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: np.array(value) if isinstance(value, list) else value for name, value in values.items()}
+def _numbers(value: object, *shape: int) -> FloatArray:
+    numbers = np.asarray(value, np.float64)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise ValueError(f"a drift chart has finite numbers of the shape {shape} here, not {value!r}")
+    return numbers
 
 
 def _look_to_state(look: Look) -> dict[str, Any]:
     return {"days": look.days, "change": look.change.tolist(), "covariance": look.covariance.tolist()}
 
 
+def _look(state: Mapping[str, Any]) -> dict[str, Any]:
+    days = float(_numbers(state["days"]))
+    return {"days": days, "change": _numbers(state["change"], 2), "covariance": _numbers(state["covariance"], 2, 2)}
+
+
 def _baseline(state: Mapping[str, Any]) -> Baseline:
-    values = _arrays(state)
-    until = values.pop("until_days")
-    return Baseline(PooledLook(**values), until)
+    looks, outliers = (int(_numbers(state[name])) for name in ("looks", "outliers"))
+    return Baseline(PooledLook(**_look(state), looks=looks, outliers=outliers), float(_numbers(state["until_days"])))
+
+
+def _history(state: Mapping[str, Any]) -> History:
+    scatter = state["scatter"]
+    return History(
+        _segment(state["baseline"]),
+        tuple(_segment(segment) for segment in state["segments"]),
+        Scatter(
+            int(_numbers(scatter["differences"])),
+            _numbers(scatter["squares"], 2, 2),
+            _numbers(scatter["mean"], 2),
+            _numbers(scatter["covariance"], 2, 2),
+        ),
+    )
 
 
 def _segment_to_state(segment: Segment) -> dict[str, Any]:
@@ -95,6 +114,6 @@ def _segment_to_state(segment: Segment) -> dict[str, Any]:
 
 
 def _segment(state: Mapping[str, Any]) -> Segment:
-    precision, weighted = np.array(state["precision"]), np.array(state["weighted"])
-    first, last = (np.asarray(state[name]) for name in ("first_days", "last_days"))
-    return Segment(state["groups"], first, last, precision, weighted)
+    first, last = (_numbers(state[name]) for name in ("first_days", "last_days"))
+    precision, weighted = _numbers(state["precision"], 3, 2, 2), _numbers(state["weighted"], 2, 2)
+    return Segment(int(_numbers(state["groups"])), first, last, precision, weighted)
