@@ -96,6 +96,7 @@ def test_a_drift_check_that_ended_goes_into_its_scanner_s_chart(store, settings,
         (check,) = (row for row in session.new if isinstance(row, MeasurementRow))
         known = session.get_one(ScannerRow, scan.scanner_id)
         session.add(ScannerRow(id="a-first-one", created_at=since, spec=known.spec))
+        session.flush()
         # Of an activation that is not there: its chart cannot be made.
         columns = {
             column.name: getattr(check, column.name)

@@ -11,7 +11,9 @@ import scipy.io
 
 from sawmill_worker.files.errors import UnreadableScan
 from sawmill_worker.readers.angles import AngleSteps
+from sawmill_worker.readers.averaged import AveragedRows
 from sawmill_worker.readers.reading import reading_scan
+from sawmill_worker.use_cases.averaged import AveragedRays
 
 VIEWS, CELLS = 9, 64
 # Chords of a disc in the middle of the detector.
@@ -157,3 +159,12 @@ def test_a_log_of_a_tenth_of_the_detector_is_told_from_its_transmissions(read):
 def test_a_mean_is_nan_and_refused_where_nobody_says_that_it_is_one(read):
     with pytest.raises(UnreadableScan, match="every value must be a finite number"):
         read(npy(put(MEAN, np.nan)), rows=None)
+
+
+def test_a_bridged_ray_is_known_no_better_than_those_that_were_measured():
+    rays = np.zeros((2, 1, 40), np.float32)
+    rays[0, 0, 10:14] = np.nan
+    averaged = AveragedRays(AveragedRows(60, np.full((2, 40), 0.01, np.float32)))
+    averaged.bridge(rays, 0)
+    assert averaged.deviations[0, 10:14] == pytest.approx(0.02), "by the root of its width"
+    assert averaged.deviations[1] == pytest.approx(0.01)

@@ -3,7 +3,9 @@
 import pytest
 from alembic import command
 from alembic.config import Config
+from sqlalchemy import text
 
+from sawmill_worker.contracts.alarms import AlarmKind
 from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.drifts import DriftAsk
 from sawmill_worker.contracts.jobs import JobKind
@@ -11,7 +13,7 @@ from sawmill_worker.contracts.kinds import AskedKind, asked_kinds, declaration_o
 from sawmill_worker.contracts.plans import PlanAsk
 from sawmill_worker.storage.errors import Conflict, NotFound
 from sawmill_worker.storage.store import Store
-from sawmill_worker.storage.tables import OWN_TABLES, AskedRow, table_of
+from sawmill_worker.storage.tables import OWN_TABLES, AlarmRow, AskedRow, table_of
 from sawmill_worker.vocabulary import Theta
 
 NOMINAL = Theta(
@@ -118,3 +120,15 @@ def test_what_was_stored_before_the_common_table_is_read_as_before(settings, sca
     finish(upgraded)
     assert upgraded.plans.page().items[0].state == "succeeded"
     upgraded.close()
+
+
+@pytest.mark.parametrize("database_url", [None])
+def test_the_version_before_finds_no_alarm_that_it_does_not_know(store, scanner):
+    with store._database.write() as session:
+        for what in (AlarmKind.DRIFT, AlarmKind.SCANNER_QUIET):
+            session.add(AlarmRow(scanner_id=scanner.id, what=what, since=scanner.created_at))
+    downgrade(store, "0019")
+    with store._database.read() as session:
+        assert session.scalars(text("SELECT what FROM alarms")).all() == ["scanner-quiet"]
+    store._database.upgrade()
+    assert [alarm.what for alarm in store.alarms.open()] == ["scanner-quiet"]

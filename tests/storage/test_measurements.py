@@ -84,9 +84,9 @@ def test_they_come_in_pages_from_a_time_on_and_in_bulk(store, scanner):
     assert rest.next is None
     since = page.items[1].at
     assert [one.subject_id for one in store.measurements.page(scanner.id, since=since).items] == ["check", "second"]
-    movements = store.measurements.movements(since)
-    assert [one.subject_id for one in movements[scanner.id]] == ["second", "check"]
     until = page.items[0].at
+    movements = store.measurements.movements(since, until)
+    assert [one.subject_id for one in movements[scanner.id]] == ["second", "check"]
     assert store.measurements.movements_of(scanner.id, since, until) == (movements[scanner.id], 2)
     assert store.measurements.movements_of("other", BEFORE, until) == ([], 0)
     with pytest.raises(NotFound, match="no scanner 'other'"):
@@ -114,6 +114,9 @@ def test_of_very_many_a_chart_reads_the_newest_and_the_farthest_of_each_part_of_
     with store._database.write() as session:
         session.execute(insert(MeasurementRow), rows)
     found, total = store.measurements.movements_of(scanner.id, start, start + 6000 * step)
+    assert store.measurements.movements(start, start + 6000 * step) == {scanner.id: found}, (
+        "the first page reads no more"
+    )
     names = [one.subject_id for one in found]
     assert total == 6000
     assert 500 < len(found) <= MOST_READ

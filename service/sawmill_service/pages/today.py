@@ -93,7 +93,7 @@ def rows(page: ThePage, store: TheStore) -> HTMLResponse:
 
 def _board(page: PageFrame, store: Store) -> Board:
     now = store.now()
-    movements = store.measurements.movements(now - SPAN)
+    movements = store.measurements.movements(now - SPAN, now)
     scanners = [_row(condition, movements, now) for condition in conditions_of(store)]
     needy = sum(row.condition.needs_somebody for row in scanners)
     return Board(sorted(scanners, key=lambda row: row.rank), needy, _headline(page.text, len(scanners), needy), now)

@@ -129,7 +129,11 @@ class DriftResult(Contract):
     )
     scanner: ScannerConstants = Field(description="The scanner's constants with which it was computed.")
     views: int = Field(description="Number of views of the scan.", examples=[360])
-    rows: tuple[int, int] = Field(description="First row and the one after the last.", examples=[[0, 16]])
+    rows: tuple[int, int] = Field(
+        description="First row and the one after the last; [0, 1] of a scan that came as a mean of rows, of which "
+        "`adjustments` has the number.",
+        examples=[[0, 16]],
+    )
     at: Time | None = Field(
         None,
         description="When it ended. Null: from an earlier version.",

@@ -97,7 +97,7 @@ def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32]
 def _check_rise(samples: NDArray[np.float32]) -> None:
     """Refuse what falls where the log is, against the air on both sides of it."""
     rays = samples[:, 0]
-    profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0)
+    profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
     air = max(1, round(AIR_SHARE * profile.size))
     level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
     mean, span = float(profile.mean()), float(np.ptp(profile))

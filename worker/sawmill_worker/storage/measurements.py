@@ -59,13 +59,11 @@ class Measurements:
                 session, statement, MeasurementRow.number, read_measurement, after=after, limit=limit
             )
 
-    def movements(self, since: datetime) -> Mapping[str, list[Movement]]:
-        """What small charts draw of all scanners since a time: by scanner, the oldest first."""
-        by_scanner: dict[str, list[Movement]] = {}
+    def movements(self, since: datetime, until: datetime) -> Mapping[str, list[Movement]]:
+        """What small charts draw of all scanners: by scanner, as `movements_of`."""
         with self._database.read() as session:
-            for row in session.execute(_MOVEMENTS.where(MeasurementRow.at >= since)):
-                by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
-        return by_scanner
+            scanner_ids = session.scalars(select(ScannerRow.id)).all()
+            return {each: self._movements(session, each, since, until)[0] for each in scanner_ids}
 
     def movements_of(self, scanner_id: str, since: datetime, until: datetime) -> tuple[list[Movement], int]:
         """What a chart draws of one scanner since a time, the oldest first, and how many measurements there are.
@@ -73,17 +71,22 @@ class Measurements:
         Of more than `MOST_READ` only some: of each kind, in each of `PARTS` equal parts of the time up to `until`, the
         newest one and the one whose rays moved farthest.
         """
-        its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
         with self._database.read() as session:
-            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
-            which = its
-            if total > MOST_READ:
-                elapsed_s = seconds_between(
-                    self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
-                )
-                part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
-                which = MeasurementRow.number.in_(_typical(its, part))
-            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+            return self._movements(session, scanner_id, since, until)
+
+    def _movements(
+        self, session: Session, scanner_id: str, since: datetime, until: datetime
+    ) -> tuple[list[Movement], int]:
+        its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
+        total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
+        which = its
+        if total > MOST_READ:
+            elapsed_s = seconds_between(
+                self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
+            )
+            part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
+            which = MeasurementRow.number.in_(_typical(its, part))
+        return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
 
 
 def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple[int]]:

@@ -440,6 +440,7 @@ class MeasurementRow(Base):
         Index(
             "ix_measurements_counted",
             "activation_number",
+            "method",
             "input_sha256",
             sqlite_where=text("activation_number IS NOT NULL"),
             postgresql_where=text("activation_number IS NOT NULL"),

@@ -53,10 +53,12 @@ def _widen(deviations: NDArray[np.float32], rays: NDArray[np.float32], masked: N
     """Give bridged rays of one view (detector,) the deviation with which bridges of their width miss its other rays.
 
     The errors of a bridge are alike, so that its sum of independent ones would be too small: by the root of its width.
+    None is known better than rays that were measured.
     """
+    least = float(np.median(deviations[~masked]))
     edges = np.diff(masked.astype(np.int8), prepend=0, append=0)
     for first, last in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         width = int(last - first)
         reach = width // 2 + 1
         missed = rays[reach:-reach] - 0.5 * (rays[: -2 * reach] + rays[2 * reach :])
-        deviations[first:last] = math.sqrt(width) * float(np.sqrt(np.mean(missed**2)))
+        deviations[first:last] = math.sqrt(width) * max(float(np.sqrt(np.mean(missed**2))), least)

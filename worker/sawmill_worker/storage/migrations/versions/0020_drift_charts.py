@@ -24,7 +24,7 @@ _COUNTS = ("baseline_looks", "activation_number", "pooled_looks")
 _TEXTS = {"method": 20, "input_sha256": 64}
 _INDEXES = {
     "ix_measurements_looks": (["activation_number", "method", "number"], "activation_number IS NOT NULL"),
-    "ix_measurements_counted": (["activation_number", "input_sha256"], "activation_number IS NOT NULL"),
+    "ix_measurements_counted": (["activation_number", "method", "input_sha256"], "activation_number IS NOT NULL"),
     "ix_measurements_awaiting_chart": (["scanner_id", "number"], "awaits_chart IS NOT NULL"),
 }
 
