@@ -130,6 +130,11 @@ NOT_SO = {
     "negative": (npz(p=MEAN, deviations=put(DEVIATIONS, -0.1)), "out-of-range", "view 3, cell 30 is -0.1; .* above 0"),
     "zero": (npz(p=MEAN, deviations=put(DEVIATIONS, 0)), "out-of-range", "view 3, cell 30 is 0; it must be above"),
     "NaN deviation": (npz(p=MEAN, deviations=put(DEVIATIONS, np.nan)), "out-of-range", "view 3, cell 30 is nan"),
+    "a number for not known": (
+        npz(p=MEAN, deviations=put(DEVIATIONS, 1e30)),
+        "out-of-range",
+        r"is 1e\+30; .* not above the largest line integral \(.*\), and infinite",
+    ),
     "deviations as objects": (
         npz(p=MEAN, deviations=DEVIATIONS.astype(object)),
         "wrong-type",

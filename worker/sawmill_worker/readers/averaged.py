@@ -84,13 +84,15 @@ class AveragedRows:
 
 
 def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32], first_view: int) -> None:
-    wrong = ~(deviations > 0.0) & ~np.isnan(rays)
+    # A number that only stands for "not known" would be weighed against those that are deviations.
+    largest = float(np.max(np.abs(rays), where=np.isfinite(rays), initial=0.0))
+    wrong = ~((deviations > 0.0) & ((deviations <= largest) | np.isinf(deviations))) & ~np.isnan(rays)
     if wrong.any():
         view, cell = (int(i) for i in np.unravel_index(np.argmax(wrong), wrong.shape))
         raise UnreadableScan(
             "out-of-range",
             f"the standard deviation of view {first_view + view}, cell {cell} is {deviations[view, cell]:g}; it must "
-            "be above 0, and infinite where the ray is masked",
+            f"be above 0, not above the largest line integral ({largest:.3g}), and infinite where the ray is masked",
         )
 
 
