@@ -61,9 +61,18 @@ class Measurements:
 
     def movements(self, since: datetime, until: datetime) -> Mapping[str, list[Movement]]:
         """What small charts draw of all scanners: by scanner, as `movements_of`."""
+        recent, of_each = MeasurementRow.at >= since, MeasurementRow.scanner_id
+        many = select(of_each).where(recent).group_by(of_each).having(func.count() > MOST_READ)
+        by_scanner: dict[str, list[Movement]] = {}
         with self._database.read() as session:
-            scanner_ids = session.scalars(select(ScannerRow.id)).all()
-            return {each: self._movements(session, each, since, until)[0] for each in scanner_ids}
+            crowded = session.scalars(many).all()
+            read = [and_(recent, of_each.not_in(crowded))]
+            if crowded:
+                read.append(self._typical(and_(recent, of_each.in_(crowded)), since, until))
+            for which in read:
+                for row in session.execute(_MOVEMENTS.where(which)):
+                    by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
+        return by_scanner
 
     def movements_of(self, scanner_id: str, since: datetime, until: datetime) -> tuple[list[Movement], int]:
         """What a chart draws of one scanner since a time, the oldest first, and how many measurements there are.
@@ -71,31 +80,28 @@ class Measurements:
         Of more than `MOST_READ` only some: of each kind, in each of `PARTS` equal parts of the time up to `until`, the
         newest one and the one whose rays moved farthest.
         """
-        with self._database.read() as session:
-            return self._movements(session, scanner_id, since, until)
-
-    def _movements(
-        self, session: Session, scanner_id: str, since: datetime, until: datetime
-    ) -> tuple[list[Movement], int]:
         its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
-        total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
-        which = its
-        if total > MOST_READ:
-            elapsed_s = seconds_between(
-                self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
-            )
-            part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
-            which = MeasurementRow.number.in_(_typical(its, part))
-        return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+        with self._database.read() as session:
+            total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
+            which = its if total <= MOST_READ else self._typical(its, since, until)
+            return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
+
+    def _typical(self, its: ColumnElement[bool], since: datetime, until: datetime) -> ColumnElement[bool]:
+        elapsed_s = seconds_between(
+            self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
+        )
+        part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
+        return MeasurementRow.number.in_(_typical(its, part))
 
 
 def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple[int]]:
     """The numbers of those that stand for each part of the time."""
 
     def place(*order: ColumnElement[Any]) -> ColumnElement[int]:
-        """Among those of its kind and its part; the newer of equals comes first."""
+        """Among those of its scanner, its kind and its part; the newer of equals comes first."""
         newest_first = MeasurementRow.at.desc(), MeasurementRow.number.desc()
-        return func.row_number().over(partition_by=(MeasurementRow.kind, part), order_by=(*order, *newest_first))
+        alike = MeasurementRow.scanner_id, MeasurementRow.kind, part
+        return func.row_number().over(partition_by=alike, order_by=(*order, *newest_first))
 
     farthest_first = func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc()
     places = select(MeasurementRow.number, place().label("by_time"), place(farthest_first).label("by_movement"))

@@ -64,7 +64,8 @@ class DriftResult:
     rotation_ratio: float
     """ How many times worse they agree in the other sense, no unit. """
     rows: list[int]
-    """ First row and the one after the last. """
+    """ First row and the one after the last; [0, 1] of a scan that came as a mean of rows, of which `adjustments`
+    has the number. """
     scanner: ScannerConstants
     """ What is known of a scanner without calibrating it. """
     significance: DetectorDeviation
