@@ -7,7 +7,7 @@ import pytest
 from pydantic import ValidationError
 
 from sawmill_worker.contracts.geometry import ScannerConstants
-from sawmill_worker.contracts.reconstructions import ReconstructionOptions
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk, ReconstructionAsked, ReconstructionOptions
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.simulate import simulate_rows
@@ -63,9 +63,9 @@ def test_no_seam_shows_where_blocks_meet(given, monkeypatch):
     assert in_blocks.result.method.unconverged_slices == 0
 
 
-def test_auto_lets_slices_help_and_reports_it(given):
+def test_slices_help_each_other_where_nothing_else_is_asked_for_and_it_is_reported(given):
     truth = np.stack([log(row).rasterise(SIZE, FIELD_MM) for row in range(ROWS)])
-    alone, coupled = made(given), made(given, coupling="auto")
+    alone, coupled = made(given, coupling="none"), made(given)
     assert alone.result.method.coupling == 0.0
     assert coupled.result.method.coupling > 0.0
     assert coupled.result.method.weight < alone.result.method.weight
@@ -73,14 +73,40 @@ def test_auto_lets_slices_help_and_reports_it(given):
     assert errors[0] < 0.93 * errors[1]
 
 
-def test_an_empty_slice_separates_those_beside_it(given):
-    def without_one(start, stop):
-        rows = given.read(start, stop).copy()
-        if start <= 10 < stop:
-            rows[:, 10 - start] = 0.0
-        return rows
+def test_a_weight_that_is_given_stays_when_the_coupling_is_chosen(given):
+    report = made(given, weight=150.0).result.method
+    assert report.coupling > 0.0
+    assert report.weight == 150.0
 
-    broken = made(replace(given, read=without_one), weight=150.0, coupling="0.5")
+
+def test_all_blocks_have_one_weight_even_where_the_first_is_read_with_all_slices(given, monkeypatch):
+    monkeypatch.setattr(block_solvers, "COUPLED_TOGETHER", 12)
+    # Eight slices and two beside them, then two.
+    ten = replace(given, rows=(0, 10))
+    chosen = made(ten, coupling="0.5")
+    np.testing.assert_array_equal(chosen.data, made(ten, weight=chosen.result.method.weight, coupling="0.5").data)
+
+
+def of_rows(given, rows):
+    """The log with nothing in other rows."""
+
+    def read(start, stop):
+        shown = np.isin(np.arange(start, stop), rows)
+        return np.where(shown[:, None], given.read(start, stop), np.float32(0.0))
+
+    return replace(given, read=read)
+
+
+@pytest.mark.parametrize("rows", [(), (0, 2, 22), (11, 13)])
+def test_slices_that_have_no_neighbours_are_by_themselves(given, rows):
+    apart, alone = (made(of_rows(given, rows), weight=150.0, coupling=coupling) for coupling in ("auto", "none"))
+    np.testing.assert_allclose(apart.data, alone.data, atol=1e-6)
+    assert apart.data.any(axis=(1, 2)).tolist() == [row in rows for row in range(ROWS)]
+    assert not apart.result.method.coupling
+
+
+def test_an_empty_slice_separates_those_beside_it(given):
+    broken = made(of_rows(given, [row for row in range(ROWS) if row != 10]), weight=150.0, coupling="0.5")
     assert not broken.data[10].any()
     assert broken.data[9].any()
     assert broken.data[11].any()
@@ -88,17 +114,28 @@ def test_an_empty_slice_separates_those_beside_it(given):
 
 def test_one_row_alone_is_as_without_coupling(given):
     one = replace(given, rows=(3, 4), read=lambda start, stop: given.read(3 + start, 3 + stop))
-    np.testing.assert_array_equal(made(one, coupling="auto").data, made(one).data)
+    np.testing.assert_array_equal(made(one).data, made(one, coupling="none").data)
 
 
-@pytest.mark.parametrize("value", ["-0.5", "much", "1000", "nan"])
+@pytest.mark.parametrize("value", ["-0.5", "much", "1000", "nan", 100, -0.5, 1e300])
 def test_other_couplings_are_refused(value):
-    with pytest.raises(ValidationError, match="coupling"):
+    with pytest.raises(ValidationError, match="coupling must be auto, none, or a number from 0 to below 100"):
         ReconstructionOptions(method="total_variation", coupling=value)
+
+
+@pytest.mark.parametrize(("value", "number"), [("0.4", 0.4), (0.4, 0.4), (0.1 + 0.2, 0.3), (3, 3.0)])
+def test_a_number_may_come_as_a_text_or_as_itself(value, number):
+    assert float(ReconstructionOptions(method="total_variation", coupling=value).coupling) == number
+
+
+def test_what_was_asked_before_slices_were_coupled_is_read_as_it_was_answered():
+    asked = {"scan_id": "example", "method": "total_variation"}
+    assert ReconstructionAsked.model_validate(asked).coupling == "none"
+    assert ReconstructionAsk.model_validate(asked).coupling == "auto"
 
 
 @pytest.mark.parametrize("method", ["tikhonov", "cauchy_map", "fbp"])
 def test_other_methods_are_not_coupled(method):
     with pytest.raises(ValidationError, match=f"coupling belongs to method total_variation, not {method}"):
-        ReconstructionOptions(method=method, coupling="auto")
+        ReconstructionOptions(method=method, coupling="0.5")
     assert ReconstructionOptions(method=method, coupling="none").coupling == "none"

@@ -210,9 +210,9 @@ def without(given, *empty):
 def test_slices_that_show_nothing_are_empty_and_the_others_as_without_them(log, reconstruct, method):
     """Among others in the first block, and all of the second."""
     given, empty = log(rows=18), (0, 3, 16, 17)
-    nothing = np.isin(np.arange(18), empty)
-    _, whole = reconstruct(given, method=method, size=24)
-    result, volume = reconstruct(without(given, *empty), method=method, size=24)
+    nothing, asked = np.isin(np.arange(18), empty), {"method": method, "size": 24, "coupling": "none"}
+    _, whole = reconstruct(given, **asked)
+    result, volume = reconstruct(without(given, *empty), **asked)
     assert not volume[nothing].any()
     # They share the choice of the middle slice and, but for rounding, nothing else.
     assert relative(volume[~nothing], whole[~nothing]) < 1e-3

@@ -11,7 +11,7 @@ from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import choose_coupling, total_variation
+from sawmill_worker.tomography.total_variation import CouplingChoice, choose_coupling, total_variation
 
 SIZE, SLICES = 48, 6
 
@@ -84,6 +84,21 @@ def test_slices_that_have_nothing_in_common_are_left_alone(projector):
     assert choose_coupling(projector, lines, 100.0).coupling == 0.0
 
 
+def test_a_weight_that_stays_is_that_of_the_choice(projector, lines):
+    reported = []
+    found = choose_coupling(projector, lines, 200.0, weight_stays=True, on_progress=reported.append)
+    assert found.coupling > 0.0
+    assert found.weight == 200.0
+    assert len(reported) > 20
+    assert reported == sorted(reported)
+    assert reported[-1] <= 1.0
+
+
+def test_slices_apart_have_nothing_to_choose(projector, lines):
+    assert choose_coupling(projector, lines[:3], 200.0, numbers=np.array([0, 2, 7])) == CouplingChoice(0.0, 200.0)
+    assert choose_coupling(projector, lines[:1], 200.0) == CouplingChoice(0.0, 200.0)
+
+
 def test_one_slice_has_no_neighbours(projector, lines):
     np.testing.assert_array_equal(
         total_variation(projector, lines[:1], weight=200.0, coupling=0.5).image,
@@ -94,3 +109,8 @@ def test_one_slice_has_no_neighbours(projector, lines):
 def test_a_negative_coupling_is_refused(projector, lines):
     with pytest.raises(GeometryError, match=r"coupling must be 0 or a positive number, not -0\.5"):
         total_variation(projector, lines, weight=200.0, coupling=-0.5)
+
+
+def test_each_slice_has_one_coupling_with_the_next(projector, lines):
+    with pytest.raises(GeometryError, match=r"one number, or 5 of them for 6 slices, not of shape \(6,\)"):
+        total_variation(projector, lines, weight=200.0, coupling=np.full(SLICES, 0.5))

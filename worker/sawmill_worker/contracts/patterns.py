@@ -12,6 +12,8 @@ _NOT_SHOWN = r"\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069"
 LINE = rf"^[^{_NOT_SHOWN}]*$"
 NAME = rf"^[^{_NOT_SHOWN}]*[^\s{_NOT_SHOWN}][^{_NOT_SHOWN}]*$"
 
+# What `sawmill_worker.contracts.reconstructions` takes for a coupling: a word, or a number from 0 to below 100.
+COUPLING = r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$"
 
 # The `next` of a list by time, of one by number, and of one by time and number.
 CURSOR = r"^[0-9]{1,17}\.[a-z0-9][a-z0-9-]{0,63}$"

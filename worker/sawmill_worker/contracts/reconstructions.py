@@ -1,11 +1,13 @@
 """Reconstructions: the request and the result."""
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
+from sawmill_worker.contracts import patterns
 from sawmill_worker.contracts.base import Contract, Identifier, PositiveMm, SteppedRows
 from sawmill_worker.contracts.choices import MetalTreatment, Weighting
 from sawmill_worker.contracts.conditions import Schema, bounded, one_of, require, without
@@ -37,8 +39,19 @@ def _one_number(value: object, info: ValidationInfo) -> object:
 
 OneNumber = BeforeValidator(_one_number)
 Positive = Annotated[float, Field(gt=0)]
-# A command's flag is one text, whether a word or a number.
-Coupling = Annotated[str, Field(pattern=r"^(auto|none|[0-9]{1,2}(\.[0-9]{1,6})?)$")]
+
+
+def _coupling_as_text(value: object) -> object:
+    """A command's flag is one text, whether a word or a number; JSON may have the number as itself."""
+    text = f"{value:.6f}" if isinstance(value, int | float) and not isinstance(value, bool) else value
+    if isinstance(text, str) and not re.fullmatch(patterns.COUPLING, text.strip()):
+        msg = f"coupling must be auto, none, or a number from 0 to below 100 as in 0.4, not {text!r:.100}"
+        raise ValueError(msg)
+    return text
+
+
+_CouplingGiven = Annotated[str, Field(pattern=patterns.COUPLING)] | Annotated[float, Field(ge=0, lt=100)]
+Coupling = Annotated[str, BeforeValidator(_coupling_as_text, json_schema_input_type=_CouplingGiven)]
 
 
 @dataclass(frozen=True)
@@ -64,7 +77,7 @@ OfTotalVariation = OptionOf((ReconstructionMethod.TOTAL_VARIATION,))
 OfEdgePreserving = OptionOf((ReconstructionMethod.CAUCHY_MAP, ReconstructionMethod.TOTAL_VARIATION))
 
 # Requests that an earlier version stored carry its defaults, whatever their method.
-EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY}
+EARLIER_DEFAULTS = {"alpha_rule": AlphaRule.DISCREPANCY, "coupling": "none"}
 
 
 # Of what is squared and divided by: float32 holds no more. A field of 10 micrometres shows nothing.
@@ -154,10 +167,10 @@ class ReconstructionOptions(Contract):
         examples=[0.5],
     )
     coupling: Annotated[Coupling, OfTotalVariation] = Field(
-        "none",
-        description="Of `total_variation`: how neighbouring slices help each other. A number is the weight of a "
-        "difference along the axis relative to one in the plane, no unit, below 100. `auto` chooses it, and whether at "
-        "all, by cross-validation on slices in the middle. `none`: each slice by itself.",
+        "auto",
+        description="Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at "
+        "all, by cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a "
+        "difference along the axis relative to one in the plane, no unit, below 100.",
         examples=["auto"],
     )
     non_negative: Annotated[bool, OfEdgePreserving] = Field(
@@ -208,6 +221,13 @@ class ReconstructionAsked(ReconstructionOptions):
     """A request as it is stored: an earlier version accepted values that `ReconstructionAsk` refuses."""
 
     is_stored: ClassVar[bool] = True
+
+    @model_validator(mode="before")
+    @classmethod
+    def _asked_before_slices_were_coupled(cls, given: object) -> object:
+        if cls.is_stored and isinstance(given, dict) and "coupling" not in given:
+            return {**given, "coupling": EARLIER_DEFAULTS["coupling"]}
+        return given
 
     scan_id: Identifier = Field(examples=["example"], description="Id of the scan to reconstruct.")
     calibration_id: Identifier | None = Field(

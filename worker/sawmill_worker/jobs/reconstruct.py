@@ -19,7 +19,7 @@ from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.object_extent import seen_radius_mm
 from sawmill_worker.tomography.projector import BLOCK, LARGEST_SIZE
 from sawmill_worker.tomography.warm_up import load_iterative_methods
-from sawmill_worker.use_cases.block_solvers import FITTED_TOGETHER, MOST_FITTED_IMAGES, may_fit
+from sawmill_worker.use_cases.block_solvers import MOST_FITTED_IMAGES, MOST_TOGETHER, may_fit
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.reconstruct import MEMORY_SHARE, ReconstructionInput, run_reconstruction
 from sawmill_worker.use_cases.selection import chosen_rows, chosen_views
@@ -99,7 +99,7 @@ def _fitting(attempt: Attempt, options: ReconstructionAsked, shape: ScanShape) -
     # A larger grid is refused.
     pixels = min(grid.size, LARGEST_SIZE) ** 2
     images = MOST_FITTED_IMAGES + get_num_threads() * BLOCK
-    lines = LINES_A_SLICE * FITTED_TOGETHER * shape.views * shape.detector
+    lines = LINES_A_SLICE * MOST_TOGETHER * shape.views * shape.detector
     return 4 * (images * pixels + lines)
 
 

@@ -51,8 +51,8 @@ class FittedMethod(ABC):
         Images of float32 that are in memory at once for a single slice.
     pairs_a_slice : float
         Forward and adjoint projections that a slice takes, its parameters being chosen.
-    choosing_cost_slices : float
-        The cost of `chosen` relative to a slice of a block.
+    choosing_cost_slices, coupling_cost_slices : float
+        The cost of `chosen`, and of a `CoupledMethod`'s `with_coupling_chosen`, relative to a slice of a block.
     leaves_out : bool
         Whether rays can be left out. All rays of another method weigh the same.
     """
@@ -60,6 +60,7 @@ class FittedMethod(ABC):
     least_images: ClassVar[int]
     pairs_a_slice: ClassVar[float]
     choosing_cost_slices: ClassVar[float] = 0.0
+    coupling_cost_slices: ClassVar[float] = 0.0
     leaves_out: ClassVar[bool] = False
 
     @property
@@ -129,9 +130,25 @@ class CoupledMethod(FittedMethod):
 
     @abstractmethod
     def with_coupling_chosen(
-        self, projector: Projector, lines: Image, *, counts: bool, left_out: LeftOut = None
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        numbers: NDArray[np.int64],
+        others_stay: bool,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
     ) -> Self:
-        """The method, its other parameters given, with the coupling chosen from slices (slices, views, detector)."""
+        """The method, no other parameter open, with the coupling chosen from slices (slices, views, detector).
+
+        Parameters
+        ----------
+        numbers
+            As of `reconstruct`.
+        others_stay : bool
+            Whether the other parameters were given: they stay then, whatever the coupling.
+        """
 
     @abstractmethod
     def reconstruct(

@@ -100,16 +100,21 @@ def total_variation(
     if weight is not None and not (np.isfinite(weight) and weight > 0.0):
         raise GeometryError(f"weight must be a positive number in 1 / attenuation, not {weight}")
 
-    couplings = np.asarray(coupling, np.float64)
+    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
+    couplings, slices = np.asarray(coupling, np.float64), len(problem.lines)
+    if couplings.shape not in {(), (slices - 1,)}:
+        raise GeometryError(
+            f"coupling must be one number, or {slices - 1} of them for {slices} slices, not of shape {couplings.shape}"
+        )
     if not ((couplings >= 0.0).all() and np.isfinite(couplings).all()):
         raise GeometryError(f"coupling must be 0 or a positive number, not {couplings.min():g}")
+    between = np.broadcast_to(couplings, slices - 1)
+    strongest = float(between.max(initial=0.0))
 
     def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
         typical = typical_attenuation(problem.first_images)
-        factor = _weight_factor(couplings.max(initial=0.0))
-        weights = np.full(typical.shape, weight if choice is None else factor * choice.weight)
-        between = np.broadcast_to(couplings, len(typical) - 1).copy()
-        parameters = {"weight": weights, "coupling": np.array([couplings.max(initial=0.0)])}
+        weights = np.full(typical.shape, weight if choice is None else _weight_factor(strongest) * choice.weight)
+        parameters = {"weight": weights, "coupling": np.array([strongest])}
         return Settings(problem.noises, _prior(typical, weights), parameters, between)
 
     method = EdgePreservingMethod(
@@ -119,7 +124,6 @@ def total_variation(
         usual_iterations=USUAL_ITERATIONS,
         convex=True,
     )
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative, multiple=MULTIPLE)
     return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
 
 
@@ -187,7 +191,7 @@ def choose_weight(
 
 @dataclass(frozen=True)
 class CouplingChoice:
-    """How much neighbouring slices help each other, and the weight that goes with it."""
+    """How much neighbouring slices help each other, and the weight in the plane that goes with it."""
 
     coupling: float
     weight: float
@@ -198,23 +202,43 @@ def choose_coupling(
     lines: Image,
     weight: float,
     *,
+    numbers: NDArray[np.int64] | None = None,
+    weight_stays: bool = False,
     noise: ArrayLike | None = None,
     non_negative: bool = True,
+    on_progress: OnProgress | None = None,
 ) -> CouplingChoice:
-    """The coupling of neighbouring slices (slices, views, detector), by cross-validation over views of all of them.
+    """The coupling of slices (slices, views, detector), by cross-validation over views of all of them.
 
-    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict the views best wins, 0
-    among them. With pixels of twice the size, where their number is even: structures along the axis are large.
+    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict these views best wins,
+    0 among them. The slices with most neighbours count. 0 where no slice has any.
+
+    Parameters
+    ----------
+    weight : float
+        Of slices that are not coupled.
+    numbers : (slices,) int64, optional
+        As of `TotalVariation.reconstruct`.
+    weight_stays : bool
+        Whether the weight is the same with every coupling; by default it falls as the coupling rises.
+    noise, non_negative, on_progress
+        As of `total_variation`.
     """
+    neighbours = _neighbours(len(lines), numbers)
+    if not neighbours.any():
+        return CouplingChoice(0.0, weight)
+    number_of_neighbours = np.append(neighbours, 0.0) + np.append(0.0, neighbours)
+    judged = number_of_neighbours == number_of_neighbours.max()
     problem = Problem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
     noises = np.broadcast_to(problem.noises, problem.lines.shape)
     views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
     training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
     typical = typical_attenuation(problem.first_images)
-    inner = slice(1, -1) if len(lines) > 2 else slice(None)
+    weights = {coupling: weight if weight_stays else factor * weight for coupling, factor in COUPLINGS}
+    phases = Phases(on_progress, **{f"{coupling:g}": 1.0 for coupling in weights})
 
-    def error(coupling: float, factor: float) -> float:
-        prior = _prior(typical, np.full(len(lines), factor * weight))
+    def error(coupling: float) -> float:
+        prior = _prior(typical, np.full(len(lines), weights[coupling]))
         objective = Objective(problem.support.projector, problem.lines, training, prior)
         found = descend_by_levels(
             objective,
@@ -222,15 +246,20 @@ def choose_coupling(
             iterations=USUAL_ITERATIONS,
             tolerance=TOLERANCE,
             usual=USUAL_ITERATIONS,
-            coupling=np.full(len(lines) - 1, coupling),
+            coupling=coupling * neighbours,
+            on_progress=phases.of(f"{coupling:g}"),
         )
-        missed = (problem.support.projector.forward(found.images[inner]) - problem.lines[inner]) / noises[inner]
-        missed = np.where(np.isfinite(noises[inner]), missed, 0.0)
+        missed = (problem.support.projector.forward(found.images[judged]) - problem.lines[judged]) / noises[judged]
         return float(np.log(power_along_detector(missed[:, views], 1.0)).sum())
 
-    errors = {candidate: error(*candidate) for candidate in COUPLINGS}
-    coupling, factor = min(errors, key=lambda candidate: errors[candidate])
-    return CouplingChoice(coupling, factor * weight)
+    errors = {coupling: error(coupling) for coupling in weights}
+    best = min(errors, key=lambda coupling: errors[coupling])
+    return CouplingChoice(best, weights[best])
+
+
+def _neighbours(slices: int, numbers: NDArray[np.int64] | None) -> Floats:
+    """1 between slices that follow each other along the log, 0 between others; (slices - 1,)."""
+    return np.ones(max(slices - 1, 0)) if numbers is None else (np.diff(numbers) == 1).astype(np.float64)
 
 
 def _weight_factor(coupling: float) -> float:
@@ -250,11 +279,13 @@ class TotalVariation(CoupledMethod):
     least_images: ClassVar[int] = IMAGES_OF_A_DESCENT * CANDIDATES_AT_ONCE
     pairs_a_slice: ClassVar[float] = USUAL_PAIRS
     choosing_cost_slices: ClassVar[float] = 20.0
+    # Six slices with each candidate.
+    coupling_cost_slices: ClassVar[float] = 6.0 * len(COUPLINGS)
     leaves_out: ClassVar[bool] = True
 
     weight: float | None = None
     non_negative: bool = True
-    coupling: str = "none"
+    coupling: str = "auto"
 
     @property
     def coupling_is_open(self) -> bool:
@@ -272,12 +303,28 @@ class TotalVariation(CoupledMethod):
         return HALO if self._coupling > 0.0 else 0
 
     def with_coupling_chosen(
-        self, projector: Projector, lines: Image, *, counts: bool, left_out: LeftOut = None
+        self,
+        projector: Projector,
+        lines: Image,
+        *,
+        numbers: NDArray[np.int64],
+        others_stay: bool,
+        counts: bool,
+        on_progress: OnProgress,
+        left_out: LeftOut = None,
     ) -> Self:
         """By `choose_coupling`."""
         assert self.weight is not None  # noqa: S101 - chosen before
-        noise = noise_of_rays(lines, counts=counts, left_out=left_out)
-        found = choose_coupling(projector, lines, self.weight, noise=noise, non_negative=self.non_negative)
+        found = choose_coupling(
+            projector,
+            lines,
+            self.weight,
+            numbers=numbers,
+            weight_stays=others_stay,
+            noise=noise_of_rays(lines, counts=counts, left_out=left_out),
+            non_negative=self.non_negative,
+            on_progress=on_progress,
+        )
         return replace(self, coupling=f"{found.coupling:g}", weight=found.weight)
 
     @property
@@ -306,8 +353,10 @@ class TotalVariation(CoupledMethod):
 
     @property
     def choice(self) -> dict[str, float]:
-        """The weight and the coupling."""
-        return {} if self.weight is None else {"weight": float(self.weight), "coupling": self._coupling}
+        """The weight and the coupling, unless one of them is open."""
+        if self.weight is None or self.coupling_is_open:
+            return {}
+        return {"weight": float(self.weight), "coupling": self._coupling}
 
     def with_choice(self, choice: Mapping[str, float]) -> Self:
         """With a weight that was chosen."""
@@ -324,13 +373,12 @@ class TotalVariation(CoupledMethod):
         numbers: NDArray[np.int64] | None = None,
     ) -> Estimate:
         """A block."""
-        neighbours = np.ones(len(lines) - 1) if numbers is None else np.diff(numbers) == 1
         return total_variation(
             projector,
             lines,
             weight=self.weight,
             noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             non_negative=self.non_negative,
-            coupling=self._coupling * neighbours,
+            coupling=self._coupling * _neighbours(len(lines), numbers),
             on_progress=on_progress,
         )

@@ -49,6 +49,7 @@ CHECKED_SLICES = 5
 FITTED_TOGETHER = 16
 # Slices that are coupled side by side, those beside the block included.
 COUPLED_TOGETHER = 32
+MOST_TOGETHER = max(FITTED_TOGETHER, COUPLED_TOGETHER)
 NO_UNCERTAINTY = (
     "uncertainty is ignored, and a later version will refuse it: no map was found that shows where the errors are "
     "(docs/reconstruction.md#the-uncertainty-map)"
@@ -57,7 +58,7 @@ NO_UNCERTAINTY = (
 BACKGROUND = 0.5
 # The most images that a fitted method has in memory at once.
 MOST_FITTED_IMAGES = max(
-    IMAGES_OF_A_DESCENT * max(CANDIDATES_AT_ONCE, FITTED_TOGETHER, COUPLED_TOGETHER),
+    IMAGES_OF_A_DESCENT * max(CANDIDATES_AT_ONCE, MOST_TOGETHER),
     *(method.least_images for method in METHODS.values() if issubclass(method, FittedMethod)),
 )
 
@@ -85,7 +86,8 @@ class LogTask:
     on_chosen : callable
         Called with the solver's settings when parameters have been chosen for all slices.
     around : callable
-        The line integrals (slices, views, detector) of the sample and of its neighbours, as the sample's.
+        The numbers of the sample and of its neighbours, and their line integrals (slices, views, detector), as the
+        sample's.
     """
 
     options: ReconstructionOptions
@@ -98,7 +100,7 @@ class LogTask:
     memory_bytes: int
     on_progress: Callable[[float], None]
     on_chosen: Callable[[Settings], None]
-    around: Callable[[], Images]
+    around: Callable[[], tuple[NDArray[np.int64], Images]]
 
     def full_grid(self) -> tuple[ImageGrid, tuple[slice, slice]]:
         """The grid that also holds all of the log, and where the field lies in it."""
@@ -308,16 +310,18 @@ class _FittedSolver:
 
     def __call__(self, first: int, rows: Images, part: slice = WHOLE) -> Solved:
         findings = BlockFindings()
-        couples = isinstance(self._method, CoupledMethod) and self._method.coupling_is_open and self._halo_read > 0
-        choosing = couples or (self._method.is_open and self._task.slices > rows.shape[1])
         worth = len(range(rows.shape[1])[part])
+        method = self._method
+        couples = isinstance(method, CoupledMethod) and method.coupling_is_open and self._halo_read > 0
+        chooses = method.is_open and (couples or self._task.slices > worth)
         phases = Phases(
             lambda share: self._task.on_progress(worth * share),
-            choose=self._method.choosing_cost_slices * choosing,
+            choose=method.choosing_cost_slices * chooses,
+            couple=method.coupling_cost_slices * couples,
             reconstruct=worth,
         )
-        if choosing:
-            self._choose_for_the_log(phases.of("choose"))
+        if couples or chooses:
+            self._choose_for_the_log(phases)
         if isinstance(self._method, CoupledMethod) and not self._method.halo:
             # Chosen to be by itself, a slice needs no neighbours.
             first, rows, part = first + (part.start or 0), rows[:, part], WHOLE
@@ -350,7 +354,7 @@ class _FittedSolver:
         rays = np.broadcast_to(lost[:, :, None], block.lines.shape)
         return rays if block.left_out is None else block.left_out | rays
 
-    def _choose_for_the_log(self, on_progress: OnProgress) -> None:
+    def _choose_for_the_log(self, phases: Phases) -> None:
         """From the sample, and where slices may help each other from its neighbours as well."""
         counts, chosen = self._task.counts, self._method
         if chosen.is_open:
@@ -359,13 +363,23 @@ class _FittedSolver:
                 self._projector,
                 sample.lines[0],
                 counts=counts,
-                on_progress=on_progress,
+                on_progress=phases.of("choose"),
                 left_out=sample.left_out,
             )
         if isinstance(chosen, CoupledMethod) and chosen.coupling_is_open:
-            around = _levelled(self._task.around(), self._general)
-            block = self._metal(around[around.any(axis=(1, 2))])
-            chosen = chosen.with_coupling_chosen(self._projector, block.lines, counts=counts, left_out=block.left_out)
+            numbers, around = self._task.around()
+            around = _levelled(around, self._general)
+            shown = around.any(axis=(1, 2))
+            block = self._metal(around[shown])
+            chosen = chosen.with_coupling_chosen(
+                self._projector,
+                block.lines,
+                numbers=numbers[shown],
+                others_stay=not self._method.is_open,
+                counts=counts,
+                on_progress=phases.of("couple"),
+                left_out=block.left_out,
+            )
         self._choose(chosen.choice)
         self._task.on_chosen(self.settings)
 

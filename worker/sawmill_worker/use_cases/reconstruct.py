@@ -212,12 +212,12 @@ class _Run:
         )
         return solver_of(name, task, recommended, settings)
 
-    def _around_the_middle(self) -> Images:
-        """Of the slices around the middle one (slices, views, detector), missing views interpolated in angle."""
+    def _around_the_middle(self) -> tuple[NDArray[np.int64], Images]:
+        """Numbers and lines (slices, views, detector) around the middle; missing views are interpolated in angle."""
         first = max(self.slices // 2 - SLICES_AROUND // 2, 0)
-        rows = self._given.read(first, min(first + SLICES_AROUND, self.slices))
-        complete = filled(rows, self._given.angles_rad)
-        return np.ascontiguousarray(complete.transpose(1, 0, 2))
+        numbers = np.arange(first, min(first + SLICES_AROUND, self.slices))
+        complete = filled(self._given.read(first, first + numbers.size), self._given.angles_rad)
+        return numbers, np.ascontiguousarray(complete.transpose(1, 0, 2))
 
     def _recommended(self, sample: NDArray[np.float32], radius_mm: float) -> Recommendation:
         projector, options = self._projector, self._options
