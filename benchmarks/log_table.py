@@ -34,7 +34,7 @@ from scans import GRID
 from whole_logs import ROWS, TABLE_SEED, Rows, WholeLog
 
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.warm_up import load_iterative_methods, warm_up
+from sawmill_worker.tomography.warm_up import PARTS, load_iterative_methods
 
 LOGS, VIEWS, NOISES = "0-10", (12, 20, 45, 90), (0.02, 0.04)
 Figures = dict[str, Any]
@@ -150,7 +150,7 @@ def main(arguments: list[str] | None = None) -> None:
     asked = parser.parse_args(arguments)
     asked.out.mkdir(parents=True, exist_ok=True)
     if not asked.show:
-        warm_up()
+        PARTS["slices"]()
         load_iterative_methods()
         work = [(log, views, noise) for log in asked.logs for views in asked.views for noise in asked.noise]
         for log, views, noise in track(work, description="logs"):

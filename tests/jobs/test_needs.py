@@ -66,8 +66,9 @@ def test_a_reconstruction_needs_its_blocks_its_images_and_its_volume(store, scan
     large = needs(size=2048)
     assert large.file_bytes > 4 * ROWS * 2048**2
     assert large.memory_bytes < STACK
-    # Sixteen slices iterate together, each with two dozen images.
-    assert needs(method="total_variation", size=1024, rows="0:16").memory_bytes > 2 * 16 * 24 * 4 * 1024**2
+    # Thirty-two slices iterate together, each with two dozen images, and forty times its data.
+    assert needs(method="total_variation", size=1024, rows="0:16").memory_bytes > 2 * 32 * 24 * 4 * 1024**2
+    assert needs(method="total_variation", size=32).memory_bytes > 2 * 32 * 40 * 4 * VIEWS * CELLS
 
 
 def test_a_plan_needs_its_sinogram(store, scan, attempt):

@@ -30,7 +30,7 @@ class Estimate:
         The residual: root mean square of (A x - y) / noise. Near 1 where geometry and noise are right, far above where
         not. A direct method does not compute it.
     objective : (slices,) float64, optional
-        What the method minimised, at the image.
+        What the method minimised, at the image; of coupled slices that of all of them.
     curves : tuple of mapping of str to (points,) float64
         One a slice: what its parameters were chosen from, by column; empty where the method has none.
     remarks : tuple of str

@@ -4,7 +4,7 @@ Beside what each slice costs by itself, its differences from the next one are pe
 (anisotropic: the length of the gradient in the plane, and the magnitude along the axis).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -75,7 +75,7 @@ def descend_coupled(
     window: int,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
-    """Minimise for a block (slices, n, n) together; each slice has the block's iterations and its end."""
+    """Minimise for a block (slices, n, n) together; each slice has the block's value, iterations and end."""
     found = minimise(
         objective,
         start[None],
@@ -86,11 +86,6 @@ def descend_coupled(
         preconditioner=_CoupledCurvature(objective),
         on_iteration=on_iteration,
     )
-    values, _ = objective.slices(found.images[0], np.arange(len(start)))
-    return replace(
-        found,
-        images=found.images[0],
-        values=values,
-        iterations=np.repeat(found.iterations, len(start)),
-        converged=np.repeat(found.converged, len(start)),
-    )
+    of_block = (found.values, found.iterations, found.converged)
+    values, iterations, converged = (np.repeat(of, len(start)) for of in of_block)
+    return Minimum(found.images[0], values, iterations, converged)
