@@ -219,6 +219,11 @@ def test_a_log_s_page_has_what_the_method_reports(seeded, store):
     ):
         assert fact in shown
     assert "sigma" not in shown
+    coupled = method | {"name": "total_variation", "beta": None, "weight": 120.0, "coupling": 0.4}
+    with store._database.write() as session:
+        row = session.get(ReconstructionRow, "example")
+        row.result = row.result | {"method": coupled}
+    assert "weight 120 coupling 0.4" in words(seeded.get("/logs/example"))
 
 
 def test_a_log_whose_file_or_scan_is_gone_is_still_described(seeded, store):
