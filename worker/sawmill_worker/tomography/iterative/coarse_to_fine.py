@@ -64,8 +64,7 @@ def descend_by_levels(
     for n, level in zip(range(len(coarser), 0, -1), coarser, strict=True):
         found = _descend(
             level,
-            # Along the axis all pixels pass, a fourth as many at each level; in the plane an edge passes half as many.
-            None if coupling is None else 2.0**n * coupling,
+            coupling,
             start,
             non_negative=non_negative,
             iterations=ITERATIONS[-n],
