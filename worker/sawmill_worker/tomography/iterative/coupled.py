@@ -86,6 +86,10 @@ def descend_coupled(
         preconditioner=_CoupledCurvature(objective),
         on_iteration=on_iteration,
     )
-    of_block = (found.values, found.iterations, found.converged)
-    values, iterations, converged = (np.repeat(of, len(start)) for of in of_block)
-    return Minimum(found.images[0], values, iterations, converged)
+    slices = len(start)
+    return Minimum(
+        images=found.images[0],
+        values=np.repeat(found.values, slices),
+        iterations=np.repeat(found.iterations, slices),
+        converged=np.repeat(found.converged, slices),
+    )
