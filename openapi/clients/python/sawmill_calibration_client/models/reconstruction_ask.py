@@ -41,10 +41,10 @@ class ReconstructionAsk:
     chosen with sigma, or a usual share of the wood's attenuation where sigma is given. """
     calibration_id: None | str | Unset = UNSET
     """ Null: the scanner's active calibration, unless theta is given. """
-    coupling: str | Unset = "none"
-    """ Of `total_variation`: how neighbouring slices help each other. A number is the weight of a difference along
-    the axis relative to one in the plane, no unit, below 100. `auto` chooses it, and whether at all, by cross-
-    validation on slices in the middle. `none`: each slice by itself. """
+    coupling: float | str | Unset = "auto"
+    """ Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at all, by
+    cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a difference
+    along the axis relative to one in the plane, no unit, below 100. """
     field_centre_mm: list[float] | Unset = UNSET
     """ (x, y) of the field's centre; that of a region of interest is not the rotation centre. In mm. """
     field_mm: float | Unset = 400.0
@@ -123,7 +123,11 @@ class ReconstructionAsk:
         else:
             calibration_id = self.calibration_id
 
-        coupling = self.coupling
+        coupling: float | str | Unset
+        if isinstance(self.coupling, Unset):
+            coupling = UNSET
+        else:
+            coupling = self.coupling
 
         field_centre_mm: list[float] | Unset = UNSET
         if not isinstance(self.field_centre_mm, Unset):
@@ -320,7 +324,12 @@ class ReconstructionAsk:
 
         calibration_id = _parse_calibration_id(d.pop("calibration_id", UNSET))
 
-        coupling = d.pop("coupling", UNSET)
+        def _parse_coupling(data: object) -> float | str | Unset:
+            if isinstance(data, Unset):
+                return data
+            return cast(float | str | Unset, data)
+
+        coupling = _parse_coupling(d.pop("coupling", UNSET))
 
         _field_centre_mm = d.pop("field_centre_mm", UNSET)
         field_centre_mm: list[float] | Unset = UNSET

@@ -41,10 +41,10 @@ class ReconstructionAsked:
     chosen with sigma, or a usual share of the wood's attenuation where sigma is given. """
     calibration_id: None | str | Unset = UNSET
     """ Null: the scanner's active calibration, unless theta is given. """
-    coupling: str | Unset = "none"
-    """ Of `total_variation`: how neighbouring slices help each other. A number is the weight of a difference along
-    the axis relative to one in the plane, no unit, below 100. `auto` chooses it, and whether at all, by cross-
-    validation on slices in the middle. `none`: each slice by itself. """
+    coupling: str | Unset = "auto"
+    """ Of `total_variation`: how neighbouring slices help each other. `auto` chooses it, and whether at all, by
+    cross-validation on slices in the middle. `none`: each slice by itself. A number is the weight of a difference
+    along the axis relative to one in the plane, no unit, below 100. """
     field_centre_mm: list[float] | Unset = UNSET
     """ (x, y) of the field's centre; that of a region of interest is not the rotation centre. In mm. """
     field_mm: float | Unset = 400.0
