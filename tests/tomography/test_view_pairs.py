@@ -84,6 +84,20 @@ def test_intervals_hold_and_are_narrow(views, rows, hardened, gain, worst_mm):
     assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) > 0.4)
 
 
+def test_intervals_of_very_many_views_hold():
+    """Part of a turn, which opposite rays cannot use: of all its views some are compared, each often enough."""
+    angles = np.linspace(0.0, math.radians(220.0), 240)
+    shares = []
+    for seed in range(4):
+        rays, frame = averaged(angles, seed=seed, rows=2)
+        scan = noisy(rays, np.random.default_rng(seed), rows=2500, slope=0.03, gain=0.005)
+        fit = detector_fit(MILL, scan, angles, frame, Rotation.AS_GIVEN)
+        assert "45 of 240 views were compared, spread evenly over them" in fit.adjustments
+        shares.append(error_of(fit, frame) / fit.deviation[:2])
+    # The RMS of 4 standard normal numbers is below 2 in 99.7 % of draws.
+    assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) < 2.0)
+
+
 def test_known_deviations_weigh_the_rays():
     """Every other view scatters five times more behind the log: who knows that places the centre closer."""
     rays, frame = averaged(turn(20))

@@ -35,6 +35,9 @@ RANK = 1e-6
 # Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
 # less certain than this share of a cell.
 UNREST, UNREST_CELLS = 25.0, 0.03
+# Of more views these are compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
+# unknown, and the interval too short (benchmarks/drift_coverage.py).
+MOST_VIEWS = 45
 # As few comparisons that no gain explains tell the noise to a third.
 FEWEST_FREE = 4
 
@@ -72,9 +75,14 @@ def view_pair_fit(
             "sparse-views",
             f"{usable} usable views are too few to be compared: {FEWEST_PAIRED_VIEWS} are needed, all round or not",
         )
-    angles_rad = angles_rad[screening.views]
-    known = None if deviations is None else _checked(deviations, sinogram)[screening.views]
-    rays = levelled_rays(screening.bridged(sinogram)[screening.views], known)
+    compared = np.flatnonzero(screening.views)
+    adjustments = screening.adjustments
+    if usable > MOST_VIEWS:
+        compared = compared[np.linspace(0, usable - 1, MOST_VIEWS).round().astype(int)]
+        adjustments = (*adjustments, f"{MOST_VIEWS} of {usable} views were compared, spread evenly over them")
+    angles_rad = angles_rad[compared]
+    known = None if deviations is None else _checked(deviations, sinogram)[compared]
+    rays = levelled_rays(screening.bridged(sinogram)[compared], known)
     vector = seen_vector(start)
     fits = {sense: _fit(PairSums.of(scanner, rays, sense.apply(angles_rad), vector), vector) for sense in Rotation}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
@@ -92,7 +100,7 @@ def view_pair_fit(
         relative_residual=fit.relative_residual,
         distance_sensitivity=fit.distance_sensitivity,
         rotation_decided=ratio > DECISIVE,
-        adjustments=screening.adjustments,
+        adjustments=adjustments,
     )
 
 
