@@ -27,6 +27,7 @@ from sawmill_worker.contracts.scanner_drift import (
 from sawmill_worker.storage.database import Database
 from sawmill_worker.storage.drift_looks import lock_scanner
 from sawmill_worker.storage.paging import found
+from sawmill_worker.storage.scanners import newest_activation
 from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow, ScannerRow
 
 # In a transaction: a second of work after an outage, and a moment of it as a rule.
@@ -65,7 +66,7 @@ class DriftCharts:
         """Its charts since the active calibration, or `NotFound`."""
         with self._database.read() as session:
             found(session, ScannerRow, "scanner", scanner_id)
-            active = _newest_activation(session, scanner_id)
+            active = newest_activation(session, scanner_id)
             if active is None:
                 return ScannerDrift(charts=[])
             charts = _charts(session, active)
@@ -74,16 +75,11 @@ class DriftCharts:
 
 def known_baselines(session: Session, scanner_id: str, calibration_id: str) -> tuple[KnownBaseline, ...]:
     """Of a scanner's charts since it has this calibration, one for each method; none where another one is active."""
-    active = _newest_activation(session, scanner_id)
+    active = newest_activation(session, scanner_id)
     if active is None or active.calibration_id != calibration_id:
         return ()
     known = [chart.baseline for chart in _charts(session, active) if chart.baseline is not None]
     return tuple(KnownBaseline.model_validate(each) for each in known)
-
-
-def _newest_activation(session: Session, scanner_id: str) -> ActivationRow | None:
-    its = select(ActivationRow).where(ActivationRow.scanner_id == scanner_id)
-    return session.scalar(its.order_by(ActivationRow.number.desc()).limit(1))
 
 
 def _charts(session: Session, active: ActivationRow) -> Sequence[DriftChartRow]:

@@ -4,14 +4,8 @@ from sqlalchemy import exists, select
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.drifts import DriftResult
-from sawmill_worker.storage.tables import (
-    ActivationRow,
-    CalibrationRow,
-    DriftRow,
-    MeasurementRow,
-    ScannerRow,
-    ScanRow,
-)
+from sawmill_worker.storage.scanners import newest_activation
+from sawmill_worker.storage.tables import CalibrationRow, DriftRow, MeasurementRow, ScannerRow, ScanRow
 
 # The largest square of the correlation between u_c and tilt: nearer to 1, rounding decides what the inverse is.
 MOST_CORRELATED = 1.0 - 1e-9
@@ -28,8 +22,7 @@ def counts_since(session: Session, check: DriftRow, result: DriftResult) -> int 
     if check.job.answered_from is not None:
         return None
     lock_scanner(session, check.scanner_id)
-    newest = select(ActivationRow).where(ActivationRow.scanner_id == check.scanner_id)
-    active = session.scalar(newest.order_by(ActivationRow.number.desc()).limit(1))
+    active = newest_activation(session, check.scanner_id)
     scan = session.get(ScanRow, check.scan_id)
     if active is None or scan is None or active.calibration_id != check.calibration_id:
         return None

@@ -117,6 +117,11 @@ def _announce(session: Session, now: datetime, what: EventKind, scanner_id: str,
     announce(session, now, what, "scanner", scanner_id, scanner_id=scanner_id, why=why)
 
 
+def newest_activation(session: Session, scanner_id: str) -> ActivationRow | None:
+    """Of its active calibration."""
+    return session.scalar(active_calibration(scanner_id).with_only_columns(ActivationRow))
+
+
 def active_calibration_id(session: Session, scanner_id: str) -> str | None:
     """The newest activation's calibration."""
     return session.scalar(active_calibration(scanner_id))
