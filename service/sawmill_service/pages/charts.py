@@ -4,7 +4,7 @@ Places along the time are in per cent of the panel's width, so that one drawing 
 across it are in pixels.
 """
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 
@@ -196,13 +196,11 @@ def panel_of(
     )
 
 
-def zeros_of(
-    charts: Iterable[PooledDrift], span: Span, value: Callable[[PooledDrift], float | None]
-) -> list[tuple[float, float]]:
-    """Where the baselines of charts begin in a span, and what they are of a value."""
+def zeros_of(charts: Iterable[PooledDrift], span: Span, together: Together | None) -> list[tuple[float, float]]:
+    """Where the baselines of charts begin in a span, and what they are of a value; none of what has no baseline."""
     found = []
     for chart in charts:
-        zero = value(chart)
+        zero = None if together is None else together.zero(chart)
         if zero is not None and chart.baseline is not None and chart.baseline.first_at is not None:
             found.append((span.x(max(chart.baseline.first_at, span.start)), zero))
     return found

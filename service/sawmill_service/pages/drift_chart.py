@@ -55,13 +55,12 @@ def drift_chart(
         What drift checks since the active calibration show together, by method.
     """
     shown = [(span.x(one.at), one) for one in thinned(movements, span, DRIFT.values())]
-    zeros = {
-        "cor": zeros_of(together, span, lambda one: one.baseline_cor_column_mm),
-        "tilt": zeros_of(together, span, lambda one: one.baseline_tilt_deg),
-    }
     accepted = [(span.x(at), identifier, at) for identifier, at in activations if span.start <= at <= span.end]
     return Chart(
-        panels=[_panel(name, value, shown, tolerance_mm, zeros.get(name, [])) for name, value in DRIFT.items()],
+        panels=[
+            _panel(name, value, shown, tolerance_mm, zeros_of(together, span, TOGETHER.get(name)))
+            for name, value in DRIFT.items()
+        ],
         shown=shown,
         accepted=accepted,
         days=days_of(span),

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from sawmill_worker.contracts.measurements import Movement
+from sawmill_worker.contracts.scanner_drift import PooledDrift
 
 # Of a normal distribution 95 % lie within.
 DEVIATIONS = 2.0
@@ -13,18 +14,27 @@ Value = Callable[[Movement], float | None]
 
 @dataclass(frozen=True)
 class Together:
-    """What a drift check measured together with those before it, and the standard deviation of that."""
+    """What a drift check measured together with those before it, its standard deviation, and what their baseline is."""
 
     value: Value
     deviation: Value
+    zero: Callable[[PooledDrift], float | None]
 
     def has(self, one: Movement) -> bool:
         """Whether it is in a chart."""
         return self.value(one) is not None
 
 
-COLUMN = Together(lambda one: one.pooled_cor_column_mm, lambda one: one.pooled_cor_column_standard_deviation_mm)
-TILT = Together(lambda one: one.pooled_tilt_deg, lambda one: one.pooled_tilt_standard_deviation_deg)
+COLUMN = Together(
+    lambda one: one.pooled_cor_column_mm,
+    lambda one: one.pooled_cor_column_standard_deviation_mm,
+    lambda chart: chart.baseline_cor_column_mm,
+)
+TILT = Together(
+    lambda one: one.pooled_tilt_deg,
+    lambda one: one.pooled_tilt_standard_deviation_deg,
+    lambda chart: chart.baseline_tilt_deg,
+)
 
 
 def pooled_lines(

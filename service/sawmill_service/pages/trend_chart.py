@@ -1,6 +1,6 @@
 """What calibrations and drift checks measured of a scanner: five values over months, with alarms and activations."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import median
 
@@ -38,8 +38,8 @@ class Quantity:
     ----------
     value, deviation
         Of a measurement, and its standard deviation.
-    together, zero
-        What drift checks measured of it together, and what of it their baseline is.
+    together
+        What drift checks measured of it together; null: nothing.
     least : float
         The smallest change that fills the panel: values that differ by less are the same to a person.
     """
@@ -48,7 +48,6 @@ class Quantity:
     least: float
     deviation: Value = lambda _: None
     together: Together | None = None
-    zero: Callable[[PooledDrift], float | None] = lambda _: None
 
 
 def _of_phantoms(value: Value) -> Value:
@@ -57,20 +56,8 @@ def _of_phantoms(value: Value) -> Value:
 
 
 QUANTITIES = {
-    "cor": Quantity(
-        lambda one: one.cor_column_mm,
-        0.1,
-        lambda one: one.cor_column_standard_deviation_mm,
-        COLUMN,
-        lambda chart: chart.baseline_cor_column_mm,
-    ),
-    "tilt": Quantity(
-        lambda one: one.tilt_deg,
-        0.05,
-        lambda one: one.tilt_standard_deviation_deg,
-        TILT,
-        lambda chart: chart.baseline_tilt_deg,
-    ),
+    "cor": Quantity(lambda one: one.cor_column_mm, 0.1, lambda one: one.cor_column_standard_deviation_mm, COLUMN),
+    "tilt": Quantity(lambda one: one.tilt_deg, 0.05, lambda one: one.tilt_standard_deviation_deg, TILT),
     "sdd": Quantity(
         _of_phantoms(lambda one: one.source_to_detector_mm),
         1.0,
@@ -112,7 +99,7 @@ def trend_chart(
     activations = [mark for mark in marks if mark.kind is HistoryKind.ACTIVATION]
     return Chart(
         panels=[
-            _panel(name, quantity, shown, zeros_of(together, span, quantity.zero))
+            _panel(name, quantity, shown, zeros_of(together, span, quantity.together))
             for name, quantity in QUANTITIES.items()
         ],
         shown=shown,
