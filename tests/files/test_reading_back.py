@@ -2,8 +2,8 @@ import h5py
 import numpy as np
 import pytest
 
-from sawmill_worker.files.errors import OutOfRange
-from sawmill_worker.files.scan_reader import sinogram
+from sawmill_worker.files.errors import OutOfRange, UnreadableScan
+from sawmill_worker.files.scan_reader import open_scan, read_stored_scan, sinogram
 from sawmill_worker.files.volume_reader import side_view, volume_slice, volume_slices
 from sawmill_worker.files.volume_writer import new_reconstruction
 
@@ -29,6 +29,23 @@ def test_a_sinogram_is_one_row_of_the_stack(scan, stack):
     np.testing.assert_array_equal(read.data, stack[:, 2, :])
     np.testing.assert_array_equal(read.angles_deg, [0, 72, 144, 216, 288])
     assert read.pitch_mm == 1.5
+
+
+def test_deviations_are_read_and_refused_as_what_they_are_of(scan, stack):
+    with h5py.File(scan, "a") as file:
+        damaged = file.create_dataset("/entry/instrument/detector/data_errors", data=stack / 9, fletcher32=True)
+        place = damaged.id.get_chunk_info(0).byte_offset
+    views = np.array([3, 1])
+    read = read_stored_scan(scan, slice(1, 3), views)
+    np.testing.assert_array_equal(read.line_integrals, stack[views, 1:3])
+    np.testing.assert_array_equal(read.deviations, stack[views, 1:3] / 9)
+    with scan.open("r+b") as file:
+        file.seek(place)
+        file.write(b"damaged!")
+    with open_scan(scan) as opened:
+        np.testing.assert_array_equal(opened.rows(range(3)), stack)
+        with pytest.raises(UnreadableScan):
+            opened.deviations_of(range(3))
 
 
 def test_a_slice_is_one_of_the_volume_s(tmp_path, stack):

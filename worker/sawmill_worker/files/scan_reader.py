@@ -87,19 +87,20 @@ class OpenScan:
         UnreadableScan
             Where they are damaged.
         """
-        # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
-        with library_errors_translated("HDF5"):
-            stack: NDArray[np.float32] = self.data[:, slice(selected.start, selected.stop, selected.step), :]
-        return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
+        return _read(self.data, selected, views)
 
     def deviations_of(
         self, selected: slice | range, views: NDArray[np.integer] | None = None
     ) -> NDArray[np.float32] | None:
-        """Standard deviations (views, rows, detector) of some rows and views; None where they are not known."""
-        if self.deviations is None:
-            return None
-        known: NDArray[np.float32] = self.deviations[:, slice(selected.start, selected.stop, selected.step), :]
-        return known if views is None else known[views]
+        """Standard deviations, as `rows` gives what they are of; None where they are not known."""
+        return None if self.deviations is None else _read(self.deviations, selected, views)
+
+
+def _read(dataset: h5py.Dataset, selected: slice | range, views: NDArray[np.integer] | None) -> NDArray[np.float32]:
+    # Chunks span the views, or many of them: reading all of a row's views and choosing afterwards costs little.
+    with library_errors_translated("HDF5"):
+        stack: NDArray[np.float32] = dataset[:, slice(selected.start, selected.stop, selected.step), :]
+    return stack if views is None or np.array_equal(views, np.arange(len(stack))) else stack[views]
 
 
 @contextmanager
