@@ -179,7 +179,8 @@ class Baseline:
             If there are fewer than `FEWEST_BASELINE_LOOKS`.
         """
         if len(looks) < FEWEST_BASELINE_LOOKS:
-            raise ValueError(f"{len(looks)} looks make no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
+            given = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
+            raise ValueError(f"{given} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
         return cls(pooled(looks), max(look.days for look in looks))
 
     def against(self, look: Look) -> Look:
