@@ -138,8 +138,8 @@ def _write(chart: DriftChartRow, followed: Followed, looks: int, at: datetime) -
     if followed.baseline is not None:
         chart.baseline = followed.baseline.model_dump(mode="json")
     if followed.alarm is not None and chart.alarm is None:
-        finding, at = followed.alarm
-        chart.alarm = {"at": at.isoformat(), "finding": finding.model_dump(mode="json")}
+        finding, found_at = followed.alarm
+        chart.alarm = {"at": found_at.isoformat(), "finding": finding.model_dump(mode="json")}
 
 
 def _write_pool(row: MeasurementRow, pool: Pool) -> None:
