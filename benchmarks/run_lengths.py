@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import chart_kernel
 import numpy as np
 from look_errors import OUTPUT
 from numpy.typing import NDArray
@@ -139,7 +138,10 @@ def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Gene
     largest = np.zeros((2, scanners))
     for _, history in track(histories(errors, scanner, days, rng), total=round(days * GROUPS_A_DAY)):
         before = largest
-        largest = np.maximum(largest, history.scatter.chi_squared(chart_kernel.largest(history, QUIET)))
+        models = history.alternatives(QUIET)
+        alone = [history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models]
+        allowing = [model.evidence.max(axis=0) for model in models]
+        largest = np.maximum(largest, np.max([alone, allowing], axis=1))
         waiting = before[:, None] <= LIMITS[:, None]
         groups += waiting.sum(axis=2)
         alarms += (waiting & (largest[:, None] > LIMITS[:, None])).sum(axis=2)
@@ -159,10 +161,9 @@ def found(errors: Errors, scanners: int, moved: Moved, rng: np.random.Generator)
     scanner = np.arange(scanners) % len(errors.scatter)
     waiting, early, findings = np.ones(scanners, bool), 0, []
     for group, history in histories(errors, scanner, QUIET_DAYS + LONGEST_DAYS, rng, moved):
-        evidence = history.scatter.chi_squared(chart_kernel.largest(history, QUIET)[1])
-        alarmed = np.flatnonzero(waiting & (evidence > LIMIT))
-        models = history.alternatives(QUIET) if alarmed.size else ()
-        for at in alarmed:
+        models = history.alternatives(QUIET)
+        evidence = np.max([model.evidence.max(axis=0) for model in models], axis=0)
+        for at in np.flatnonzero(waiting & (evidence > LIMIT)):
             of_one = (Alternatives(*(values[:, at] for values in vars(model).values())) for model in models)
             after = group * GROUP_LOOKS - round(QUIET_DAYS * LOOKS_A_DAY)
             waiting[at] = False

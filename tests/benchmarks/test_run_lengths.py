@@ -1,12 +1,11 @@
 """The study of run lengths draws errors of the size that scanners have, and counts alarms as charts give them."""
 
-import chart_kernel
 import numpy as np
 import pytest
 import run_lengths
 from run_lengths import LIMITS, Errors, false_alarms, found, of_jump
 
-from sawmill_worker.tomography.drift_chart.chart import QUIET, DriftKind
+from sawmill_worker.tomography.drift_chart.chart import DriftKind
 
 COVARIANCE = np.array([[4e-4, -1.4e-5], [-1.4e-5, 5e-7]])
 
@@ -55,14 +54,3 @@ def test_every_jump_is_found_with_its_time_and_size(errors, monkeypatch):
         assert each.finding.between_days[0] <= 0.2035
         assert each.finding.between_days[1] >= 0.2
         assert each.finding.change[0] == pytest.approx(0.2, abs=0.06)
-
-
-def test_the_fast_loop_has_the_charts_own_numbers(errors):
-    for group, history in run_lengths.histories(errors, np.arange(20) % 2, 0.2, np.random.default_rng(5)):
-        if group % 13 == 0:
-            models = history.alternatives(QUIET)
-            alone = np.max([model.likelihood.max(axis=0) for model in models], axis=0)
-            allowing = np.max([model.evidence.max(axis=0) for model in models], axis=0)
-            fast = chart_kernel.largest(history, QUIET)
-            np.testing.assert_allclose(fast[0], alone, rtol=1e-6)
-            np.testing.assert_allclose(history.scatter.chi_squared(fast[1]), allowing, rtol=1e-6)
