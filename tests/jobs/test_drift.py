@@ -19,7 +19,7 @@ from sawmill_worker.jobs.running import run
 from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.use_cases.drift import DriftInput, run_drift
+from sawmill_worker.use_cases.drift import CommonMean, DriftInput, run_drift
 from sawmill_worker.use_cases.drift_baseline import baselines_of_files
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
@@ -52,7 +52,7 @@ def known(calibration):
 def look(known, turn):
     def at(sinogram, **changes):
         given = DriftInput(
-            sinogram=sinogram,
+            mean=CommonMean(sinogram),
             angles_rad=turn(len(sinogram)),
             rows=(0, 1),
             calibration=known,

@@ -378,14 +378,14 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
     with input_errors():
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
     given = DriftInput(
-        sinogram=mean.sinogram,
+        mean=mean,
         angles_rad=scan.angles_rad,
         rows=scan.rows,
         calibration=calibration.result,
         input_sha256=scan.sha256,
-        deviations=mean.deviations,
         tolerance_mm=tolerance_mm,
-        remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
+        averaged_rows=scan.averaged_rows,
+        preparation=scan.remarks,
     )
     with input_errors():
         return Drift(run_drift(given).ended(datetime.now(UTC)))

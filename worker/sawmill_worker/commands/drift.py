@@ -27,14 +27,14 @@ def check_drift(
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(
-        sinogram=mean.sinogram,
+        mean=mean,
         angles_rad=used.angles_rad,
         rows=used.rows,
         calibration=known,
         input_sha256=used.sha256,
-        deviations=mean.deviations,
         tolerance_mm=tolerance_mm,
-        remarks=mean.remarks if scan.options.averaged_rows is None else (*used.remarks, *mean.remarks),
+        averaged_rows=scan.options.averaged_rows,
+        preparation=used.remarks,
         baselines=baselines,
     )
     return run_drift(given).ended(datetime.now(UTC))

@@ -36,18 +36,17 @@ def run(attempt: Attempt) -> dict[str, Any]:
     attempt.report_stage(0.1, "read")
     stored = read_stored_scan(attempt.file, rows, chosen_views(None, shape.views))
     attempt.report_stage(0.5, "pair rays")
-    mean = mean_of_common_rows(stored.line_integrals, rows.start, deviations=stored.deviations)
     given = DriftInput(
-        sinogram=mean.sinogram,
+        mean=mean_of_common_rows(stored.line_integrals, rows.start, deviations=stored.deviations),
         angles_rad=stored.angles_rad,
         rows=(rows.start, rows.stop),
         calibration=calibration,
         input_sha256=scan.sha256,
-        deviations=mean.deviations,
         log_radius_mm=scanner.log_radius_mm,
         tolerance_mm=scanner.tolerances.ray_change_mm,
         tolerance_scale_percent=scanner.tolerances.scale_percent,
-        remarks=mean.remarks if scan.averaged_rows is None else (*scan.remarks, *mean.remarks),
+        averaged_rows=scan.averaged_rows,
+        preparation=tuple(scan.remarks),
         baselines=attempt.given.baselines,
     )
     return run_drift(given).model_dump(mode="json")

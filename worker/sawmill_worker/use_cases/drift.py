@@ -2,7 +2,6 @@
 
 import time
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,43 +38,50 @@ from sawmill_worker.vocabulary.version import VERSION
 
 
 @dataclass(frozen=True, eq=False)
-class DriftInput:
-    """A sinogram (views, detector) with each view's angle, and what it is compared with.
+class CommonMean:
+    """The mean over the rows that every view has.
 
     Attributes
     ----------
-    deviations : (views, detector) or None
-        Standard deviations of the sinogram; None where they are not known.
+    sinogram : (views, detector) float64
+    deviations : (views, detector) float64 or None
+        Its standard deviations; None where those of the rows are not known.
+    remarks : tuple of str
+        What was left out, in sentences.
+    """
+
+    sinogram: FloatArray
+    deviations: FloatArray | None = None
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class DriftInput:
+    """The mean of rows with each view's angle, and what it is compared with.
+
+    Attributes
+    ----------
     log_radius_mm : float or None
         Of the disc in which rays are counted; None takes the calibration's own.
-    remarks : tuple of str
-        What was left out on reading.
+    averaged_rows : int or None
+        The number of rows whose mean was sent; None where the rows themselves were.
+    preparation : tuple of str
+        What was done on reading; reported of a mean that was sent.
     baselines : tuple of KnownBaseline
         Zero of the changes, by method; the one of this scan's method counts.
     """
 
-    sinogram: FloatArray
+    mean: CommonMean
     angles_rad: FloatArray
     rows: tuple[int, int]
     calibration: CalibrationResult
     input_sha256: str
-    deviations: FloatArray | None = None
     log_radius_mm: float | None = None
     tolerance_mm: float = 0.5
     tolerance_scale_percent: float = 0.5
-    remarks: tuple[str, ...] = ()
+    averaged_rows: int | None = None
+    preparation: tuple[str, ...] = ()
     baselines: tuple[KnownBaseline, ...] = ()
-
-
-class CommonMean(NamedTuple):
-    """The mean (views, detector) over the rows that every view has, and what was left out, in sentences.
-
-    Its standard deviations (views, detector) are None where those of the rows are not known.
-    """
-
-    sinogram: FloatArray
-    remarks: tuple[str, ...]
-    deviations: FloatArray | None
 
 
 def mean_of_common_rows(
@@ -99,8 +105,8 @@ def mean_of_common_rows(
     # A view of the stack where all rows are there: nothing is copied.
     mean = (stack[:, common] if left_out.size else stack).mean(axis=1, dtype=np.float64)
     if deviations is None:
-        return CommonMean(mean, remarks, None)
-    return CommonMean(mean, remarks, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum())
+        return CommonMean(mean, None, remarks)
+    return CommonMean(mean, np.linalg.norm(deviations[:, common].astype(np.float64), axis=1) / common.sum(), remarks)
 
 
 def run_drift(given: DriftInput) -> DriftResult:
@@ -110,9 +116,9 @@ def run_drift(given: DriftInput) -> DriftResult:
     scanner, calibrated = known.scanner, known.source_frame
     refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
-    fit = detector_fit(
-        scanner, given.sinogram, given.angles_rad, calibrated, known.rotation, deviations=given.deviations
-    )
+    mean = given.mean
+    fit = detector_fit(scanner, mean.sinogram, given.angles_rad, calibrated, known.rotation, deviations=mean.deviations)
+    came = () if given.averaged_rows is None else given.preparation
     covariance = None if known.covariance is None else np.array(known.covariance)
     absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)
     method = _method(fit)
@@ -149,7 +155,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
         disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
-        adjustments=[*given.remarks, *fit.adjustments],
+        adjustments=[*came, *mean.remarks, *fit.adjustments],
         scanner=known.scanner,
         views=int(given.angles_rad.size),
         rows=given.rows,
