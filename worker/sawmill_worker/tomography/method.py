@@ -121,7 +121,7 @@ class CoupledMethod(FittedMethod):
     @property
     @abstractmethod
     def halo(self) -> int:
-        """Slices beyond either end of a block that it is reconstructed with; 0 where each slice is by itself."""
+        """Slices beyond either end of a block that help it; 0 where it is known that each slice is by itself."""
 
     @property
     @abstractmethod

@@ -299,8 +299,8 @@ class TotalVariation(CoupledMethod):
 
     @property
     def halo(self) -> int:
-        """Where slices are coupled."""
-        return HALO if self._coupling > 0.0 else 0
+        """Where slices are coupled, or may be."""
+        return HALO if self.coupling_is_open or self._coupling > 0.0 else 0
 
     def with_coupling_chosen(
         self,

@@ -29,7 +29,6 @@ from sawmill_worker.tomography.noise import data_misfit, estimated_noise
 from sawmill_worker.tomography.present_rows import filled, present_rows
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.stack import most_concurrent
-from sawmill_worker.tomography.total_variation import HALO
 from sawmill_worker.use_cases.capacity import check_memory
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.use_cases.metal_reduction import MetalReduction, WithoutMetal
@@ -127,10 +126,7 @@ class BlockSolver(Protocol):
 
     step: int
     concurrent: int
-
-    @property
-    def halo(self) -> int:
-        """See above."""
+    halo: int
 
     @property
     def settings(self) -> Settings:
@@ -279,10 +275,9 @@ class _FittedSolver:
         image_bytes = 4 * grid.size**2
         check_memory(method.least_images * image_bytes, task.memory_bytes)
         together = task.memory_bytes // (IMAGES_OF_A_DESCENT * image_bytes)
-        couples = isinstance(method, CoupledMethod) and (method.coupling_is_open or method.halo > 0)
-        self._halo_read = HALO if couples and task.slices > 1 else 0
-        most = COUPLED_TOGETHER if self._halo_read else FITTED_TOGETHER
-        self.step = int(max(min(together, most) - 2 * self._halo_read, 1))
+        self.halo = method.halo if isinstance(method, CoupledMethod) and task.slices > 1 else 0
+        most = COUPLED_TOGETHER if self.halo else FITTED_TOGETHER
+        self.step = int(max(min(together, most) - 2 * self.halo, 1))
         self._metal = _metal_reduction(task, leave_out=method.leaves_out)
         if method.is_open:
             self._sample = _levelled(task.sample[None], general)
@@ -300,10 +295,6 @@ class _FittedSolver:
     def settings(self) -> Settings:
         return {"step": self.step, "choice": self._method.choice}
 
-    @property
-    def halo(self) -> int:
-        return self._halo_read
-
     def _choose(self, choice: Mapping[str, float]) -> None:
         if choice:
             self._method = self._method.with_choice(choice)
@@ -312,7 +303,7 @@ class _FittedSolver:
         findings = BlockFindings()
         worth = len(range(rows.shape[1])[part])
         method = self._method
-        couples = isinstance(method, CoupledMethod) and method.coupling_is_open and self._halo_read > 0
+        couples = isinstance(method, CoupledMethod) and method.coupling_is_open and self.halo > 0
         chooses = method.is_open and (couples or self._task.slices > worth)
         phases = Phases(
             lambda share: self._task.on_progress(worth * share),
@@ -387,22 +378,12 @@ class _FittedSolver:
         self, lines: Images, left_out: NDArray[np.bool_] | None, numbers: NDArray[np.int64], on_progress: OnProgress
     ) -> Estimate:
         """Slices of the full grid, from line integrals (slices, views, detector)."""
-        counts = self._task.counts
-        if isinstance(self._method, CoupledMethod):
-            return self._method.reconstruct(
-                self._projector,
-                lines,
-                counts=counts,
-                on_progress=on_progress,
-                left_out=left_out,
-                numbers=numbers,
-            )
-        return self._method.reconstruct(
-            self._projector,
-            lines,
-            counts=counts,
-            on_progress=on_progress,
-            left_out=left_out,
+        method = self._method
+        reconstruct = (
+            partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
+        )
+        return reconstruct(
+            self._projector, lines, counts=self._task.counts, on_progress=on_progress, left_out=left_out
         )
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
