@@ -118,9 +118,7 @@ def ours(method: str, open_settings: tuple[str, ...] = (), **options: object) ->
         settings = {name: float(getattr(report, name) or 0.0) for name in open_settings}
         choosing, rows = 0.0, len(images)
         if settings:
-            # The coupling is a word or a number, as text.
-            given = {name: f"{value:.6f}" if name == "coupling" else value for name, value in settings.items()}
-            _, given_cpu, wall = _timed(lambda: work(**given))
+            _, given_cpu, wall = _timed(lambda: work(**settings))
             choosing, cpu = max(cpu - given_cpu, 0.0), given_cpu
         block = COUPLED_TOGETHER - 2 * HALO if settings.get("coupling") else FITTED_TOGETHER
         return Outcome(images, cpu / rows, wall / rows, choosing, settings, block=block)
@@ -191,12 +189,13 @@ def tuned_along_the_axis(scan: LogScan) -> Outcome:
         objective = StackObjective(support.projector, scan.lines[of], weight, axis, smoothing)
         return support.embedded(objective.minimum(in_plane.images[of][:, *support.part], STACK_ITERATIONS))
 
-    def error(step: tuple[int, int]) -> float:
-        weight, axis = in_plane.settings["weight"] * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
-        return scan.error(minimum(rows, weight, axis)[1:-1], kept)
+    def weights(step: tuple[int, int]) -> tuple[float, float]:
+        return in_plane.settings["weight"] * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
 
-    step = lowest_neighbour(error, (-1, 0))
-    weight, axis = in_plane.settings["weight"] * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
+    def error(step: tuple[int, int]) -> float:
+        return scan.error(minimum(rows, *weights(step))[1:-1], kept)
+
+    weight, axis = weights(lowest_neighbour(error, (-1, 0)))
     every = list(range(len(scan.lines)))
     images, cpu, wall = _timed(lambda: minimum(every, weight, axis))
     cpu, wall = cpu / len(images) + in_plane.cpu_s, wall / len(images) + in_plane.wall_s
