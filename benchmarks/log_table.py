@@ -21,6 +21,7 @@ the table shows all that is there. `--again METHOD` measures a method anew.
 
 import argparse
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -87,14 +88,11 @@ def measure(file: Path, scan: Callable[[], LogScan], methods: list[str], again: 
 
 def rows_of_table(folder: Path) -> Iterator[str]:
     """The table of all files of a folder, the published log apart."""
-    files = [(path.stem.split("_"), json.loads(path.read_text())) for path in sorted(folder.glob("*_*_*.json"))]
-    settings = sorted({(published_or_not(log), int(views), float(noise)) for (log, views, noise), _ in files})
-    for logs, views, noise in settings:
-        of_setting = [
-            kept
-            for (log, *setting), kept in files
-            if (published_or_not(log), int(setting[0]), float(setting[1])) == (logs, views, noise)
-        ]
+    settings = defaultdict[tuple[str, int, float], list[dict[str, Figures]]](list)
+    for path in sorted(folder.glob("*_*_*.json")):
+        log, views, noise = path.stem.split("_")
+        settings[published_or_not(log), int(views), float(noise)].append(json.loads(path.read_text()))
+    for (logs, views, noise), of_setting in sorted(settings.items()):
         yield f"{logs}, {views} views, {100.0 * noise:g} % noise"
         for name in METHODS:
             found = [kept[name] for kept in of_setting if name in kept]
