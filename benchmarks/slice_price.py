@@ -14,9 +14,9 @@ import numpy as np
 from choosing import smooth_log, zoned_log
 from numba import get_num_threads, set_num_threads
 from scanners import SCANNER
+from scans import GRID, TRUE_THETA
 
-from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
-from sawmill_worker.tomography.image_grid import ImageGrid
+from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry
 from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
 from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.projector import Projector
@@ -24,8 +24,7 @@ from sawmill_worker.tomography.quality import relative_error
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.tomography.total_variation import total_variation
 
-THETA = Theta(2.55023549, 714.683839, 319.943788, 43.6514375, 0.280799451)
-SIZE, FIELD_MM, BLOCK = 256, 400.0, 16
+BLOCK = 16
 AT_REST = {"tolerance": 1e-6, "iterations": 150}
 
 
@@ -48,12 +47,12 @@ def main() -> None:
     parser.add_argument("--weight-share", type=float, default=4.0, help="the weight times the wood's attenuation")
     parser.add_argument("--repeats", type=int, default=3)
     options = parser.parse_args()
-    geometry = FanBeamGeometry(SCANNER, THETA, (np.arange(options.views) + 0.5) * TAU / options.views)
-    projector, bodies = Projector(geometry, ImageGrid(SIZE, FIELD_MM)), logs()
+    geometry = FanBeamGeometry(SCANNER, TRUE_THETA, (np.arange(options.views) + 0.5) * TAU / options.views)
+    projector, bodies = Projector(geometry, GRID), logs()
     lines = projector.block(
         np.stack([simulate_sinogram(b, geometry, noise=options.noise, seed=n) for n, b in enumerate(bodies)])
     )
-    truths = [body.rasterise(SIZE, FIELD_MM) for body in bodies]
+    truths = [body.rasterise(GRID.size, GRID.field_mm) for body in bodies]
     weight = options.weight_share / SAPWOOD_PER_MM
     total_variation(projector, lines, weight=weight, iterations=1)
     rest = total_variation(projector, lines, weight=weight, **AT_REST)
