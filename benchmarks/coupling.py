@@ -14,7 +14,7 @@ import time
 import numpy as np
 from log_scans import whole_scan
 from scans import GRID
-from whole_logs import WholeLog
+from whole_logs import TUNING_SEED, WholeLog
 
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.total_variation import choose_coupling, choose_weight, total_variation
@@ -26,7 +26,7 @@ VIEWS = 20
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=4000)
+    parser.add_argument("--seed", type=int, default=TUNING_SEED)
     parser.add_argument("--logs", type=int, default=3)
     parser.add_argument("--noise", type=float, default=0.02)
     parser.add_argument("--rows", type=int, default=32)
