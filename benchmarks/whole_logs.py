@@ -18,29 +18,24 @@ Seeds from 4000 are for tuning, those from 4100 for tables (docs/reconstruction.
 
 import argparse
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from choosing import ellipse
+from inclusions import Inclusion, cracks, nail, small_knot, wet_zone
 from numpy.typing import NDArray
 from scans import GRID
 from skimage.io import imsave
 
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, FloatArray
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.log_model import KNOT_PER_MM, SAPWOOD_PER_MM, LogModel
-from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
+from sawmill_worker.tomography.log_model import SAPWOOD_PER_MM, LogModel
+from sawmill_worker.tomography.phantom import Disc, Phantom, Shape
 from sawmill_worker.tomography.simulate import simulate_rows
 
 TUNING_SEED, TABLE_SEED = 4000, 4100
 ROWS, ROW_PITCHES_MM = 24, (2.0, 2.5, 3.0, 4.0)
-NAIL_MM, NAIL_PER_MM = 8.0, 0.08
-SMALL_KNOT_MM = 12.0
 BARK_PER_MM = 0.011
-# Densities of a crack, and of what the water adds to a wet zone, 1/mm.
-CRACK_PER_MM, WET_PER_MM = -0.0105, 0.004
 # Where the whorl that the rows are around starts (`LogModel.random`).
 WHORL_MM = 180.0
 RING_KINDS = ("thin rings", "broad zones", "smooth rings")
@@ -69,51 +64,6 @@ class Wander:
         for direction, size, frequency, phase in self.waves:
             found[int(direction)] += size * math.sin(frequency * height_mm + phase)
         return found[0], found[1]
-
-
-@dataclass(frozen=True)
-class Inclusion:
-    """A body of finite length along the axis whose cross-section is a wavy ellipse that turns with the grain.
-
-    Attributes
-    ----------
-    at_mm : (x, y)
-        Its middle, from the log's centre.
-    half_mm : (x, y, z)
-        Half its length along its own two axes in the plane, and along the log's axis.
-    rounded : bool, bool
-        Whether its first and second half-length shrink towards its ends along the axis as an ellipsoid's do.
-    """
-
-    name: str
-    height_mm: float
-    at_mm: tuple[float, float]
-    half_mm: tuple[float, float, float]
-    rounded: tuple[bool, bool]
-    turn_rad: float
-    density: float
-    grain_rad_per_mm: float = 0.0
-    waves: float = 0.0
-
-    def cut(self, height_mm: float) -> Shape | None:
-        """Its cross-section at a height; None beyond its ends."""
-        above = height_mm - self.height_mm
-        share = 1.0 - (above / self.half_mm[2]) ** 2
-        if share <= 0.0:
-            return None
-        long, short = (
-            half * (math.sqrt(share) if round_ else 1.0)
-            for half, round_ in zip(self.half_mm[:2], self.rounded, strict=True)
-        )
-        if not self.waves:
-            return ellipse(*self.at_mm, long, short, self.turn_rad + self.grain_rad_per_mm * above, self.density)
-        turned = self.turn_rad + self.grain_rad_per_mm * above
-        wavy = []
-        for x, y in ellipse(0.0, 0.0, long, short, turned, self.density).vertices_mm:
-            around = math.atan2(y, x)
-            factor = 1.0 + self.waves * (math.cos(3.0 * around + self.turn_rad) + 0.6 * math.cos(5.0 * around))
-            wavy.append((self.at_mm[0] + factor * x, self.at_mm[1] + factor * y))
-        return Polygon(tuple(wavy), self.density)
 
 
 @dataclass(frozen=True)
@@ -167,10 +117,10 @@ class WholeLog:
             aspect=(float(rng.uniform(-0.06, 0.06)), float(rng.uniform(-0.06, 0.06))),
             rings=_rings(rng, kind),
             inclusions=(
-                *(_wet_zone(rng, radius, middle, span) for _ in range(rng.integers(1, 4))),
-                *_cracks(rng, radius, middle, span),
-                _nail(rng, radius, middle - 0.25 * span),
-                _small_knot(rng, radius, middle + 0.25 * span),
+                *(wet_zone(rng, radius, middle, span) for _ in range(rng.integers(1, 4))),
+                *cracks(rng, radius, middle, span),
+                nail(rng, radius, middle - 0.25 * span),
+                small_knot(rng, radius, middle + 0.25 * span),
             ),
         )
 
@@ -234,57 +184,6 @@ def _rings(rng: np.random.Generator, kind: str) -> tuple[tuple[float, float], ..
         levels = swing * np.cos(TAU * rings * shares)
         return tuple(zip(shares.tolist(), np.diff(levels, prepend=0.0).tolist(), strict=True))
     return ()
-
-
-def _place(rng: np.random.Generator, low_mm: float, high_mm: float) -> tuple[float, tuple[float, float]]:
-    """A direction, and a point that far out in it."""
-    turn, out = rng.uniform(0.0, TAU), rng.uniform(low_mm, high_mm)
-    return float(turn), (float(out * math.cos(turn)), float(out * math.sin(turn)))
-
-
-def _wet_zone(rng: np.random.Generator, radius: float, middle: float, span: float) -> Inclusion:
-    turn, at = _place(rng, 0.1 * radius, 0.5 * radius)
-    half = rng.uniform(0.12, 0.25) * radius, rng.uniform(0.06, 0.12) * radius, rng.uniform(0.2, 0.8) * span
-    height = middle + span * float(rng.uniform(-0.5, 0.5))
-    density = WET_PER_MM * float(rng.uniform(0.6, 1.4))
-    return Inclusion(
-        "wet zone", height, at, half, (True, True), turn + TAU / 4.0, density, rng.uniform(-0.002, 0.002), 0.12
-    )
-
-
-def _cracks(rng: np.random.Generator, radius: float, middle: float, span: float) -> Iterator[Inclusion]:
-    """One to three, radial, 1 to 3 mm wide; none reaches the pith, where another one would be."""
-    count, first = int(rng.integers(1, 4)), rng.uniform(0.0, TAU)
-    for number in range(count):
-        half = rng.uniform(0.1, 0.25) * radius, rng.uniform(0.5, 1.5), rng.uniform(0.3, 1.0) * span
-        out = half[0] + rng.uniform(0.06, 0.2) * radius
-        turn = first + TAU * number / count + rng.uniform(-0.5, 0.5)
-        yield Inclusion(
-            "crack",
-            middle + span * float(rng.uniform(-0.5, 0.5)),
-            (float(out * math.cos(turn)), float(out * math.sin(turn))),
-            half,
-            (True, False),
-            float(turn),
-            CRACK_PER_MM,
-            rng.uniform(-0.003, 0.003),
-        )
-
-
-def _nail(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
-    """As wide at its ends as in its middle."""
-    turn, at = _place(rng, 0.35 * radius, 0.75 * radius)
-    half = rng.uniform(2.4, 3.2), rng.uniform(1.8, 2.4), 0.5 * NAIL_MM
-    height = height_mm + float(rng.uniform(-2.0, 2.0))
-    return Inclusion("nail", height, at, half, (False, False), turn, NAIL_PER_MM - SAPWOOD_PER_MM)
-
-
-def _small_knot(rng: np.random.Generator, radius: float, height_mm: float) -> Inclusion:
-    """A branch across the axis, round as seen from its tip."""
-    turn, at = _place(rng, 0.4 * radius, 0.65 * radius)
-    half = rng.uniform(15.0, 25.0), 0.5 * SMALL_KNOT_MM, 0.5 * SMALL_KNOT_MM
-    height = height_mm + float(rng.uniform(-2.0, 2.0))
-    return Inclusion("knot", height, at, half, (False, True), turn, KNOT_PER_MM - 0.012)
 
 
 def main() -> None:

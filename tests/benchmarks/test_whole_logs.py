@@ -2,8 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from inclusions import NAIL_MM, Inclusion
 from scanners import SCANNER
-from whole_logs import NAIL_MM, Inclusion, WholeLog
+from whole_logs import WholeLog
 
 from sawmill_worker.tomography.geometry import TAU, FanBeamGeometry, Theta
 from sawmill_worker.tomography.image_grid import ImageGrid

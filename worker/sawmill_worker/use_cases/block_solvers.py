@@ -382,9 +382,7 @@ class _FittedSolver:
         reconstruct = (
             partial(method.reconstruct, numbers=numbers) if isinstance(method, CoupledMethod) else method.reconstruct
         )
-        return reconstruct(
-            self._projector, lines, counts=self._task.counts, on_progress=on_progress, left_out=left_out
-        )
+        return reconstruct(self._projector, lines, counts=self._task.counts, on_progress=on_progress, left_out=left_out)
 
     def _curve_of(self, numbers: NDArray[np.int64], found: Estimate) -> CurvePoints | None:
         """Of the slice nearest to the middle of the log."""
