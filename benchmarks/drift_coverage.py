@@ -15,10 +15,10 @@ import math
 import time
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from mill_logs import Drift, Mill, Nails
+from mill_logs import DISTANCE_ERROR_MM, Drift, Mill, Nails
 from rich.progress import track
 from scanners import SCANNER
 
@@ -31,8 +31,6 @@ VIEWS = (8, 10, 12, 16, 20, 30, 45, 60, 90, 120, 180, 360)
 ROWS = (1, 4, 16, 60, 250, 1000, 2500)
 # Logs of a scanner before the one that is compared with their mean.
 BASELINE = 4
-# The calibration's own error of SDD, mm.
-DISTANCE_ERROR_MM = 0.5
 # Of 20 views and 60 rows the check promises 0.05 mm.
 PROMISED = (20, 60)
 # From this number of rows on the sender can leave out those with a nail.
@@ -84,9 +82,7 @@ class Study:
     def scanner(self, rng: np.random.Generator, mill: Mill, views: int, nails: Nails | None) -> None:
         """Count one scanner's looks."""
         moved = Drift(float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 0.003))) if rng.uniform() < 0.5 else None
-        before = mill.frame()
-        wrong = rng.normal(0.0, DISTANCE_ERROR_MM)
-        start = replace(before, source_to_detector_mm=before.source_to_detector_mm + wrong)
+        start = mill.calibrated(rng)
         looks: list[tuple[FloatArray, FloatArray]] = []
         for log in range(BASELINE + 1):
             drift = moved if log == BASELINE else None

@@ -9,7 +9,6 @@ another (`mill_logs`). Finished scanners are kept, and the command goes on where
 import argparse
 import time
 from collections import Counter
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +25,6 @@ VIEWS = (12, 16, 20, 30, 45)
 ROWS = (60, 250, 1000)
 NAILS: tuple[Nails, ...] = ("none", "masked", "left")
 NAILS_SHARE = (0.8, 0.15, 0.05)
-# The calibration's own error of SDD, mm; it stays.
-DISTANCE_ERROR_MM = 0.5
 OUTPUT = Path("benchmarks/output/look-errors.npz")
 
 Table = dict[str, NDArray[np.float64]]
@@ -38,8 +35,7 @@ def looks_of_a_mill(number: int, seed: int, looks: int) -> tuple[Table, Counter[
     rng = np.random.default_rng([seed, number])
     views, rows = VIEWS[number % len(VIEWS)], ROWS[number // len(VIEWS) % len(ROWS)]
     mill = Mill.random(rng, views, rows)
-    truth = mill.frame()
-    start = replace(truth, source_to_detector_mm=truth.source_to_detector_mm + rng.normal(0.0, DISTANCE_ERROR_MM))
+    truth, start = mill.frame(), mill.calibrated(rng)
     errors, covariances, refused = [], [], Counter[str]()
     for _ in range(looks):
         rays = mill.look(rng, nails=NAILS[rng.choice(len(NAILS), p=NAILS_SHARE)])

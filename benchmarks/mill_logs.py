@@ -37,6 +37,8 @@ GAIN = 0.005
 OFF_CENTRE_MM = 20.0
 MOST_RADIUS_MM, MOST_BARK_MM = 130.0, 12.0
 BOW_MM = 1.0
+# The calibration's own error of SDD; it stays.
+DISTANCE_ERROR_MM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +93,12 @@ class Mill:
         """The geometry, after a drift perhaps."""
         frame = self.theta.source_frame(SCANNER.source_to_cor_mm)
         return frame if drift is None else drift.applied(frame)
+
+    def calibrated(self, rng: np.random.Generator) -> SourceFrame:
+        """The geometry as a calibration has it: its SDD is wrong by a little."""
+        truth = self.frame()
+        wrong = float(rng.normal(0.0, DISTANCE_ERROR_MM))
+        return replace(truth, source_to_detector_mm=truth.source_to_detector_mm + wrong)
 
     def look(self, rng: np.random.Generator, drift: "Drift | None" = None, *, nails: Nails = "none") -> FloatArray:
         """A log's line integrals (views, cells): the mean of rows, in some of which there may be nails."""
