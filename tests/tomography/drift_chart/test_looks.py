@@ -61,10 +61,10 @@ def test_a_baseline_cancels_what_stays_and_adds_its_own_error():
     stays = np.array([0.15, 0.002])
     errors = np.random.default_rng(3).standard_normal((BASELINE_LOOKS, 2))
     baseline = Baseline.of(looks(errors, truth=stays))
-    later = baseline.against(Look(5.0, stays + np.array([0.1, 0.0]), LOOK))
-    np.testing.assert_allclose(later.covariance, LOOK * (1.0 + 1.0 / BASELINE_LOOKS), rtol=0.02)
-    assert abs(later.change[0] - 0.1) < 3.0 * math.sqrt(baseline.estimate.covariance[0, 0])
-    assert baseline.age_days(5.0) == pytest.approx(5.0 - 49 / 2000)
+    zero = baseline.estimate
+    np.testing.assert_allclose(LOOK + zero.covariance, LOOK * (1.0 + 1.0 / BASELINE_LOOKS), rtol=0.02)
+    assert abs(stays[0] - zero.change[0]) < 3.0 * math.sqrt(zero.covariance[0, 0])
+    assert baseline.until_days == pytest.approx(49 / 2000)
 
 
 def test_wrong_input_gets_a_sentence():

@@ -182,11 +182,3 @@ class Baseline:
             given = "1 look makes" if len(looks) == 1 else f"{len(looks)} looks make"
             raise ValueError(f"{given} no baseline: {FEWEST_BASELINE_LOOKS} or more are needed")
         return cls(pooled(looks), max(look.days for look in looks))
-
-    def against(self, look: Look) -> Look:
-        """The change since the baseline, with the baseline's covariance added."""
-        return Look(look.days, look.change - self.estimate.change, look.covariance + self.estimate.covariance)
-
-    def age_days(self, days: float) -> float:
-        """Days from the baseline's last look."""
-        return days - self.until_days
