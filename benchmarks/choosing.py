@@ -40,7 +40,8 @@ from sawmill_worker.tomography.phantom import Disc, Phantom, Polygon, Shape
 from sawmill_worker.tomography.projector import Image, Projector
 from sawmill_worker.tomography.quality import edge_error_mm, relative_error, structural_similarity_index
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import SMOOTHING_SHARE, total_variation
+from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE
 
 VIEWS = (17, 20, 24, 30, 45, 60, 90)
 # Multiples of the noise; shares of the wood's attenuation, from large to small; and times the latter's inverse.

@@ -17,7 +17,8 @@ from scans import GRID
 from whole_logs import TUNING_SEED, WholeLog
 
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.total_variation import choose_coupling, choose_weight, total_variation
+from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.total_variation_weights import choose_coupling, choose_weight
 from sawmill_worker.use_cases.reconstruct import SLICES_AROUND
 
 VIEWS = 20

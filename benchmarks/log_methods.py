@@ -20,7 +20,8 @@ from sawmill_worker.tomography.iterative.cross_validation import parabola_minimu
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.support_region import SupportRegion
-from sawmill_worker.tomography.total_variation import HALO, SMOOTHING_SHARE, total_variation
+from sawmill_worker.tomography.total_variation import HALO, total_variation
+from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE
 from sawmill_worker.use_cases.block_solvers import COUPLED_TOGETHER, FITTED_TOGETHER
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, Rotation

@@ -11,7 +11,8 @@ from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.phantom import Disc, Phantom
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.tomography.simulate import simulate_sinogram
-from sawmill_worker.tomography.total_variation import CouplingChoice, choose_coupling, total_variation
+from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.total_variation_weights import CouplingChoice, choose_coupling
 
 SIZE, SLICES = 48, 6
 

@@ -28,7 +28,8 @@ from sawmill_worker.tomography.iterative.synthetic_tuning import SyntheticTuning
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, FittedMethod, LeftOut
 from sawmill_worker.tomography.noise import noise_of_each_ray, noise_of_rays, rms_noise
 from sawmill_worker.tomography.projector import Image, Projector
-from sawmill_worker.tomography.total_variation import choose_weight, total_variation
+from sawmill_worker.tomography.total_variation import total_variation
+from sawmill_worker.tomography.total_variation_weights import choose_weight
 
 # The exponent of the Cauchy density in the plane (docs/reconstruction.md#methods).
 STRENGTH = 1.5

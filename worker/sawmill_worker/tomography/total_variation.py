@@ -10,14 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sawmill_worker.tomography.estimate import Estimate
 from sawmill_worker.tomography.geometry import GeometryError
-from sawmill_worker.tomography.iterative.coarse_to_fine import MULTIPLE, descend_by_levels
-from sawmill_worker.tomography.iterative.cross_validation import (
-    cross_validate,
-    first_images_of_folds,
-    parabola_minimum,
-    power_along_detector,
-)
-from sawmill_worker.tomography.iterative.descent import Floats
+from sawmill_worker.tomography.iterative.coarse_to_fine import MULTIPLE
 from sawmill_worker.tomography.iterative.edge_preserving import (
     EdgePreservingMethod,
     Problem,
@@ -25,36 +18,25 @@ from sawmill_worker.tomography.iterative.edge_preserving import (
     reconstruct_with_prior,
 )
 from sawmill_worker.tomography.iterative.first_image import typical_attenuation
-from sawmill_worker.tomography.iterative.penalised import Objective
-from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
-from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
+from sawmill_worker.tomography.iterative.progress import OnProgress
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod, LeftOut
 from sawmill_worker.tomography.noise import noise_of_rays
 from sawmill_worker.tomography.projector import Image, Projector
+from sawmill_worker.tomography.total_variation_weights import (
+    COUPLINGS,
+    TOLERANCE,
+    USUAL_ITERATIONS,
+    WeightChoice,
+    axial_neighbours,
+    choose_coupling,
+    choose_weight,
+    smoothed_prior,
+    weight_factor,
+)
 
-# Differences below this share of the wood's attenuation are smoothed quadratically. This and the numbers below were
-# found on simulated logs (benchmarks/choosing.py).
-SMOOTHING_SHARE = 0.02
-# Candidates for the weight, times the typical attenuation: the penalty of a difference as large as the wood.
-WEIGHTS = np.geomspace(1.35, 60.0, 5)
-# The weight taken over the one of the best prediction. With the validation data included again the data weigh more, and
-# an image is nearest to its log where it is somewhat smoother than the one that predicts views best.
-SMOOTHER = 1.55
-CANDIDATE_ITERATIONS = 8
-# The cost of the folds' first images relative to that of the candidates.
-FIRST_IMAGES_COST = 0.25
 ITERATIONS = 300
-# Ends within 3 % of the error at rest, in the mean of sixteen logs, from 20 views on (benchmarks/slice_price.py).
-TOLERANCE = 3e-3
-# Iterations with the own pixels after which most logs have converged (benchmarks/slice_price.py).
-USUAL_ITERATIONS = 10
 # Projections forward and back: 12 with the own pixels, and what those with larger ones are worth.
 USUAL_PAIRS = 17.0
-# Candidates for the coupling, and what the weight in the plane is times the uncoupled one with each: slices that help
-# each other need less in the plane. Found on simulated logs with the truth in hand (seeds from 4000 of
-# benchmarks/whole_logs.py).
-COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
-VALIDATION_VIEWS = 4
 # What lies further away changes a slice by less than the noise does.
 HALO = 2
 # The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views
@@ -113,9 +95,9 @@ def total_variation(
 
     def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
         typical = typical_attenuation(problem.first_images)
-        weights = np.full(typical.shape, weight if choice is None else _weight_factor(strongest) * choice.weight)
+        weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
         parameters = {"weight": weights, "coupling": np.array([strongest])}
-        return Settings(problem.noises, _prior(typical, weights), parameters, between)
+        return Settings(problem.noises, smoothed_prior(typical, weights), parameters, between)
 
     method = EdgePreservingMethod(
         choose=partial(choose_weight, non_negative=non_negative) if weight is None else None,
@@ -125,151 +107,6 @@ def total_variation(
         convex=True,
     )
     return reconstruct_with_prior(method, problem, iterations=iterations, tolerance=tolerance, on_progress=on_progress)
-
-
-@dataclass(frozen=True, eq=False)
-class WeightChoice:
-    """The weight for one slice.
-
-    Attributes
-    ----------
-    weight : float
-    images : (folds, size, size) float32
-        Near to its images without the validation data of each fold.
-    """
-
-    weight: float
-    images: Image
-
-    @property
-    def image(self) -> Image:
-        """Near to its image, (size, size)."""
-        mean: Image = self.images.mean(axis=0)
-        return mean
-
-
-def choose_weight(
-    projector: Projector,
-    sinogram: ArrayLike,
-    *,
-    noise: ArrayLike | None = None,
-    non_negative: bool = True,
-    on_progress: OnProgress | None = None,
-) -> WeightChoice:
-    """The weight that `total_variation` chooses for a sinogram (views, detector), by cross-validation.
-
-    Parameters as of `total_variation`, for one sinogram.
-    """
-    problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
-    lines, noises, support = problem.lines, problem.noises, problem.support
-    typical = typical_attenuation(problem.first_images)
-    candidates = WEIGHTS / typical
-    weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
-    prior = _prior(np.broadcast_to(typical, candidates.shape), candidates)
-    objective = Objective(support.projector, lines, weights, prior)
-    phases = Phases(on_progress, first_images=FIRST_IMAGES_COST, candidates=1.0)
-    # Continuation leads to much the same image for all candidates: that of the middle one serves them.
-    starts = first_images_of_folds(
-        objective.only(candidates.size // 2),
-        problem.first_images[0],
-        non_negative=non_negative,
-        on_progress=phases.of("first_images"),
-    )
-    validation = cross_validate(
-        objective,
-        noises[0],
-        starts,
-        exponent=1.0,
-        iterations=CANDIDATE_ITERATIONS,
-        non_negative=non_negative,
-        on_progress=phases.of("candidates"),
-    )
-    errors = np.log(validation.in_views) + np.log(validation.in_rays)
-    weight, _ = parabola_minimum(candidates, errors)
-    return WeightChoice(SMOOTHER * weight, support.embedded(validation.images[:, np.argmin(errors)]))
-
-
-@dataclass(frozen=True)
-class CouplingChoice:
-    """How much neighbouring slices help each other, and the weight in the plane that goes with it."""
-
-    coupling: float
-    weight: float
-
-
-def choose_coupling(
-    projector: Projector,
-    lines: Image,
-    weight: float,
-    *,
-    numbers: NDArray[np.int64] | None = None,
-    weight_stays: bool = False,
-    noise: ArrayLike | None = None,
-    non_negative: bool = True,
-    on_progress: OnProgress | None = None,
-) -> CouplingChoice:
-    """The coupling of slices (slices, views, detector), by cross-validation over views of all of them.
-
-    Every VALIDATION_VIEWS-th view is left out of all slices; the candidate whose images predict these views best wins,
-    0 among them. The slices with most neighbours count. 0 where no slice has any.
-
-    Parameters
-    ----------
-    weight : float
-        Of slices that are not coupled.
-    numbers : (slices,) int64, optional
-        As of `TotalVariation.reconstruct`.
-    weight_stays : bool
-        Whether the weight is the same with every coupling; by default it falls as the coupling rises.
-    noise, non_negative, on_progress
-        As of `total_variation`.
-    """
-    neighbours = _neighbours(len(lines), numbers)
-    if not neighbours.any():
-        return CouplingChoice(0.0, weight)
-    number_of_neighbours = np.append(neighbours, 0.0) + np.append(0.0, neighbours)
-    judged = number_of_neighbours == number_of_neighbours.max()
-    problem = Problem.of(projector, lines, noise, non_negative=non_negative, multiple=MULTIPLE)
-    noises = np.broadcast_to(problem.noises, problem.lines.shape)
-    views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
-    training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
-    typical = typical_attenuation(problem.first_images)
-    weights = {coupling: weight if weight_stays else factor * weight for coupling, factor in COUPLINGS}
-    phases = Phases(on_progress, **{f"{coupling:g}": 1.0 for coupling in weights})
-
-    def error(coupling: float) -> float:
-        prior = _prior(typical, np.full(len(lines), weights[coupling]))
-        objective = Objective(problem.support.projector, problem.lines, training, prior)
-        found = descend_by_levels(
-            objective,
-            non_negative=non_negative,
-            iterations=USUAL_ITERATIONS,
-            tolerance=TOLERANCE,
-            usual=USUAL_ITERATIONS,
-            coupling=coupling * neighbours,
-            on_progress=phases.of(f"{coupling:g}"),
-        )
-        missed = (problem.support.projector.forward(found.images[judged]) - problem.lines[judged]) / noises[judged]
-        return float(np.log(power_along_detector(missed[:, views], 1.0)).sum())
-
-    errors = {coupling: error(coupling) for coupling in weights}
-    best = min(errors, key=lambda coupling: errors[coupling])
-    return CouplingChoice(best, weights[best])
-
-
-def _neighbours(slices: int, numbers: NDArray[np.int64] | None) -> Floats:
-    """1 between slices that follow each other along the log, 0 between others; (slices - 1,)."""
-    return np.ones(max(slices - 1, 0)) if numbers is None else (np.diff(numbers) == 1).astype(np.float64)
-
-
-def _weight_factor(coupling: float) -> float:
-    """What the weight in the plane is times the uncoupled one."""
-    couplings, factors = zip(*COUPLINGS, strict=True)
-    return float(np.interp(coupling, couplings, factors))
-
-
-def _prior(typical: Floats, weights: Floats) -> TotalVariationPrior:
-    return TotalVariationPrior(SMOOTHING_SHARE * typical, weights, typical)
 
 
 @dataclass(frozen=True)
@@ -349,7 +186,7 @@ class TotalVariation(CoupledMethod):
             non_negative=self.non_negative,
             on_progress=on_progress,
         )
-        return replace(self, weight=_weight_factor(self._coupling) * choice.weight)
+        return replace(self, weight=weight_factor(self._coupling) * choice.weight)
 
     @property
     def choice(self) -> dict[str, float]:
@@ -379,6 +216,6 @@ class TotalVariation(CoupledMethod):
             weight=self.weight,
             noise=noise_of_rays(lines, counts=counts, left_out=left_out),
             non_negative=self.non_negative,
-            coupling=self._coupling * _neighbours(len(lines), numbers),
+            coupling=self._coupling * axial_neighbours(len(lines), numbers),
             on_progress=on_progress,
         )
