@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import astra
 import numpy as np
@@ -38,6 +38,15 @@ class Tuned:
     iterations: int
     cpu_s: float
     wall_s: float
+
+
+def astra_fan(projector: Projector) -> tuple[dict[str, Any], dict[str, Any], int]:
+    """ASTRA's volume and projection geometries of a field around the COR, and the number of its CPU projector."""
+    half, grid = 0.5 * projector.grid.field_mm, projector.grid
+    volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
+    cells = projector.geometry.scanner.num_detector_pixels
+    rays = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
+    return volumes, rays, astra.create_projector("line_fanflat", rays, volumes)
 
 
 def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image) -> Tuned:
@@ -88,11 +97,7 @@ def _course(algorithm: str, projector: Projector, line: Image, stops: Sequence[i
 @contextmanager
 def _run(algorithm: str, projector: Projector, line: Image) -> Iterator[tuple[int, int]]:
     """The numbers of ASTRA's algorithm and of its image."""
-    half, grid = 0.5 * projector.grid.field_mm, projector.grid
-    volumes = astra.create_vol_geom(grid.size, grid.size, -half, half, -half, half)
-    cells = projector.geometry.scanner.num_detector_pixels
-    rays = astra.create_proj_geom("fanflat_vec", cells, projector.geometry.astra_vectors())
-    kernel = astra.create_projector("line_fanflat", rays, volumes)
+    volumes, rays, kernel = astra_fan(projector)
     data, image = astra.data2d.create("-sino", rays, line), astra.data2d.create("-vol", volumes, 0.0)
     settings = astra.astra_dict(algorithm)
     settings |= {"ProjectorId": kernel, "ProjectionDataId": data, "ReconstructionDataId": image}
