@@ -38,13 +38,15 @@ def axe_findings(page: Page) -> list[str]:
 
 
 def overflowing(page: Page) -> list[str]:
-    """What reaches beyond the window's right edge, if that makes the page scroll sideways."""
+    """What reaches beyond the window's right edge, if that makes the page scroll sideways, once it has its styles."""
+    page.wait_for_load_state()
     scrolls = page.evaluate("document.documentElement.scrollWidth > document.documentElement.clientWidth + 1")
     return page.evaluate(WIDER) if scrolls else []
 
 
 def small_targets(page: Page) -> list[str]:
-    """Buttons, fields and links of the header that a glove misses."""
+    """Buttons, fields and links of the header that a glove misses, once the page has its styles."""
+    page.wait_for_load_state()
     return page.evaluate(SMALL_TARGETS, SMALLEST_TARGET_PX)
 
 
