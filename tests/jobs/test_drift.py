@@ -34,10 +34,10 @@ TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
 def log_scan(turn):
     """A log with 1 % noise, (views, detector)."""
 
-    def of(theta=THETA, *, views=120, reverse=False):
+    def of(theta=THETA, *, views=120, reverse=False, seed=4):
         angles = -turn(views) if reverse else turn(views)
         log = LogModel.random(4).slice_at(120.0).moved(5.0, -3.0)
-        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=0.01, seed=4)
+        return simulate_sinogram(log, FanBeamGeometry(MILL, theta, angles), noise=0.01, seed=seed)
 
     return of
 
@@ -96,6 +96,17 @@ def test_a_scan_that_is_too_uncertain_is_reported_as_such(look, log_scan):
     reported = look(log_scan(), tolerance_mm=1e-4)
     assert reported.within_tolerance is None
     assert "average more rows" in reported.reason
+
+
+def test_chance_is_no_reason_for_an_alarm_and_a_large_move_is_one_though_the_scan_is_uncertain(look, log_scan):
+    quiet = look(log_scan())
+    # Nothing moved; what noise makes of it is beyond this tolerance, its standard deviation is within.
+    tolerance_mm = 0.5 * (quiet.ray_change_mm + quiet.ray_change_uncertainty_mm)
+    chance = [look(log_scan(seed=seed), tolerance_mm=tolerance_mm) for seed in range(6)]
+    assert {each.within_tolerance for each in chance if each.ray_change_mm > tolerance_mm} == {None}
+    assert all("go on with this calibration" not in each.reason for each in chance if each.within_tolerance is None)
+    moved = look(log_scan(TURNTABLE), tolerance_mm=0.5 * quiet.ray_change_uncertainty_mm)
+    assert (moved.moved, moved.within_tolerance) == (True, False)
 
 
 def test_a_log_that_turned_the_other_way_is_reported_first(look, log_scan):

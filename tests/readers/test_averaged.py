@@ -18,6 +18,7 @@ from sawmill_worker.use_cases.averaged import AveragedRays
 VIEWS, CELLS = 9, 64
 # Chords of a disc in the middle of the detector.
 MEAN = np.tile(np.sqrt(np.clip(1.0 - np.linspace(-1.6, 1.6, CELLS) ** 2, 0.0, None)), (VIEWS, 1)).astype(np.float32)
+LAMP = np.tile(6e4 * (1.0 - np.linspace(-0.95, 0.95, CELLS) ** 2), (VIEWS, 1))
 DEVIATIONS = np.full((VIEWS, CELLS), 0.01, np.float32)
 
 
@@ -117,14 +118,25 @@ NOT_SO = {
     "complex": (npy(MEAN.astype(np.complex64)), "wrong-type", "complex numbers"),
     "huge header": (npy(MEAN).replace(b"\x76\x00{", b"\xff\xff{", 1), "too-large", "claims to have 65535 bytes"),
     "cut short": (npy(MEAN)[:-4], "truncated-file", "declares 2304 bytes of data and the file holds 2300"),
-    "many values": (npy(MEAN * 1e7), "out-of-range", "no line integral is larger"),
+    "many values": (npy(MEAN * 1e7), "contradiction", r"reach 1e\+07 .* or in another unit"),
     "counts": (
         npy(4e4 * np.exp(-MEAN)),
         "contradiction",
-        r"fall from 4e\+04 at .* to 1\.47e\+04 .* every row first",
+        r"reach 4e\+04 .* every row first",
+    ),
+    "counts of a lamp that is dark at its ends": (
+        npy(LAMP * np.exp(-0.3 * MEAN)),
+        "contradiction",
+        r"reach 4\.\d\de\+04 .* above 50, .* every row first",
+    ),
+    "counts turned over": (npy(65535 - 4e4 * np.exp(-MEAN)), "contradiction", r"reach 5\.08e\+04"),
+    "no flat field": (
+        npy(-np.log(4e4 * np.exp(-MEAN))),
+        "contradiction",
+        r"are -10\.6 at the detector's ends, .* not divided by the flat field",
     ),
     "transmissions": (npy(np.exp(-MEAN)), "contradiction", "-ln of a mean is not the mean of -ln"),
-    "logarithms": (npy(-MEAN), "contradiction", "line integrals rise"),
+    "logarithms": (npy(-MEAN), "contradiction", "fall from -?0 at .* line integrals rise"),
     "deviations of a view": (npz(p=MEAN, deviations=DEVIATIONS[:, 0]), "wrong-shape", r"shape \(9,\) and .* \(9, 64\)"),
     "deviations of others": (npz(p=MEAN, deviations=DEVIATIONS[1:]), "wrong-shape", r"\(8, 64\) and .* \(9, 64\)"),
     "negative": (npz(p=MEAN, deviations=put(DEVIATIONS, -0.1)), "out-of-range", "view 3, cell 30 is -0.1; .* above 0"),

@@ -95,7 +95,11 @@ class DriftResult(Contract):
     )
     radius_mm: float = Field(description="Of the disc in which rays are compared.", examples=[150.0])
     tolerance_mm: float = Field(description="RMS ray distance up to which nothing moved.", examples=[0.5])
-    within_tolerance: bool | None = Field(description="Null: the scan is too uncertain to say.", examples=[True])
+    within_tolerance: bool | None = Field(
+        description="False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: "
+        "the scan is too uncertain to say.",
+        examples=[True],
+    )
     reason: str = Field(
         description="A likely cause and what to do, in one sentence.", examples=["nothing moved beyond the tolerance"]
     )

@@ -16,6 +16,10 @@ AIR_SHARE = 0.02
 # Line integrals rise behind the log, counts and transmissions fall. Of all that they vary by, a log leaves their mean
 # several times as far from the air's: 0.09 for one of a tenth of the detector (tests/readers/test_averaged.py).
 LEAST_FALL = 0.05
+# Of logarithms: a transmission of exp(-50) is one quantum of 5e21.
+LARGEST_LOGARITHM = 50.0
+# Of air, behind which the beam is the flat field's but for the tube's drift: e times as many counts are none.
+LEAST_AIR = -1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +84,7 @@ class AveragedRows:
             )
         for view, image in enumerate(samples, first_view):
             check_finite("view", view, np.where(np.isnan(image), np.float32(0.0), image))
-        _check_rise(samples)
+        _check_logarithms(samples[:, 0])
 
 
 def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32], first_view: int) -> None:
@@ -96,9 +100,19 @@ def _check_deviations(deviations: NDArray[np.float32], rays: NDArray[np.float32]
         )
 
 
-def _check_rise(samples: NDArray[np.float32]) -> None:
-    """Refuse what falls where the log is, against the air on both sides of it."""
-    rays = samples[:, 0]
+def _check_logarithms(rays: NDArray[np.float32]) -> None:
+    """Refuse what is larger than a logarithm can be, is no logarithm of counts over flats, or falls behind the log."""
+    take = (
+        "take -ln((counts - dark) / (flat - dark)) of every row first and average that over the rows, because -ln of a "
+        "mean is not the mean of -ln"
+    )
+    largest = float(np.nanmax(rays))
+    if largest > LARGEST_LOGARITHM:
+        raise UnreadableScan(
+            "contradiction",
+            f"the values reach {largest:.3g} and no -ln of a transmission is above {LARGEST_LOGARITHM:.0f}, so they "
+            f"are counts or in another unit: {take}",
+        )
     profile = np.nanmedian(rays[:, np.isfinite(rays).any(axis=0)], axis=0).astype(np.float64)
     air = max(1, round(AIR_SHARE * profile.size))
     level = min(float(np.median(profile[:air])), float(np.median(profile[-air:])))
@@ -107,6 +121,11 @@ def _check_rise(samples: NDArray[np.float32]) -> None:
         raise UnreadableScan(
             "contradiction",
             f"the values fall from {level:.3g} at the detector's ends to {profile.min():.3g} behind the log, as counts "
-            "and transmissions do, and line integrals rise: take -ln((counts - dark) / (flat - dark)) of every row "
-            "first and average that over the rows, because -ln of a mean is not the mean of -ln",
+            f"and transmissions do, and line integrals rise: {take}",
+        )
+    if level < LEAST_AIR:
+        raise UnreadableScan(
+            "contradiction",
+            f"the values are {level:.3g} at the detector's ends, where air has nearly 0, as where counts were not "
+            f"divided by the flat field: {take}",
         )

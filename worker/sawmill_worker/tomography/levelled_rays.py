@@ -146,9 +146,11 @@ def _variance(rays: FloatArray, air_noise: float) -> FloatArray:
     """Of each ray: the air's times exp(k p), k from 0 (the same noise everywhere) to 1 (photons) as differences say.
 
     Structure of the log passes for noise in them, so k is a bound; what is fitted with it is as wide as its residuals.
+    A ray whose noise would be larger than the largest ray says nothing, and no less than nothing.
     """
     seen = noise_of_differences(np.diff(rays, 2, axis=1), 2)
     mean = max(float(np.median(rays)), 1e-6)
     k = min(max(2.0 * math.log(max(seen, 1e-30) / air_noise) / mean, 0.0), 1.0)
-    variance: FloatArray = air_noise**2 * np.exp(k * np.clip(rays, 0.0, None))
+    most = 2.0 * math.log(max(float(rays.max()) / air_noise, 1.0))
+    variance: FloatArray = air_noise**2 * np.exp(np.clip(k * rays, 0.0, most))
     return variance

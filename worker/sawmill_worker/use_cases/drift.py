@@ -19,6 +19,7 @@ from sawmill_worker.tomography.drift import (
     FLAT_FIELD_CHANGE_NOT_SEEN,
     FLAT_FIELD_NOT_SEEN,
     NOT_SEEN,
+    SIGNIFICANT,
     ConjugateFit,
     DetectorFit,
     Disturbance,
@@ -166,13 +167,13 @@ def run_drift(given: DriftInput) -> DriftResult:
 
 
 def _within(changed: DriftChange, given: DriftInput, zero: DriftBaseline | None, *, turned_over: bool) -> bool | None:
-    # A scale that this scan hardly sees is no reason for an alarm.
-    allowed = max(given.tolerance_scale_percent / 100.0, TWO_SIDED_95 * changed.scale_deviation)
+    # A scale that this scan hardly sees is no reason for an alarm, and neither are rays.
+    allowed = max(given.tolerance_scale_percent / 100.0, SIGNIFICANT * changed.scale_deviation)
     if turned_over or _is_far(zero, given) or abs(changed.scale_change) > allowed:
         return False
-    if changed.ray_change_uncertainty_mm > given.tolerance_mm:
-        return None
-    return changed.ray_change_mm <= given.tolerance_mm
+    if changed.ray_change_mm > given.tolerance_mm:
+        return False if changed.moved else None
+    return True if changed.ray_change_uncertainty_mm <= given.tolerance_mm else None
 
 
 def _is_far(zero: DriftBaseline | None, given: DriftInput) -> bool:
@@ -212,8 +213,10 @@ def _of_the_detector(
         )
     if within is None:
         return (
-            f"this scan places rays to {changed.ray_change_uncertainty_mm:.2g} mm and {given.tolerance_mm:.2g} mm is "
-            "asked for: average more rows, or scan a log that is less round or less centred"
+            f"this scan sees the rays {changed.ray_change_mm:.2g} mm from where they were and places them to "
+            f"{changed.ray_change_uncertainty_mm:.2g} mm, so it cannot tell whether they are within the "
+            f"{given.tolerance_mm:.2g} mm that are allowed: average more rows, or scan a log that is less round or "
+            "less centred"
         )
     cause = likely_cause(given.calibration.source_frame, changed)
     return cause if zero is None else f"since the first {zero.looks} logs after the calibration, {cause}"

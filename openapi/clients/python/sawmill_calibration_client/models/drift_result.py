@@ -83,7 +83,8 @@ class DriftResult:
     views: int
     """ Number of views of the scan. """
     within_tolerance: bool | None
-    """ Null: the scan is too uncertain to say. """
+    """ False: a change beyond chance moved the rays, or the image's size, by more than is allowed. Null: the scan
+    is too uncertain to say. """
     adjustments: list[str] | Unset = UNSET
     """ What was done to the scan before it was used, a sentence each. """
     at: datetime.datetime | None | Unset = UNSET
