@@ -22,6 +22,9 @@ MOST_PAIRS = 400
 FARTHEST = 0.5
 # What a view's rays may be too large or too small by, as a share, after the air has been evened out.
 GAIN = 0.005
+# By how much of the largest ray the line integrals may bend, as a square and as a cube of themselves: a beam that
+# hardens, and -ln of few counts.
+BENT = 0.1
 # Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
 # and what is left there is rounding.
 MODEL = 3e-7
@@ -101,11 +104,7 @@ class PairSums:
 
     def at(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """What each pair's first and second view sum up to, (pairs,) each."""
-        rays, (first, second) = self.lines.rays.T, self._weights(vector)
-        # Every separation's weights with every view: a product of matrices, of which the pairs are picked.
-        left: FloatArray = (first @ rays)[self.pairs.separation, self.pairs.first]
-        right: FloatArray = (second @ rays)[self.pairs.separation, self.pairs.second]
-        return left, right
+        return self._picked(self._weights(vector), self.lines.rays)
 
     def differences(self, vector: FloatArray) -> FloatArray:
         """The first view's sum less the second's, (pairs,)."""
@@ -118,10 +117,11 @@ class PairSums:
         slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
         return np.stack(slopes, axis=1)
 
-    def whitening(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
+    def whitening(self, vector: FloatArray, *, bent: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """What makes differences independent and of variance 1, (at most pairs, pairs), gains (pairs, views), bends.
 
-        The gains are what a gain of `GAIN` of each view adds to the differences.
+        The gains are what a gain of `GAIN` of each view adds to the differences, the bends (pairs, 2) what line
+        integrals add that are bent by `BENT`: none where they are not bent, and only where the vector is near.
         """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)
@@ -134,7 +134,8 @@ class PairSums:
             air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
         # A gain of all views changes nothing; what it would add are the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
-        covariance = gains @ gains.T + air @ lines.air_covariance @ air.T
+        bends = self._bends(vector, weights) if bent else np.zeros((size, 0))
+        covariance = gains @ gains.T + bends @ bends.T + air @ lines.air_covariance @ air.T
         same = weights[0] - weights[1]
         covariance += lines.cell_variance * (same @ same.T)[np.ix_(pairs.separation, pairs.separation)]
         for at in range(views):
@@ -146,4 +147,29 @@ class PairSums:
         spread, directions = np.linalg.eigh(covariance)
         new = spread > model
         whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
-        return whitening, gains
+        return whitening, gains, bends
+
+    def _bends(self, vector: FloatArray, weights: tuple[FloatArray, FloatArray]) -> FloatArray:
+        """What squares and cubes of the rays, as shares of the largest, add to the differences, (pairs, 2).
+
+        Their noise is that of the differences, enlarged by the bend's slope: so many times the differences, which are
+        nothing else, are taken off them.
+        """
+        rays, variance = self.lines.rays, self.lines.variance
+        share = rays / float(rays.max())
+        squared = weights[0] ** 2, weights[1] ** 2
+        first, second = self._picked(squared, variance)
+        differences, bends = self.differences(vector), []
+        for power in (2, 3):
+            left, right = self._picked(weights, rays * share ** (power - 1))
+            slopes = self._picked(squared, variance * power * share ** (power - 1))
+            bends.append(left - right - (slopes[0] + slopes[1]) / (first + second) * differences)
+        return BENT * np.stack(bends, axis=1)
+
+    def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.
+
+        Every separation's weights with every view: a product of matrices, of which the pairs are picked.
+        """
+        pairs, (first, second) = self.pairs, (each @ values.T for each in weights)
+        return first[pairs.separation, pairs.first], second[pairs.separation, pairs.second]

@@ -84,10 +84,13 @@ def view_pair_fit(
     known = None if deviations is None else _checked(deviations, sinogram)[compared]
     rays = levelled_rays(screening.bridged(sinogram)[compared], known)
     vector = seen_vector(start)
-    fits = {sense: _fit(PairSums.of(scanner, rays, sense.apply(angles_rad), vector), vector) for sense in Rotation}
+    sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
+    fits = {sense: _fit(each, vector, vector, bent=False) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
+    if fit.settled:
+        fit = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), bent=True)
     _check_found(scanner, fit, start)
     return DetectorFit(
         float(fit.vector[0]),
@@ -139,11 +142,11 @@ class _Fit(NamedTuple):
     settled: bool
 
 
-def _fit(sums: PairSums, start: FloatArray) -> _Fit:
+def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, bent: bool) -> _Fit:
     """By generalised least squares of the pairs' differences, with Gauss-Newton from the start."""
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
-    low, high = (start[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
-    white, gains = sums.whitening(start)
+    low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
+    white, gains, bends = sums.whitening(start, bent=bent)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
@@ -157,22 +160,30 @@ def _fit(sums: PairSums, start: FloatArray) -> _Fit:
             break
     left, right = sums.at(vector)
     slopes = white @ sums.slopes(vector, left - right, 3)
-    scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains)
+    scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains, white @ bends)
     sensitivity: FloatArray = -np.linalg.pinv(slopes[:, :2]) @ slopes[:, 2]
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
     return _Fit(vector[:2], scaled, sensitivity, chi_squared, unrest, residual, settled)
 
 
-def _scaled(left: FloatArray, slopes: FloatArray, gains: FloatArray) -> tuple[FloatArray, float, float]:
+def _scaled(
+    left: FloatArray, slopes: FloatArray, gains: FloatArray, bends: FloatArray
+) -> tuple[FloatArray, float, float]:
     """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
 
-    Noise and gains have a scale each: what gains of another size than assumed leave says nothing of the noise, which
-    shows in what no gain explains. How well each scale is known counts by Student's t.
+    What gains and bends explain counts apart, since their size is only assumed. Noise and gains have a scale each: what
+    gains of another size than assumed leave says nothing of the noise, which shows in what no gain explains. How well
+    each scale is known counts by Student's t.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
-    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
-    explained = space[:, size > RANK * size[0]]
-    free, of_gains = len(left) - explained.shape[1], explained.shape[1] - slopes.shape[1]
+    unit = slopes / np.linalg.norm(slopes, axis=0)
+    # Of very few views the bends are left to their share of the covariance.
+    for known in ([unit, gains, bends], [unit, gains]):
+        space, size, _ = np.linalg.svd(np.hstack(known), full_matrices=False)
+        explained = space[:, size > RANK * size[0]]
+        free, of_gains = len(left) - explained.shape[1], explained.shape[1] - slopes.shape[1]
+        if free >= FEWEST_FREE:
+            break
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
