@@ -1,17 +1,18 @@
 """Run lengths of the drift chart: false alarms a year, and the looks until a jump or a trend is found.
 
     python benchmarks/look_errors.py
-    python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2]
+    python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 200000]
 
 Each simulated scanner draws its looks' errors and covariances from those of one scanner of `look_errors`, 2 000 a day:
 that scanner's covariances, errors of the size that it has by them, and the shape of the errors of all. Beyond the
 97 % quantile the errors are drawn from a Pareto tail with Hill's exponent. False alarms are counted with the looks'
-errors alone, without what the chart allows other logs to do; intervals are Poisson's of 95 %.
+errors alone, without what the chart allows other logs to do; intervals are Poisson's of 95 %. Those that end a baseline
+are counted in many more baselines, since a scanner that is calibrated each week has 52 a year.
 """
 
 import argparse
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,21 +22,23 @@ from numpy.typing import NDArray
 from rich.progress import track
 from scipy.stats import chi2
 
-from sawmill_worker.tomography.drift_chart.alternatives import Alternatives
-from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftKind, Finding, likelier
-from sawmill_worker.tomography.drift_chart.history import History
-from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, pooled_means
+from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, Finding
+from sawmill_worker.tomography.drift_chart.history import Group, History
+from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look, pooled_means
 from sawmill_worker.tomography.drift_chart.matrices import inverse, scaled
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
+from sawmill_worker.tomography.drift_chart.segments import Segment
 from sawmill_worker.tomography.geometry import FloatArray
 
 LOOKS_A_DAY, DAYS_A_YEAR = 2000, 365.0
-GROUPS_A_DAY = LOOKS_A_DAY // GROUP_LOOKS
+BASELINE_DAYS = BASELINE_LOOKS / LOOKS_A_DAY
 LIMITS = np.arange(22.0, 41.0, 2.0)
 TAIL = 0.97
 # A scanner's covariances that are drawn from, and the distance of an error beyond which it says no more of the spread.
 LOOKS_OF_EACH, MOST_OF_SPREAD = 20, 4.0
-AT_A_TIME = 50
+AT_A_TIME, BASELINES_AT_A_TIME = 50, 2000
+# Jumps among the looks of the baseline come after the first and before the last of this number.
+FIRST_LOOKS = 8
 JUMPS_MM, TREND_MM_A_DAY = (0.02, 0.05, 0.1, 0.2), 0.01
 # Days of quiet before a change, and after it until it counts as not found.
 QUIET_DAYS, LONGEST_DAYS = 1.0, 6.0
@@ -107,102 +110,179 @@ class Errors:
         return errors, root @ np.swapaxes(root, -1, -2)
 
 
-Moved = Callable[[FloatArray], FloatArray]
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What moves u_c.
+
+    Attributes
+    ----------
+    name : str
+    kind : DriftKind
+    size : float
+        In mm, or in mm a day.
+    at : (scanners,) float64
+        When, in days since the calibration.
+    """
+
+    name: str
+    kind: DriftKind
+    size: float
+    at: FloatArray
+
+    def of(self, days: FloatArray) -> FloatArray:
+        """In mm, (scanners, looks), at days (looks,)."""
+        since = days - self.at[:, None]
+        moved: FloatArray = self.size * np.where(self.kind is DriftKind.JUMP, since > 0.0, np.maximum(since, 0.0))
+        return moved
 
 
-def histories(
-    errors: Errors, scanner: NDArray[np.intp], days: float, rng: np.random.Generator, moved: Moved | None = None
-) -> Iterator[tuple[int, History]]:
-    """Each scanner's history after each group, `moved` (looks,) in mm added to u_c at days (looks,)."""
-    first_looks = errors.drawn(rng, scanner, BASELINE_LOOKS)
-    zero, scatter = pooled_means(*first_looks), Scatter.of_looks(*first_looks)
-    history = History.starting_at(np.zeros(len(scanner)), zero.mean, inverse(zero.precision), scatter)
-    groups = round(days * GROUPS_A_DAY)
-    for first in range(0, groups, AT_A_TIME):
-        drawn, covariances = errors.drawn(rng, scanner, AT_A_TIME * GROUP_LOOKS)
-        times = (first * GROUP_LOOKS + 1.0 + np.arange(AT_A_TIME * GROUP_LOOKS)) / LOOKS_A_DAY
-        if moved is not None:
-            drawn[..., 0] += moved(times)
-        apart = (len(scanner), AT_A_TIME, GROUP_LOOKS)
-        means = pooled_means(drawn.reshape(*apart, 2), covariances.reshape(*apart, 2, 2))
-        spread, middle = inverse(means.precision), times.reshape(AT_A_TIME, GROUP_LOOKS).mean(axis=1)
-        for k in range(min(AT_A_TIME, groups - first)):
-            history = history.followed_by(np.full(len(scanner), middle[k]), means.mean[:, k], spread[:, k])
-            yield first + k + 1, history
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """Scanners after a group more: the number of their looks, their history, and the group's looks."""
+
+    number: int
+    history: History
+    days: FloatArray
+    looks: tuple[FloatArray, FloatArray]
+
+    def finding(self, scanner: int) -> Finding:
+        """What the chart of one of them finds."""
+        segments = (
+            Segment(
+                each.groups,
+                each.first_days[scanner],
+                each.last_days[scanner],
+                each.precision[scanner],
+                each.weighted[scanner],
+            )
+            for each in self.history.segments
+        )
+        all_ = self.history.scatter
+        scatter = Scatter(all_.differences, all_.squares[scanner], all_.mean[scanner], all_.covariance[scanner])
+        newest = (Look(*look) for look in zip(self.days, *(values[scanner] for values in self.looks), strict=True))
+        return DriftChart(history=History(tuple(segments), scatter), newest=tuple(newest)).finding()
+
+
+def simulated(
+    errors: Errors, scanner: NDArray[np.intp], days: float, rng: np.random.Generator, change: Change | None = None
+) -> Iterator[Simulated]:
+    """Each scanner when its baseline is complete and after each later group, so many days from its calibration on."""
+    history, in_all = None, round(days * LOOKS_A_DAY / GROUP_LOOKS) * GROUP_LOOKS
+    for first in range(0, in_all, AT_A_TIME * GROUP_LOOKS):
+        looks = min(AT_A_TIME * GROUP_LOOKS, in_all - first)
+        drawn, covariances = errors.drawn(rng, scanner, looks)
+        times = (first + 1.0 + np.arange(looks)) / LOOKS_A_DAY
+        if change is not None:
+            drawn[..., 0] += change.of(times)
+        apart = (len(scanner), looks // GROUP_LOOKS, GROUP_LOOKS)
+        by_group, their_own = drawn.reshape(*apart, 2), covariances.reshape(*apart, 2, 2)
+        means, by_ten = pooled_means(by_group, their_own), times.reshape(-1, GROUP_LOOKS)
+        spread = inverse(means.precision)
+        pooled: list[Group] = [
+            (np.full(len(scanner), by_ten[k][-1]), means.mean[:, k], spread[:, k]) for k in range(apart[1])
+        ]
+        done = 0
+        if history is None:
+            done = BASELINE_LOOKS // GROUP_LOOKS
+            scatter = Scatter.of_looks(drawn[:, :BASELINE_LOOKS], covariances[:, :BASELINE_LOOKS])
+            history = History.starting_with(pooled[:done], scatter)
+            yield Simulated(BASELINE_LOOKS, history, by_ten[done - 1], (by_group[:, done - 1], their_own[:, done - 1]))
+        for k in range(done, apart[1]):
+            history = history.followed_by(*pooled[k])
+            number = first + (k + 1) * GROUP_LOOKS
+            yield Simulated(number, history, by_ten[k], (by_group[:, k], their_own[:, k]))
+
+
+def evidence_of(history: History) -> FloatArray:
+    """The largest (2, scanners): by the looks' errors alone, and with what other logs may do."""
+    models = history.alternatives(QUIET)
+    alone = np.max([history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models], axis=0)
+    return np.stack([alone, np.max([model.evidence.max(axis=0) for model in models], axis=0)])
 
 
 def false_alarms(errors: Errors, scanners: int, days: float, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
     """First alarms (2, limits), without and with what other logs may do, and the scanner years until them."""
     scanner = rng.integers(len(errors.scatter), size=scanners)
-    alarms, groups = np.zeros((2, len(LIMITS))), np.zeros((2, len(LIMITS)))
+    alarms, looks = np.zeros((2, len(LIMITS))), np.zeros((2, len(LIMITS)))
     largest = np.zeros((2, scanners))
-    for _, history in track(histories(errors, scanner, days, rng), total=round(days * GROUPS_A_DAY)):
-        before = largest
-        models = history.alternatives(QUIET)
-        alone = [history.scatter.chi_squared(model.likelihood).max(axis=0) for model in models]
-        allowing = [model.evidence.max(axis=0) for model in models]
-        largest = np.maximum(largest, np.max([alone, allowing], axis=1))
+    groups = round(days * LOOKS_A_DAY - BASELINE_LOOKS) // GROUP_LOOKS + 1
+    for now in track(simulated(errors, scanner, days, rng), total=groups):
+        before, largest = largest, np.maximum(largest, evidence_of(now.history))
         waiting = before[:, None] <= LIMITS[:, None]
-        groups += waiting.sum(axis=2)
+        looks += waiting.sum(axis=2) * (BASELINE_LOOKS if now.number == BASELINE_LOOKS else GROUP_LOOKS)
         alarms += (waiting & (largest[:, None] > LIMITS[:, None])).sum(axis=2)
-    return alarms, groups / GROUPS_A_DAY / DAYS_A_YEAR
+    return alarms, looks / LOOKS_A_DAY / DAYS_A_YEAR
+
+
+def alarms_of_baselines(errors: Errors, baselines: int, rng: np.random.Generator) -> FloatArray:
+    """Numbers (2, limits) of baselines in which a jump is found though there is none, as `false_alarms`."""
+    alarms = np.zeros((2, len(LIMITS)))
+    for first in track(range(0, baselines, BASELINES_AT_A_TIME)):
+        number = min(BASELINES_AT_A_TIME, baselines - first)
+        complete = next(simulated(errors, rng.integers(len(errors.scatter), size=number), BASELINE_DAYS, rng))
+        alarms += (evidence_of(complete.history)[:, None] > LIMITS[:, None]).sum(axis=2)
+    return alarms
 
 
 @dataclass(frozen=True)
 class Found:
-    """Of one change: the looks until the alarm, and the finding."""
+    """Of one change: which scanner's, the looks until the alarm, and the finding."""
 
+    scanner: int
     looks: int
     finding: Finding
 
 
-def found(errors: Errors, scanners: int, moved: Moved, rng: np.random.Generator) -> tuple[list[Found], int]:
+def found(errors: Errors, change: Change, rng: np.random.Generator) -> tuple[list[Found], int]:
     """The findings at the alarms, and the number of false alarms before the change."""
-    scanner = np.arange(scanners) % len(errors.scatter)
+    scanners = len(change.at)
     waiting, early, findings = np.ones(scanners, bool), 0, []
-    for group, history in histories(errors, scanner, QUIET_DAYS + LONGEST_DAYS, rng, moved):
-        models = history.alternatives(QUIET)
-        evidence = np.max([model.evidence.max(axis=0) for model in models], axis=0)
-        for at in np.flatnonzero(waiting & (evidence > LIMIT)):
-            of_one = (Alternatives(*(values[:, at] for values in vars(model).values())) for model in models)
-            after = group * GROUP_LOOKS - round(QUIET_DAYS * LOOKS_A_DAY)
+    scanner, days = np.arange(scanners) % len(errors.scatter), change.at.max() + LONGEST_DAYS
+    for now in simulated(errors, scanner, days, rng, change):
+        for at in np.flatnonzero(waiting & (evidence_of(now.history)[1] > LIMIT)).tolist():
+            after = now.number - math.floor(change.at[at] * LOOKS_A_DAY)
             waiting[at] = False
             if after <= 0:
                 early += 1
             else:
-                findings.append(Found(after, likelier(*of_one, float(history.segments[-1].last_days[at]))))
+                findings.append(Found(at, after, now.finding(at)))
         if not waiting.any():
             break
     return findings, early
 
 
-def of_jump(size_mm: float) -> Moved:
-    """In the midst of a group."""
-    return lambda days: size_mm * (days > QUIET_DAYS + 2.5 / LOOKS_A_DAY)
-
-
-def of_trend(rate_mm: float) -> Moved:
-    """Beginning after the quiet days."""
-    return lambda days: rate_mm * np.maximum(days - QUIET_DAYS, 0.0)
+def changes(scanners: int) -> Iterator[Change]:
+    """Jumps after each number of looks in a group of ten, in turn, and among the first fifty; a trend."""
+    turn = np.arange(scanners) % GROUP_LOOKS + 0.5
+    for size in JUMPS_MM:
+        at = QUIET_DAYS + turn / LOOKS_A_DAY
+        yield Change(f"jump {size:4.2f} mm", DriftKind.JUMP, size, at)
+    for size in JUMPS_MM:
+        at = (np.linspace(FIRST_LOOKS, BASELINE_LOOKS - FIRST_LOOKS, scanners).round() + 0.5) / LOOKS_A_DAY
+        yield Change(f"among the first 50, {size:4.2f} mm", DriftKind.JUMP, size, at)
+    yield Change("trend 0.01 mm a day", DriftKind.TREND, TREND_MM_A_DAY, np.full(scanners, QUIET_DAYS))
 
 
 def print_delays(errors: Errors, scanners: int, rng: np.random.Generator) -> None:
     """One line a change."""
     print(f"\nlooks from a change of u_c to its alarm; {scanners} scanners, limit {LIMIT}")
-    print("change               found  median  90 %   right kind  time in interval  size within 1.96 s.d.")
-    changes = [(f"jump {size:4.2f} mm", of_jump(size), DriftKind.JUMP, size) for size in JUMPS_MM]
-    changes.append(("trend 0.01 mm a day", of_trend(TREND_MM_A_DAY), DriftKind.TREND, TREND_MM_A_DAY))
-    for name, moved, kind, size in changes:
-        findings, early = found(errors, scanners, moved, rng)
+    print(f"{'change':28s}  found  median  90 %   right kind  time in interval  size within 1.96 s.d.  median share")
+    for change in changes(scanners):
+        findings, early = found(errors, change, rng)
         looks = np.full(scanners - early, math.inf)
         looks[: len(findings)] = [each.looks for each in findings]
-        right = [each.finding for each in findings if each.finding.kind is kind]
-        times = [f.between_days for f in right if f.between_days is not None]
-        held = np.mean([first <= QUIET_DAYS + 0.003 and last >= QUIET_DAYS for first, last in times])
-        sizes = [(f.change[0] - size) / math.sqrt(f.covariance[0, 0]) for f in right if f.change is not None]
+        right = [each for each in findings if each.finding.kind is change.kind]
+        held, sizes, shares = [], [], []
+        for each in right:
+            first, last = each.finding.between_days or (math.inf, -math.inf)
+            held.append(first <= change.at[each.scanner] <= last)
+            if each.finding.change is not None and each.finding.covariance is not None:
+                sizes.append((each.finding.change[0] - change.size) / math.sqrt(each.finding.covariance[0, 0]))
+                shares.append(each.finding.change[0] / change.size)
         print(
-            f"{name:20s} {len(findings) / len(looks):5.1%} {np.median(looks):7.0f} {np.quantile(looks, 0.9):6.0f}"
-            f"   {len(right) / len(findings):9.1%}  {held:16.1%}  {np.mean(np.abs(sizes) < 1.96):10.1%}"
+            f"{change.name:28s} {len(findings) / len(looks):5.1%} {np.median(looks):7.0f} "
+            f"{np.quantile(looks, 0.9, method='higher'):6.0f}   {len(right) / max(len(findings), 1):9.1%}  "
+            f"{np.mean(held):16.1%}  {np.mean(np.abs(sizes) < 1.96):21.1%}  {np.median(shares):12.2f}"
         )
 
 
@@ -219,13 +299,26 @@ def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
         )
 
 
+def print_baselines(alarms: FloatArray, baselines: int) -> None:
+    """At the limit of the chart."""
+    number = alarms[:, int(np.flatnonzero(LIMITS == LIMIT)[0])]
+    high: FloatArray = np.asarray(chi2.ppf(0.975, 2.0 * number + 2.0)) / 2.0 / baselines
+    for name, count, most in zip(("by the looks' errors alone", "other logs allowed for"), number, high, strict=True):
+        print(
+            f"{name}: {count:.0f} of {baselines} baselines hold a jump that is none; at a calibration each week "
+            f"{52.0 * count / baselines:.4f} a year, at most {52.0 * most:.4f}"
+        )
+    print("by limit, alone:", dict(zip(LIMITS.tolist(), alarms[0].tolist(), strict=True)))
+
+
 def main() -> None:
-    """Print both tables."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--errors", type=Path, default=OUTPUT)
     parser.add_argument("--scanners", type=int, default=200)
     parser.add_argument("--days", type=float, default=36.0)
     parser.add_argument("--batches", type=int, default=2)
+    parser.add_argument("--baselines", type=int, default=200_000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     errors = Errors.read(options.errors)
@@ -239,6 +332,7 @@ def main() -> None:
     print(f"exponent of the tail beyond {TAIL:.0%}: {errors.exponent:.1f}")
     batches = [false_alarms(errors, options.scanners, options.days, rng) for _ in range(options.batches)]
     print_alarms(*(np.sum(each, axis=0) for each in zip(*batches, strict=True)))
+    print_baselines(alarms_of_baselines(errors, options.baselines, rng), options.baselines)
     print_delays(errors, options.scanners, rng)
 
 

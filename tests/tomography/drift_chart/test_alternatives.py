@@ -30,7 +30,7 @@ def covariances(number):
 
 def history_of(days, means, covariance):
     scatter = Scatter.of_looks(means[:1], covariance[:1])
-    history = History.starting_at(np.asarray(days[0]), means[0], covariance[0], scatter)
+    history = History.starting_with([(np.asarray(days[0]), means[0], covariance[0])], scatter)
     for each in zip(days[1:], means[1:], covariance[1:], strict=True):
         history = history.followed_by(np.asarray(each[0]), *each[1:])
     return history
@@ -39,7 +39,7 @@ def history_of(days, means, covariance):
 def test_one_group_after_the_baseline_by_hand():
     """The covariances add: 1 of the baseline, 3 of the group; and what logs may do, 5."""
     history = history_of([0.0, 1.0], np.array([[1.0, 0.0], [4.0, 0.0]]), np.array([np.eye(2), 3.0 * np.eye(2)]))
-    steps, trends = steps_and_trends((history.baseline, *history.segments), NO_SCATTER, 5.0 * np.eye(2))
+    steps, trends = steps_and_trends(history.segments, NO_SCATTER, 5.0 * np.eye(2))
     np.testing.assert_allclose(steps.change, [[3.0, 0.0]])
     np.testing.assert_allclose(steps.covariance, [9.0 * np.eye(2)], atol=1e-6)
     assert steps.likelihood == pytest.approx(9.0 / 4.0)
@@ -75,7 +75,7 @@ def test_both_models_are_generalised_least_squares_with_the_mean_unknown():
     covariance = covariances(size)
     means = NOISE.standard_normal((size, 2)) * [1.0, 1e-3]
     history = history_of(days, means, covariance)
-    steps, trends = steps_and_trends((history.baseline, *history.segments), NO_SCATTER, NOTHING)
+    steps, trends = steps_and_trends(history.segments, NO_SCATTER, NOTHING)
     # The oldest two single groups have been joined twice.
     ends = steps.began_days
     assert len(ends) < size - 1
@@ -95,9 +95,8 @@ def test_evidence_counts_less_in_the_direction_in_which_looks_scatter_more():
     """Independent u_c and tau; u_c scatters four times as much in variance, tau as it says."""
     means, spread = NOISE.standard_normal((12, 2)), np.tile(np.diag([1.0, 9.0]), (12, 1, 1))
     history = history_of(np.arange(12.0), means, spread)
-    segments = (history.baseline, *history.segments)
-    believed, _ = steps_and_trends(segments, NO_SCATTER, NOTHING)
-    doubted, _ = steps_and_trends(segments, scattering(4.0, 1.0), NOTHING)
+    believed, _ = steps_and_trends(history.segments, NO_SCATTER, NOTHING)
+    doubted, _ = steps_and_trends(history.segments, scattering(4.0, 1.0), NOTHING)
     parts = believed.change**2 / np.diagonal(believed.covariance, axis1=-2, axis2=-1)
     np.testing.assert_allclose(doubted.evidence, parts @ [0.25, 1.0], rtol=1e-5)
     np.testing.assert_allclose(doubted.covariance[0], believed.covariance[0] * np.diag([4.0, 1.0]), rtol=1e-6)
@@ -107,7 +106,7 @@ def test_a_long_history_keeps_few_segments_and_all_of_its_sums():
     size = 500
     history = history_of(np.arange(float(size)), NOISE.standard_normal((size, 2)), np.tile(np.eye(2), (size, 1, 1)))
     groups = [segment.groups for segment in history.segments]
-    assert sum(groups) == size - 1
+    assert sum(groups) == size
     assert groups == sorted(groups, reverse=True)
     assert max(groups.count(each) for each in set(groups)) <= OF_EACH_SIZE
     assert len(groups) <= OF_EACH_SIZE * 7

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from sawmill_worker.tomography.drift_chart.chart import LIMIT, QUIET, DriftChart, DriftKind
+from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind
 from sawmill_worker.tomography.drift_chart.history import History
 from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Look
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
@@ -14,6 +14,8 @@ from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_
 
 ALONG, TILT = 0.005, math.radians(0.09)
 LOOK = np.array([[(25.0 * TILT) ** 2 + ALONG**2, -25.0 * TILT**2], [-25.0 * TILT**2, TILT**2]])
+# What a look knows to ALONG.
+SEEN = np.array([1.0, 25.0])
 A_DAY = 2000
 
 
@@ -63,6 +65,34 @@ def test_a_jump_is_found_with_its_size_and_time(size_mm):
     assert found.log_odds > 0.0
 
 
+@pytest.mark.parametrize(("size_mm", "before"), [(0.05, 0), (0.05, 4), (-0.3, 5), (0.05, 7)])
+def test_a_jump_in_the_midst_of_ten_looks_has_its_size_from_the_first_alarm_on(size_mm, before):
+    chart, found = DriftChart(), []
+    at = (BASELINE_LOOKS + before - 0.5) / A_DAY
+    for look in looks(12, BASELINE_LOOKS + 3 * GROUP_LOOKS, lambda days: size_mm * (days > at), outliers=0.0):
+        chart = chart.with_look(look)
+        if not chart.pending and chart.finding().alarm:
+            found.append(chart.finding())
+    assert len(found) >= 2
+    for each in found:
+        assert each.kind is DriftKind.JUMP
+        assert each.between_days[0] <= at <= each.between_days[1]
+        assert abs(SEEN @ each.change - size_mm) < 2.5 * math.sqrt(SEEN @ each.covariance @ SEEN) < 0.02
+
+
+@pytest.mark.parametrize("before", [8, 15, 20, 27, 40])
+def test_a_jump_among_the_first_looks_is_none_of_zero(before):
+    """Zero is what was before it, and the alarm comes with the fiftieth look or soon after."""
+    at = (before - 0.5) / A_DAY
+    chart = charted(looks(13, 80, lambda days: 0.06 * (days > at), outliers=0.0))
+    found = chart.finding()
+    assert found.kind is DriftKind.JUMP
+    assert found.between_days[0] <= at <= found.between_days[1]
+    assert abs(SEEN @ found.change - 0.06) < 2.5 * math.sqrt(SEEN @ found.covariance @ SEEN) < 0.02
+    assert SEEN @ chart.baseline.estimate.change == pytest.approx(0.3 + 25.0 * 0.01, abs=0.01)
+    assert chart.baseline.estimate.looks - chart.baseline.estimate.outliers <= before
+
+
 def test_a_trend_is_found_with_its_slope_and_time():
     found = charted(looks(3, 2400, lambda days: 0.1 * max(days - 0.2, 0.0))).finding()
     assert found.kind is DriftKind.TREND
@@ -92,11 +122,11 @@ def test_outliers_and_covariances_that_are_too_small_raise_no_alarm():
 def test_quiet_scanners_stay_quiet_and_evidence_comes_near_the_limit():
     """150 scanners with 2 000 looks each, 0.4 of a year."""
     rng = np.random.default_rng(7)
-    start, scanners = np.asarray(0.0), 150
+    scanners = 150
     root, group = np.linalg.cholesky(LOOK), np.tile(LOOK / 10.0, (scanners, 1, 1))
     zero = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(50.0)
     scatter = Scatter.of_looks(zero[:, None], 10.0 * group[:, None])
-    history = History.starting_at(np.full(scanners, start), zero, group / 5.0, scatter)
+    history = History.starting_with([(np.zeros(scanners), zero, group / 5.0)], scatter)
     largest = np.zeros(scanners)
     for k in range(1, 201):
         mean = rng.standard_normal((scanners, 2)) @ root.T / math.sqrt(10.0)
@@ -126,8 +156,8 @@ def test_json_keeps_a_chart_and_goes_on_as_if_it_had_not_been_put_away():
 
 def test_a_state_that_is_none_is_refused():
     state = chart_to_state(DriftChart())
-    with pytest.raises(ValueError, match="layout is 2 and must be 1"):
-        chart_from_state({**state, "layout": 2})
+    with pytest.raises(ValueError, match="layout is 1 and must be 2"):
+        chart_from_state({**state, "layout": 1})
     with pytest.raises(ValueError, match="no state of a drift chart: 'pending'"):
         chart_from_state({name: value for name, value in state.items() if name != "pending"})
 
@@ -141,7 +171,9 @@ def test_a_state_that_is_none_is_refused():
         (("baseline", "change"), [0.0]),
         (("history",), []),
         (("history", "segments", 0, "precision"), [1.0]),
-        (("history", "baseline", "first_days"), None),
+        (("history", "segments"), []),
+        (("history", "segments", 0, "first_days"), None),
+        (("newest",), []),
         (("history", "scatter", "differences"), "many"),
         (("history", "scatter", "squares"), [[math.nan, 0.0], [0.0, 1.0]]),
     ],

@@ -10,7 +10,8 @@ from enum import StrEnum
 import numpy as np
 
 from sawmill_worker.tomography.drift_chart.alternatives import Alternatives
-from sawmill_worker.tomography.drift_chart.history import History
+from sawmill_worker.tomography.drift_chart.history import Group, History
+from sawmill_worker.tomography.drift_chart.jump import jump_at
 from sawmill_worker.tomography.drift_chart.looks import BASELINE_LOOKS, Baseline, Look, pooled, stacked
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
 from sawmill_worker.tomography.geometry import FloatArray
@@ -89,39 +90,59 @@ class DriftChart:
     baseline : Baseline or None
         Until it is complete, none.
     history : History or None
-        As the baseline.
+        Of the groups, those of the baseline's looks among them; none until that is complete.
+    newest : tuple of Look
+        Those of the newest group.
     """
 
     pending: tuple[Look, ...] = ()
     baseline: Baseline | None = None
     history: History | None = None
+    newest: tuple[Look, ...] = ()
 
     def with_look(self, look: Look) -> "DriftChart":
         """The chart with one look more, in the order in which logs were scanned."""
         pending = (*self.pending, look)
-        if self.baseline is None or self.history is None:
-            if len(pending) < BASELINE_LOOKS:
-                return replace(self, pending=pending)
-            baseline = Baseline.of(pending)
-            zero = baseline.estimate
-            scatter = Scatter.of_looks(*stacked(pending))
-            days = np.asarray(baseline.until_days)
-            return DriftChart((), baseline, History.starting_at(days, zero.change, zero.covariance, scatter))
+        if self.history is None:
+            return _begun(pending) if len(pending) == BASELINE_LOOKS else replace(self, pending=pending)
         if len(pending) < GROUP_LOOKS:
             return replace(self, pending=pending)
-        group = pooled(pending)
-        history = self.history.followed_by(np.asarray(group.days), group.change, group.covariance)
-        return replace(self, pending=(), history=history)
+        history = self.history.followed_by(*_group(pending))
+        return replace(self, pending=(), history=history, newest=pending)
 
     def finding(self) -> Finding:
         """What the complete groups say."""
         if self.history is None:
             return Finding(DriftKind.LEARNING)
-        scatter = float(np.sqrt(0.5 * np.trace(self.history.scatter.ratio)))
-        if not self.history.segments:
-            return Finding(DriftKind.QUIET, scatter=scatter)
-        now = float(self.history.segments[-1].last_days)
-        return replace(likelier(*self.history.alternatives(QUIET), now), scatter=scatter)
+        history, now_days = self.history, float(self.history.segments[-1].last_days)
+        scatter = float(np.sqrt(0.5 * np.trace(history.scatter.ratio)))
+        found = replace(likelier(*history.alternatives(QUIET), now_days), scatter=scatter)
+        if found.kind is not DriftKind.JUMP or found.began_days is None or found.between_days is None:
+            return found
+        since, until = found.between_days
+        jump = jump_at(found.began_days, history.segments, self.newest, history.scatter, QUIET)
+        found = replace(found, change=jump.change, covariance=jump.covariance)
+        if not jump.looks_before:
+            return found
+        # It came in the midst of the newest group.
+        last_before, last = self.newest[jump.looks_before - 1].days, self.newest[-1].days
+        return replace(found, began_days=last_before, between_days=(since, max(until, last)))
+
+
+def _begun(looks: tuple[Look, ...]) -> DriftChart:
+    """With the looks of the baseline: zero is what they show until the jump, where there is one among them."""
+    groups = [looks[first : first + GROUP_LOOKS] for first in range(0, len(looks), GROUP_LOOKS)]
+    history = History.starting_with(map(_group, groups), Scatter.of_looks(*stacked(looks)))
+    chart = DriftChart(history=history, newest=groups[-1])
+    began_days = chart.finding().began_days
+    zero = looks if began_days is None else [look for look in looks if look.days <= began_days]
+    return replace(chart, baseline=Baseline.of(zero))
+
+
+def _group(looks: tuple[Look, ...]) -> Group:
+    """At the time of its last look, so that a jump in its midst lies between the times of two groups."""
+    group = pooled(looks)
+    return np.asarray(looks[-1].days), group.change, group.covariance
 
 
 def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Finding:
@@ -141,9 +162,9 @@ def likelier(steps: Alternatives, trends: Alternatives, now_days: float) -> Find
     model, likelihood = models[of_kind], likelihoods[of_kind]
     at = int(np.argmax(likelihood))
     plausible = np.flatnonzero(likelihood >= best[of_kind] - PLAUSIBLE)
-    # A change between two candidates looks like one at the nearer.
-    times = np.append(model.began_days, now_days)
-    between = (float(times[max(plausible[0] - 1, 0)]), float(times[plausible[-1] + 1]))
+    # A change between two candidates looks like one at the nearer; before the first one there is the calibration.
+    times = [0.0, *model.began_days.tolist(), now_days]
+    between = times[plausible[0]], times[plausible[-1] + 2]
     return Finding(
         (DriftKind.JUMP, DriftKind.TREND)[of_kind],
         evidence,

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from sawmill_worker.tomography.drift_chart.chart import DriftChart
+from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, DriftChart
 from sawmill_worker.tomography.drift_chart.history import History
 from sawmill_worker.tomography.drift_chart.looks import Baseline, Look, PooledLook
 from sawmill_worker.tomography.drift_chart.scatter import Scatter
@@ -13,7 +13,7 @@ from sawmill_worker.tomography.drift_chart.segments import Segment
 from sawmill_worker.tomography.geometry import FloatArray
 
 # Of the layout below: a chart of another one is begun anew from the looks.
-LAYOUT = 1
+LAYOUT = 2
 
 
 def chart_to_state(chart: DriftChart) -> dict[str, Any]:
@@ -22,6 +22,7 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
     return {
         "layout": LAYOUT,
         "pending": [_look_to_state(look) for look in chart.pending],
+        "newest": [_look_to_state(look) for look in chart.newest],
         "baseline": baseline
         and {
             **_look_to_state(baseline.estimate),
@@ -31,7 +32,6 @@ def chart_to_state(chart: DriftChart) -> dict[str, Any]:
         },
         "history": history
         and {
-            "baseline": _segment_to_state(history.baseline),
             "segments": [_segment_to_state(segment) for segment in history.segments],
             "scatter": {
                 "differences": history.scatter.differences,
@@ -59,10 +59,13 @@ def chart_from_state(state: Mapping[str, Any]) -> DriftChart:
         baseline, history = state["baseline"], state["history"]
         if (baseline is None) != (history is None):
             raise ValueError("a drift chart has a baseline and a history, or neither")
+        if history is not None and (not history["segments"] or len(state["newest"]) != GROUP_LOOKS):
+            raise ValueError("a drift chart with a history has segments, and the looks of its newest group")
         return DriftChart(
             tuple(Look(**_look(look)) for look in state["pending"]),
             None if baseline is None else _baseline(baseline),
             None if history is None else _history(history),
+            tuple(Look(**_look(look)) for look in state["newest"]),
         )
     except (KeyError, TypeError, AttributeError) as wrong:
         raise ValueError(f"this is no state of a drift chart: {wrong}") from wrong
@@ -92,7 +95,6 @@ def _baseline(state: Mapping[str, Any]) -> Baseline:
 def _history(state: Mapping[str, Any]) -> History:
     scatter = state["scatter"]
     return History(
-        _segment(state["baseline"]),
         tuple(_segment(segment) for segment in state["segments"]),
         Scatter(
             int(_numbers(scatter["differences"])),
