@@ -16,6 +16,7 @@ from sawmill_worker.contracts.history import HistoryKind
 from sawmill_worker.contracts.jobs import JobKind
 from sawmill_worker.contracts.measurements import MeasurementKind
 from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.storage import drift_charts
 from sawmill_worker.storage.drift_charts import _counted
 from sawmill_worker.storage.origins import origin_of
 from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow
@@ -179,29 +180,39 @@ def test_a_check_counts_once_for_its_scan_and_only_after_the_active_calibration(
     assert (measured.method, measured.baseline_looks, measured.pooled_looks) == ("view-pairs", None, None)
 
 
+def go_on(store, scanner, follow=follow):
+    """As housekeeping does, round by round."""
+    while store.drift_charts.follow(scanner.id, follow):
+        pass
+
+
+@pytest.fixture
+def short_portions(monkeypatch):
+    monkeypatch.setattr(drift_charts, "PORTION", 20)
+
+
+@pytest.mark.usefixtures("short_portions")
 def test_each_look_goes_into_its_chart_once_whoever_looks_and_after_a_kill(store, scanner, calibrated, charted):
     calibrated()
     charted([(0.0, 0.0)] * 75)
-    taken = []
+    portions = []
 
-    def killed(*_):
-        raise KeyboardInterrupt
-
-    def noting(state, method, before, looks):
-        taken.extend(each.at for each in looks)
-        return follow(state, method, before, looks)
+    def killed_after_two(*given):
+        if len(portions) == 2:
+            raise KeyboardInterrupt
+        portions.append(given[-1])
+        return follow(*given)
 
     with pytest.raises(KeyboardInterrupt):
-        store.drift_charts.follow(scanner.id, killed)
-    assert store.drift_charts.of_scanner(scanner.id).charts == []
+        go_on(store, scanner, killed_after_two)
+    assert store.drift_charts.of_scanner(scanner.id).charts[0].looks == 40
     with ThreadPoolExecutor(3) as several:
-        numbers = list(several.map(lambda _: store.drift_charts.follow(scanner.id, noting), range(3)))
-    assert sum(numbers) == len(taken) == len({*taken}) == 75
-    assert store.drift_charts.follow(scanner.id, noting) == 0
+        list(several.map(lambda _: go_on(store, scanner), range(3)))
+    assert store.drift_charts.waiting() == []
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.looks, chart.baseline.looks, chart.pooled_looks, chart.finding.kind) == (75, 50, 50, "quiet")
     assert (chart.alarm, chart.method) == (None, "view-pairs")
-    at_once = follow(None, "view-pairs", lambda _: [], looks_of(store, chart.since))
+    at_once = follow({}, "view-pairs", [], looks_of(store, chart.since))
     assert chart.finding == at_once.finding
     newest = rows(store)[-1]
     assert newest.pooled_cor_column_mm == pytest.approx(at_once.pools[-1].cor_column_mm, abs=1e-9)
@@ -212,11 +223,54 @@ def looks_of(store, since):
     return [_counted(row, since) for row in rows(store)]
 
 
+@pytest.mark.usefixtures("short_portions")
+@pytest.mark.parametrize("state", [{}, {"layout": 1}])
+def test_a_chart_that_cannot_be_read_is_begun_anew_in_portions_and_nobody_waits_for_it(
+    store, scanner, calibrated, charted, state
+):
+    calibrated()
+    charted([(0.0, 0.0)] * 50 + [(0.12, 0.0)] * 20)
+    go_on(store, scanner)
+    (known,) = store.drift_charts.of_scanner(scanner.id).charts
+    pools = [row.pooled_cor_column_mm for row in rows(store)]
+    with store._database.write() as session:
+        session.execute(update(DriftChartRow).values(state=state))
+    charted([(0.12, 0.0)])
+    numbers = []
+
+    def writing(state, method, before, looks):
+        numbers.append((len(before), len(looks)))
+        store.scanners.update(scanner.id, scanner)  # a request that writes: its lock is free
+        assert store.drift_charts.of_scanner(scanner.id).charts[0].finding.kind == "jump"
+        return follow(state, method, before, looks)
+
+    go_on(store, scanner, writing)
+    assert numbers[-4:] == [(0, 20), (20, 20), (40, 20), (50, 11)]
+    (anew,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert (anew.looks, anew.finding, anew.alarm, anew.baseline) == (71, known.finding, known.alarm, known.baseline)
+    assert [row.pooled_cor_column_mm for row in rows(store)][:-1] == pools
+
+
+def test_a_look_that_comes_after_a_later_calibration_s_is_left_out(store, scanner, calibrated, charted, clock):
+    calibrated()
+    charted([(0.0, 0.0)] * 2)
+    since = clock.now
+    calibrated()
+    charted([(0.0, 0.0)] * 3)
+    go_on(store, scanner)
+    with store._database.write() as session:
+        late = session.scalars(select(MeasurementRow).order_by(MeasurementRow.number).limit(1).offset(2)).one()
+        late.activation_number, late.awaits_chart = 1, True
+    go_on(store, scanner)
+    (chart,) = store.drift_charts.of_scanner(scanner.id).charts
+    assert (chart.looks, chart.since >= since, store.drift_charts.waiting()) == (3, True, [])
+
+
 def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner, calibrated, charted, clock):
     first = calibrated()
     charted([(0.0, 0.0)] * 80 + [(0.12, 0.0)] * 30)
     clock.advance(days=1)
-    store.drift_charts.follow(scanner.id, follow)
+    go_on(store, scanner)
     (opened,) = store.alarms.check()
     assert (opened.what, opened.alarm.what, opened.alarm.drift.kind) == ("alarm-opened", "drift", "jump")
     assert opened.alarm.drift.cor_column_change_mm == pytest.approx(0.12, abs=0.06)
@@ -241,7 +295,7 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     (closed,) = store.alarms.check()
     assert (closed.what, closed.alarm.what) == ("alarm-closed", "drift")
     charted([(0.3, 0.0)] * 51)
-    store.drift_charts.follow(scanner.id, follow)
+    go_on(store, scanner)
     (chart,) = store.drift_charts.of_scanner(scanner.id).charts
     assert (chart.calibration_id, chart.looks, chart.alarm) == (second, 51, None)
     assert chart.baseline.cor_column_offset_mm == pytest.approx(0.3, abs=0.03)
@@ -253,7 +307,7 @@ def test_a_baseline_is_handed_to_later_checks_which_say_how_old_it_is(
 ):
     active = calibrated()
     charted([(0.0, 0.0)] * 50)
-    store.drift_charts.follow(scanner.id, follow)
+    go_on(store, scanner)
     clock.advance(days=2)
     asked = store.drifts.accept(DriftAsk(scan_id=log()))
     handed = store.jobs.handed_over(asked.job_id)

@@ -10,6 +10,9 @@ from sawmill_worker.contracts.base import Contract, Identifier, Time
 from sawmill_worker.contracts.choices import DriftFindingKind, DriftMethod
 from sawmill_worker.contracts.drift_baselines import KnownBaseline
 
+# Looks that the pooled line takes together: 36 minutes of a day of 2 000 logs.
+POOLED_LOOKS = 50
+
 
 class DriftFinding(Contract):
     """What the chart of a scanner finds."""
@@ -136,7 +139,6 @@ class Followed(NamedTuple):
     pools: list[Pool]
 
 
-# The newest looks that the chart has, at most this number or all, the oldest first.
-LooksBefore = Callable[[int | None], list[CountedLook]]
-# What continues a chart: its state (None: a new one), by which method, the looks before, and new ones, oldest first.
-Follow = Callable[[dict[str, Any] | None, DriftMethod, LooksBefore, list[CountedLook]], Followed]
+# What continues a chart: its state (empty: it begins), by which method, the newest looks that it has (`POOLED_LOOKS`),
+# and the next ones, oldest first. None: it cannot read the state.
+Follow = Callable[[dict[str, Any], DriftMethod, list[CountedLook], list[CountedLook]], Followed | None]

@@ -3,12 +3,12 @@
 from typing import Any
 
 from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.scanner_drift import CountedLook, Followed, LooksBefore
+from sawmill_worker.contracts.scanner_drift import CountedLook, Followed
 
 
 def follow_drift(
-    state: dict[str, Any] | None, method: DriftMethod, before: LooksBefore, looks: list[CountedLook]
-) -> Followed:
+    state: dict[str, Any], method: DriftMethod, before: list[CountedLook], looks: list[CountedLook]
+) -> Followed | None:
     """As `sawmill_worker.use_cases.drift_following.follow`."""
     # A worker that is asked for no drift check holds no NumPy.
     from sawmill_worker.use_cases.drift_following import follow  # noqa: PLC0415

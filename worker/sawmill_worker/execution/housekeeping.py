@@ -16,8 +16,10 @@ from sawmill_worker.storage.store import Store
 
 # Seconds by which a clock may be off unmentioned: far more than clocks that are set over a network differ by.
 TOLERABLE_S = 5.0
-# Seconds between two looks at alarms, whose limits are hours and days.
-ALARMS_EVERY_S = 60.0
+# Seconds between two looks at what has limits of hours and days.
+SELDOM_S = 60.0
+# Seconds of a round in which drift charts go on, if they are many or are begun anew; leases wait for it.
+DRIFT_S = 1.0
 
 
 class Housekeeping:
@@ -43,7 +45,7 @@ class Housekeeping:
         self._leftovers = store.leftovers(grace_s=settings.leftovers_s)
         self._retention = store.retention_keeper()
         self._clock_is_off = False
-        self._alarms_due_s = time.monotonic()
+        self._seldom_due_s = time.monotonic()
         self._thread = threading.Thread(target=self._loop, name="housekeeping", daemon=True)
 
     def start(self) -> None:
@@ -56,18 +58,20 @@ class Housekeeping:
 
     def once(self) -> None:
         """Everything that is due now; what cannot be done does not keep the rest from being done."""
-        for duty in (
+        duties = [
             self._take_back_silent,
             self._run_due_schedules,
             self._follow_drift,
-            self._check_alarms,
             self._compare_clocks,
             self._remove_uploads,
             self._retire,
             self._remove_leftovers,
             self._store.repeats.forget_old,
-            self._store.webhooks.forget_deliveries,
-        ):
+        ]
+        if (now_s := time.monotonic()) >= self._seldom_due_s:
+            self._seldom_due_s = now_s + SELDOM_S
+            duties += [self._check_alarms, self._store.webhooks.forget_deliveries]
+        for duty in duties:
             with going_on("housekeeping-put-off", duty=duty.__name__.strip("_")):  # nobody else does these duties
                 duty()
 
@@ -106,14 +110,15 @@ class Housekeeping:
 
     def _follow_drift(self) -> None:
         """Drift checks that ended since go into their scanners' charts; the science is imported with the first one."""
-        for scanner_id in self._store.drift_charts.waiting():
-            with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
-                self._store.drift_charts.follow(scanner_id, follow_drift)
+        waiting, until_s = self._store.drift_charts.waiting(), time.monotonic() + DRIFT_S
+        while waiting:
+            going, waiting = waiting, []
+            for scanner_id in going:
+                with going_on("drift-chart-put-off", scanner_id=scanner_id):  # the others' go on
+                    if self._store.drift_charts.follow(scanner_id, follow_drift) and time.monotonic() < until_s:
+                        waiting.append(scanner_id)
 
     def _check_alarms(self) -> None:
-        if (now_s := time.monotonic()) < self._alarms_due_s:
-            return
-        self._alarms_due_s = now_s + ALARMS_EVERY_S
         for what, alarm in self._store.alarms.check():
             structlog.get_logger().warning(what.value, **alarm.model_dump(mode="json", exclude_none=True))
 

@@ -1,7 +1,7 @@
 """A scanner's drift chart, continued look by look: what housekeeping calls, on plain values."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from datetime import datetime, timedelta
 from itertools import groupby
 from typing import Any
@@ -9,22 +9,22 @@ from typing import Any
 import numpy as np
 
 from sawmill_worker.contracts.choices import DriftMethod
-from sawmill_worker.contracts.scanner_drift import CountedLook, DriftFinding, Followed, LooksBefore, Pool
+from sawmill_worker.contracts.scanner_drift import POOLED_LOOKS, CountedLook, DriftFinding, Followed, Pool
 from sawmill_worker.tomography.drift_chart.chart import DriftChart, Finding
 from sawmill_worker.tomography.drift_chart.looks import Look, pooled_means, stacked
 from sawmill_worker.tomography.drift_chart.matrices import inverse
 from sawmill_worker.tomography.drift_chart.state import chart_from_state, chart_to_state
 from sawmill_worker.use_cases.drift_baseline import known_baseline
 
-# Looks that the pooled line takes together: 36 minutes of a day of 2 000 logs.
-POOLED_LOOKS = 50
-
 
 def follow(
-    state: dict[str, Any] | None, method: DriftMethod, before: LooksBefore, looks: list[CountedLook]
-) -> Followed:
-    """Continue a chart with one look or more; from what is no state of this version's it is begun anew with all."""
-    chart = _chart(state, before)
+    state: dict[str, Any], method: DriftMethod, before: list[CountedLook], looks: list[CountedLook]
+) -> Followed | None:
+    """Continue a chart with one look or more; None where the state is none of this version's."""
+    try:
+        chart = chart_from_state(state) if state else DriftChart()
+    except ValueError:
+        return None
     start = looks[0].at - timedelta(days=looks[0].days)
     finding, baseline, alarm, scatters = _reported(chart.finding(), start), None, None, []
     for counted in looks:
@@ -40,23 +40,8 @@ def follow(
             if found.alarm and alarm is None:
                 alarm = (finding, counted.at)
         scatters.append(finding.scatter)
-    pools = list(_pools(before(POOLED_LOOKS), looks, scatters))
+    pools = list(_pools(before, looks, scatters))
     return Followed(chart_to_state(chart), baseline, finding, alarm, pools)
-
-
-def _chart(state: dict[str, Any] | None, before: LooksBefore) -> DriftChart:
-    if state is None:
-        return DriftChart()
-    try:
-        return chart_from_state(state)
-    except ValueError:
-        return _continued(DriftChart(), before(None))
-
-
-def _continued(chart: DriftChart, looks: Iterable[CountedLook]) -> DriftChart:
-    for counted in looks:
-        chart = chart.with_look(_look(counted))
-    return chart
 
 
 def _look(counted: CountedLook) -> Look:
