@@ -166,7 +166,7 @@ class Simulated:
 def simulated(
     errors: Errors, scanner: NDArray[np.intp], days: float, rng: np.random.Generator, change: Change | None = None
 ) -> Iterator[Simulated]:
-    """Each scanner when its baseline is complete and after each later group, so many days from its calibration on."""
+    """Each scanner when its baseline is complete and after each later group, for that number of days."""
     history, in_all = None, round(days * LOOKS_A_DAY / GROUP_LOOKS) * GROUP_LOOKS
     for first in range(0, in_all, AT_A_TIME * GROUP_LOOKS):
         looks = min(AT_A_TIME * GROUP_LOOKS, in_all - first)

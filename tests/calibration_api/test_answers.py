@@ -175,6 +175,28 @@ def test_drift_is_the_command_s(phantom_file, result_file):
     assert lasting(found.result.model_dump(mode="json")).items() <= lasting(printed).items()
 
 
+def test_a_baseline_is_of_earlier_answers_or_their_files(calibration, tmp_path):
+    moved = replace(THETA, detector_shift_mm=THETA.detector_shift_mm + 0.5)
+    logs = [sawmill.simulate_log_scan(SCANNER, moved, views=24, noise=0.002, seed=seed) for seed in range(4)]
+    earlier = [sawmill.drift(log, calibration) for log in logs[:3]]
+    (tmp_path / "third.json").write_text(earlier[2].result.model_dump_json())
+    absolute, since = sawmill.drift(logs[3], calibration), None
+    for third in (earlier[2], tmp_path / "third.json", str(tmp_path / "third.json")):
+        since = sawmill.drift(logs[3], calibration, baseline=[*earlier[:2], third])
+        assert (since.result.reference, since.result.baseline.looks) == ("baseline", 3)
+        assert since.ray_change_mm < 0.5 * absolute.ray_change_mm
+    assert "since 3 first logs" in since._repr_html_()
+    refusals = {
+        "2 looks make no baseline": earlier[:2],
+        r"baseline\[3\] is of a scan that an earlier answer is of": [*earlier, earlier[0]],
+        "absent.json": [*earlier, tmp_path / "absent.json"],
+        "must be a list of answers": earlier[0],
+    }
+    for sentence, baseline in refusals.items():
+        with pytest.raises(sawmill.InputError, match=sentence):
+            sawmill.drift(logs[3], calibration, baseline=baseline)
+
+
 def test_results_draw_themselves(scan, log, calibration):
     reconstruction = sawmill.reconstruct(log, calibration, size=64, field_centre_mm=(10.0, -20.0), field_mm=100.0)
     checked = sawmill.drift(log, calibration)

@@ -20,7 +20,7 @@ from sawmill_worker.tomography.geometry import FanBeamGeometry, Scanner, Theta
 from sawmill_worker.tomography.log_model import LogModel
 from sawmill_worker.tomography.simulate import simulate_sinogram
 from sawmill_worker.use_cases.drift import CommonMean, DriftInput, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of_files
+from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
 from sawmill_worker.use_cases.failures import JobFailure
 from sawmill_worker.vocabulary import DataKind
 
@@ -290,7 +290,7 @@ def answers(look, disturbed, tmp_path):
 
 
 def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, answers, known):
-    baselines = baselines_of_files(answers, known)
+    baselines = baselines_of(read_answers(answers), known)
     still = look(disturbed(7), baselines=baselines)
     moved = look(disturbed(7, replace(THETA, detector_shift_mm=30.4)), baselines=baselines)
     assert abs(still.significance.cor_column_mm) > 4.0, "absolute, a scanner that stands seems to have moved"
@@ -306,7 +306,7 @@ def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, ans
 
 
 def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, answers, known):
-    (baseline,) = baselines_of_files(answers, known)
+    (baseline,) = baselines_of(read_answers(answers), known)
     beyond = look(disturbed(7), baselines=(baseline,), tolerance_mm=0.5 * look(disturbed(7)).ray_change_mm)
     assert beyond.within_tolerance is False
     assert beyond.ray_change_mm < beyond.tolerance_mm < beyond.baseline.ray_offset_mm
@@ -316,7 +316,7 @@ def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, an
 def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):
     def refusal(*paths, calibration=known):
         with pytest.raises(JobFailure) as caught:
-            baselines_of_files(paths, calibration)
+            baselines_of(read_answers(paths), calibration)
         assert (caught.value.kind, caught.value.code) == (FailureKind.INPUT, "baseline")
         return caught.value.detail
 
@@ -329,7 +329,7 @@ def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):
 
     assert "2 looks make no baseline: 3 or more are needed" in refusal(*answers[:2])
     assert "1.json" not in refusal(answers[0], answers[0])
-    assert "an earlier file is of" in refusal(answers[0], changed())
+    assert "an earlier answer is of" in refusal(answers[0], changed())
     other = known.model_copy(update={"source_frame": TURNTABLE.source_frame(859.46)})
     assert "against another calibration" in refusal(*answers, calibration=other)
     assert "the other way" in refusal(changed(rotation="reversed"))

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -31,6 +31,7 @@ from sawmill_worker.tomography.phantom import Phantom
 from sawmill_worker.tomography.present_rows import mean_of_rows
 from sawmill_worker.use_cases.calibrate import CalibrationInput, calibration_result, run_calibration
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
+from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
 from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.use_cases.result_file import read_calibration as read_result
 from sawmill_worker.vocabulary import (
@@ -231,6 +232,9 @@ class Drift:
         rows = [("rays", f"{result.ray_change_mm:.3g} ± {result.ray_change_uncertainty_mm:.2g} mm")]
         for name, label in (("cor_column_mm", "COR on the detector, mm"), ("tilt_rad", "tilt, rad")):
             rows.append((label, f"{getattr(result.change, name):+.3g} ± {getattr(deviation, name):.2g}"))
+        if (zero := result.baseline) is not None:
+            since, spread = zero.change.cor_column_mm, zero.change_standard_deviation.cor_column_mm
+            rows.append((f"since {zero.looks} first logs: COR, mm", f"{since:+.3g} ± {spread:.2g}"))
         sentences = [result.reason, *(f"not seen: {what}" for what in result.not_seen)]
         return html_of("Drift", rows, verdict=verdicts[result.within_tolerance], sentences=sentences)
 
@@ -361,21 +365,35 @@ def reconstruct(
     return Reconstruction(made.data, made.result, chosen.field_centre_mm)
 
 
-def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) -> Drift:
-    """What moved since a calibration, from any scan of a log with 8 views or more.
+def drift(
+    scan: Scan,
+    calibration: Calibration,
+    *,
+    baseline: Sequence[Drift | str | Path] = (),
+    tolerance_mm: float = 0.5,
+) -> Drift:
+    """What moved since a calibration, from any scan of a log with 8 views or more, as `sawmill drift` does.
 
     Parameters
     ----------
+    baseline : sequence of Drift, or of paths
+        The answers of earlier checks that are zero for the change: what this function gave, or files that
+        `sawmill drift --json` or the service wrote. Of three checks or more against this calibration, each of another
+        scan; those of this scan's method count.
     tolerance_mm : float
         RMS ray distance up to which nothing moved.
 
     Raises
     ------
     ValueError
-        `InputError`: the calibration is of another scanner, or the scan's views cannot be compared.
+        `InputError`: the calibration is of another scanner, the scan's views cannot be compared, or an answer is none
+        for a baseline.
     """
     _check_same_scanner(scan, calibration)
+    if isinstance(baseline, (str, Path, Drift)):
+        raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors():
+        baselines = baselines_of(_named_answers(baseline), calibration.result)
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
     given = DriftInput(
         mean=mean,
@@ -386,9 +404,18 @@ def drift(scan: Scan, calibration: Calibration, *, tolerance_mm: float = 0.5) ->
         tolerance_mm=tolerance_mm,
         averaged_rows=scan.averaged_rows,
         preparation=scan.remarks,
+        baselines=baselines,
     )
     with input_errors():
         return Drift(run_drift(given).ended(datetime.now(UTC)))
+
+
+def _named_answers(answers: Sequence[Drift | str | Path]) -> Iterator[tuple[str, DriftResult]]:
+    for number, answer in enumerate(answers):
+        if isinstance(answer, Drift):
+            yield f"baseline[{number}]", answer.result
+        else:
+            yield from read_answers([Path(answer)])
 
 
 def _check_same_scanner(scan: Scan, calibration: Calibration) -> None:

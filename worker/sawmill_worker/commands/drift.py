@@ -8,7 +8,7 @@ from sawmill_worker.commands.options import CalibrationSource
 from sawmill_worker.commands.reconstruct import open_with_calibration
 from sawmill_worker.contracts.drifts import DriftResult
 from sawmill_worker.use_cases.drift import DriftInput, mean_of_common_rows, run_drift
-from sawmill_worker.use_cases.drift_baseline import baselines_of_files
+from sawmill_worker.use_cases.drift_baseline import baselines_of, read_answers
 from sawmill_worker.use_cases.scan_source import ScanSource
 from sawmill_worker.vocabulary import Progress, ProgressCallback
 
@@ -23,7 +23,7 @@ def check_drift(
 ) -> DriftResult:
     """Read, compare views, and set the change against the calibration, or against a baseline of earlier answers."""
     with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
-        baselines = baselines_of_files(baseline, known)
+        baselines = baselines_of(read_answers(baseline), known)
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(

@@ -1,7 +1,7 @@
-"""Baselines of drift checks: of a chart, and of answers in files."""
+"""Baselines of drift checks: of a chart, and of the answers of earlier checks."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -38,24 +38,42 @@ def known_baseline(
     )
 
 
-def baselines_of_files(paths: Sequence[Path], known: CalibrationResult) -> tuple[KnownBaseline, ...]:
-    """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
+def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
+    """What `drift --json` printed, or the service's answers with the results in them, each with its file's name.
 
     Raises
     ------
     JobFailure
-        A file holds no such answer, one is there twice, or those of a method are too few.
+        A file holds no such answer.
+    """
+    for path in paths:
+        yield path.name, _read(path)
+
+
+def baselines_of(answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult) -> tuple[KnownBaseline, ...]:
+    """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
+
+    Parameters
+    ----------
+    answers
+        Each with the name that a refusal calls it by.
+    known
+        The calibration.
+
+    Raises
+    ------
+    JobFailure
+        An answer is of another calibration, one is there twice, or those of a method are too few.
     """
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
-    for path in paths:
-        result = _read(path)
+    for name, result in answers:
         reason = _why_not(result, known)
         if reason is not None:
-            raise refused("baseline", f"{path.name} {reason}")
+            raise refused("baseline", f"{name} {reason}")
         if result.method is not None:  # else `_why_not` has a reason
             earlier = by_method.setdefault(result.method, {})
             if result.input_sha256 in earlier:
-                raise refused("baseline", f"{path.name} is of a scan that an earlier file is of: give each scan once")
+                raise refused("baseline", f"{name} is of a scan that an earlier answer is of: give each scan once")
             earlier[result.input_sha256] = result
     return tuple(_of(method, list(results.values())) for method, results in by_method.items())
 
@@ -75,7 +93,7 @@ def _look(result: DriftResult) -> Look:
 
 
 def _why_not(result: DriftResult, known: CalibrationResult) -> str | None:
-    """What keeps an answer from being in a baseline, after the name of its file."""
+    """What keeps an answer from being in a baseline, after its name."""
     if result.method is None:
         return "does not say how views were compared, as an earlier version wrote it: check that scan again"
     frame = known.source_frame
@@ -89,7 +107,6 @@ def _why_not(result: DriftResult, known: CalibrationResult) -> str | None:
 
 
 def _read(path: Path) -> DriftResult:
-    """What `drift --json` printed, or the service's answer with the result in it."""
     try:
         with path.open("rb") as stream:
             document = json.loads(stream.read(LONGEST_ANSWER + 1)[:LONGEST_ANSWER])
