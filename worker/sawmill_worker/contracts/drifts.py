@@ -126,6 +126,13 @@ class DriftResult(Contract):
         default_factory=list,
         description="What disturbs the turn beyond chance. What is not found widens the standard deviations.",
     )
+    encoder_bound_mm: float | None = Field(
+        None,
+        description="The most that an encoder that is wrong by 0.1 degrees once a turn still moves `cor_column_mm` of "
+        "this log, one way or the other as the log lies; the standard deviations include it. Null: opposite rays were "
+        "compared, with which an encoder is one of `disturbances`, or from an earlier version.",
+        examples=[0.004],
+    )
     adjustments: list[str] = Field(
         default_factory=list,
         description="What was done to the scan before it was used, a sentence each.",

@@ -40,10 +40,9 @@ FLAT_FIELD_CHANGE_NOT_SEEN = (
     "an error of the flat field behind the log that is newer than the baseline and that the air beside the log does "
     "not show: with so few views it looks like a centre of rotation that moved"
 )
-# The figure is that of `python benchmarks/drift_coverage.py --encoder 0.1`.
 ENCODER_NOT_SEEN = (
-    "an encoder that is eccentric: with so few views 0.1 degrees and a log 20 mm off centre look like a centre of "
-    "rotation that moved by up to 0.06 mm, one way or the other as the log lies"
+    "an encoder that is wrong by far more than 0.1 degrees once a turn, or wrong twice a turn: with so few views it "
+    "looks like a centre of rotation that moved, one way or the other as the log lies, and cancels over many logs"
 )
 NOT_SEEN = (
     "the distance R from the source to the centre of rotation: only the phantom's known size gives the scale",
@@ -122,6 +121,9 @@ class DetectorFit:
         What was done to the scan before it was used.
     disturbances : mapping of Disturbance to float
         What disturbs the turn beyond chance, fitted with the geometry, and its amplitude in its unit.
+    encoder_bound_mm : float or None
+        The most that an encoder that is wrong by 0.1 degrees once a turn moves u_c of this log, which the covariance
+        allows for; None where it is fitted as a disturbance.
     """
 
     cor_column_mm: float
@@ -136,6 +138,7 @@ class DetectorFit:
     distance_sensitivity: FloatArray
     adjustments: tuple[str, ...]
     disturbances: Mapping[Disturbance, float] = field(default_factory=dict)
+    encoder_bound_mm: float | None = None
 
     @property
     def deviation(self) -> FloatArray:

@@ -25,6 +25,8 @@ GAIN = 0.005
 # By how much of the largest ray the line integrals may bend, as a square and as a cube of themselves: a beam that
 # hardens, and -ln of few counts.
 BENT = 0.1
+# RMS amplitude of what the angles may be wrong by once a turn: an eccentric encoder.
+ENCODER_DEG = 0.1
 # Combinations of sums that noise leaves better known than this share of a sum say nothing new: pairs repeat each other,
 # and what is left there is rounding.
 MODEL = 3e-7
@@ -73,6 +75,7 @@ class PairSums:
     scanner: Scanner
     lines: LevelledRays
     pairs: ViewPairs
+    angles_rad: FloatArray
 
     @classmethod
     def of(cls, scanner: Scanner, lines: LevelledRays, angles_rad: FloatArray, start: FloatArray) -> "PairSums":
@@ -91,7 +94,7 @@ class PairSums:
                 f"of the views only {pairs.first.size} pairs stand far enough apart and not opposite each other: "
                 "spread them over the turn",
             )
-        return cls(scanner, lines, pairs)
+        return cls(scanner, lines, pairs, angles_rad)
 
     def _weights(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of the rays of the log's cells in first and in second views, (separations, cells) each."""
@@ -117,11 +120,15 @@ class PairSums:
         slopes = [(self.differences(vector + step) - differences) / step.sum() for step in steps]
         return np.stack(slopes, axis=1)
 
-    def whitening(self, vector: FloatArray, *, bent: bool) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """What makes differences independent and of variance 1, (at most pairs, pairs), gains (pairs, views), bends.
+    def whitening(self, vector: FloatArray, patterns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What makes the differences independent and of variance 1, (at most pairs, pairs), and gains (pairs, views).
 
-        The gains are what a gain of `GAIN` of each view adds to the differences, the bends (pairs, 2) what line
-        integrals add that are bent by `BENT`: none where they are not bent, and only where the vector is near.
+        The gains are what a gain of `GAIN` of each view adds to the differences.
+
+        Parameters
+        ----------
+        patterns : (pairs, patterns) float64
+            What else adds to the differences, each of an amplitude with the standard deviation 1.
         """
         lines, pairs = self.lines, self.pairs
         weights = self._weights(vector)
@@ -134,8 +141,7 @@ class PairSums:
             air[:, views:] += sign * (own @ lines.air_patterns.T)[pairs.separation]
         # A gain of all views changes nothing; what it would add are the differences themselves.
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
-        bends = self._bends(vector, weights) if bent else np.zeros((size, 0))
-        covariance = gains @ gains.T + bends @ bends.T + air @ lines.air_covariance @ air.T
+        covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T
         same = weights[0] - weights[1]
         covariance += lines.cell_variance * (same @ same.T)[np.ix_(pairs.separation, pairs.separation)]
         for at in range(views):
@@ -147,14 +153,15 @@ class PairSums:
         spread, directions = np.linalg.eigh(covariance)
         new = spread > model
         whitening: FloatArray = (directions[:, new] / np.sqrt(spread[new] + model)).T
-        return whitening, gains, bends
+        return whitening, gains
 
-    def _bends(self, vector: FloatArray, weights: tuple[FloatArray, FloatArray]) -> FloatArray:
-        """What squares and cubes of the rays, as shares of the largest, add to the differences, (pairs, 2).
+    def bends(self, vector: FloatArray) -> FloatArray:
+        """What line integrals that are bent by `BENT` add to the differences, as squares and as cubes, (pairs, 2).
 
-        Their noise is that of the differences, enlarged by the bend's slope: so many times the differences, which are
-        nothing else, are taken off them.
+        Their noise is that of the differences, enlarged by the bend's slope: so many times the differences, which near
+        the truth are nothing else, are taken off them.
         """
+        weights = self._weights(vector)
         rays, variance = self.lines.rays, self.lines.variance
         share = rays / float(rays.max())
         squared = weights[0] ** 2, weights[1] ** 2
@@ -165,6 +172,23 @@ class PairSums:
             slopes = self._picked(squared, variance * power * share ** (power - 1))
             bends.append(left - right - (slopes[0] + slopes[1]) / (first + second) * differences)
         return BENT * np.stack(bends, axis=1)
+
+    def encoder(self, vector: FloatArray) -> FloatArray:
+        """What angles add that are wrong by `ENCODER_DEG` times the cosine and the sine of the angle, (pairs, 2).
+
+        The views of a pair stand farther apart than stated by what their angles are wrong by. As shares of the sums,
+        of which the views' gains are no part.
+        """
+        weights = self._weights(vector)
+        fan, _ = fan_angles(self.scanner, vector)
+        fan, delta = fan[self.lines.cells], self.pairs.delta[:, None]
+        by_delta = weights[0] * np.tan(fan + delta), -weights[1] * np.tan(fan - delta)
+        left, right = self._picked(weights, self.lines.rays)
+        left_slope, right_slope = self._picked(by_delta, self.lines.rays)
+        slope = 0.5 * (left + right) * (left_slope / left - right_slope / right)
+        wrong = np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad)], axis=1)
+        farther = 0.5 * math.radians(ENCODER_DEG) * (wrong[self.pairs.second] - wrong[self.pairs.first])
+        return -slope[:, None] * farther
 
     def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.

@@ -32,14 +32,16 @@ STEPS = 8
 SMALL_STEP = 1e-2
 # Below this share of the largest a direction in the space of gains is rounding.
 RANK = 1e-6
+# A pattern below this share of the noise does not show.
+SHOWN = 0.3
 # Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
 # less certain than this share of a cell.
 UNREST, UNREST_CELLS = 25.0, 0.03
 # Of more views these are compared, spread evenly: `MOST_PAIRS` pairs among more views would leave each view's gain
 # unknown, and the interval too short (benchmarks/drift_coverage.py).
 MOST_VIEWS = 45
-# As few comparisons that no gain explains tell the noise to a third.
-FEWEST_FREE = 4
+# As few comparisons that nothing else explains tell the noise, in intervals that Student's t makes twice as long.
+FEWEST_FREE = 2
 
 
 def view_pair_fit(
@@ -85,12 +87,12 @@ def view_pair_fit(
     rays = levelled_rays(screening.bridged(sinogram)[compared], known)
     vector = seen_vector(start)
     sums = {sense: PairSums.of(scanner, rays, sense.apply(angles_rad), vector) for sense in Rotation}
-    fits = {sense: _fit(each, vector, vector, bent=False) for sense, each in sums.items()}
+    fits = {sense: _fit(each, vector, vector) for sense, each in sums.items()}
     residuals = {sense: math.sqrt(fit.chi_squared) for sense, fit in fits.items()}
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
     if fit.settled:
-        fit = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), bent=True)
+        fit = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), disturbed=True)
     _check_found(scanner, fit, start)
     return DetectorFit(
         float(fit.vector[0]),
@@ -104,6 +106,7 @@ def view_pair_fit(
         distance_sensitivity=fit.distance_sensitivity,
         rotation_decided=ratio > DECISIVE,
         adjustments=adjustments,
+        encoder_bound_mm=fit.encoder_bound_mm,
     )
 
 
@@ -129,6 +132,8 @@ class _Fit(NamedTuple):
         Their change per mm of SDD.
     unrest : float
         Variance of what no gain explains, against that of the rays' noise.
+    encoder_bound_mm : float
+        The most that an encoder's error of `ENCODER_DEG` moves u_c.
     settled : bool
         Whether they came to rest inside the reach.
     """
@@ -139,14 +144,20 @@ class _Fit(NamedTuple):
     chi_squared: float
     unrest: float
     relative_residual: float
+    encoder_bound_mm: float
     settled: bool
 
 
-def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, bent: bool) -> _Fit:
-    """By generalised least squares of the pairs' differences, with Gauss-Newton from the start."""
+def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed: bool = False) -> _Fit:
+    """By generalised least squares of the pairs' differences, with Gauss-Newton from the start.
+
+    Near the truth `disturbed` allows for bent line integrals and an encoder that is eccentric.
+    """
     width = sums.scanner.num_detector_pixels * sums.scanner.detector_pitch_mm
     low, high = (calibrated[:2] + side * np.array(REACH) * [width, 1.0] for side in (-1.0, 1.0))
-    white, gains, bends = sums.whitening(start, bent=bent)
+    encoder = sums.encoder(start)
+    patterns = np.hstack([sums.bends(start), math.sqrt(0.5) * encoder]) if disturbed else encoder[:, :0]
+    white, gains = sums.whitening(start, patterns)
     vector, settled = start, False
     for _ in range(STEPS):
         differences = sums.differences(vector)
@@ -160,25 +171,27 @@ def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, bent: boo
             break
     left, right = sums.at(vector)
     slopes = white @ sums.slopes(vector, left - right, 3)
-    scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains, white @ bends)
+    scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains, white @ patterns)
     sensitivity: FloatArray = -np.linalg.pinv(slopes[:, :2]) @ slopes[:, 2]
+    by_encoder = np.linalg.pinv(slopes[:, :2])[0] @ white @ encoder
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-    return _Fit(vector[:2], scaled, sensitivity, chi_squared, unrest, residual, settled)
+    return _Fit(vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), settled)
 
 
 def _scaled(
-    left: FloatArray, slopes: FloatArray, gains: FloatArray, bends: FloatArray
+    left: FloatArray, slopes: FloatArray, gains: FloatArray, patterns: FloatArray
 ) -> tuple[FloatArray, float, float]:
     """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
 
-    What gains and bends explain counts apart, since their size is only assumed. Noise and gains have a scale each: what
-    gains of another size than assumed leave says nothing of the noise, which shows in what no gain explains. How well
-    each scale is known counts by Student's t.
+    What gains and patterns explain counts apart, since their size is only assumed. Noise and gains have a scale each:
+    what gains of another size than assumed leave says nothing of the noise, which shows in what no gain explains. How
+    well each scale is known counts by Student's t.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
     unit = slopes / np.linalg.norm(slopes, axis=0)
-    # Of very few views the bends are left to their share of the covariance.
-    for known in ([unit, gains, bends], [unit, gains]):
+    # What noise hides explains nothing, and of very few views patterns are left to their share of the covariance.
+    shown = patterns[:, np.linalg.norm(patterns, axis=0) > SHOWN]
+    for known in ([unit, gains, shown], [unit, gains]):
         space, size, _ = np.linalg.svd(np.hstack(known), full_matrices=False)
         explained = space[:, size > RANK * size[0]]
         free, of_gains = len(left) - explained.shape[1], explained.shape[1] - slopes.shape[1]

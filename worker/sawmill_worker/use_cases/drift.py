@@ -155,6 +155,7 @@ def run_drift(given: DriftInput) -> DriftResult:
         rotation_ratio=fit.rotation_ratio,
         rotation_decided=fit.rotation_decided,
         relative_residual=fit.relative_residual,
+        encoder_bound_mm=fit.encoder_bound_mm,
         disturbances=[_disturbance(each, amplitude) for each, amplitude in fit.disturbances.items()],
         adjustments=[*came, *mean.remarks, *fit.adjustments],
         scanner=known.scanner,
