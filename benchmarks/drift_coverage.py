@@ -4,10 +4,10 @@
         [--encoder 0.1] [--nails none|masked|left]
 
 Every scanner of `mill_logs` scans `BASELINE` quiet logs and one more, before which half of them drift. Each look
-is compared with the calibration (absolute); the last one also with the mean of those before it (baseline), whose flat
-field's error has stayed. Prints for each class the share refused, bias, RMS error, median error and median standard
-deviation of u_c, the RMS error of the tilt, how often 1.96 standard deviations held the truth, the RMS of errors in
-standard deviations, and how many quiet looks were called moved; then the processor's time for a look.
+is compared with the calibration (absolute); the last one also with the product's baseline of those before it, whose
+flat field's error has stayed. Prints for each class the share refused, bias, RMS error, median error and median
+standard deviation of u_c, the RMS error of the tilt, how often 1.96 standard deviations held the truth, the RMS of
+errors in standard deviations, and how many quiet looks were called moved; then the processor's time for a look.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from scanners import SCANNER
 
 from sawmill_worker.tomography.detector_fit import detector_fit
 from sawmill_worker.tomography.drift import SIGNIFICANT, DetectorFit, DriftError
+from sawmill_worker.tomography.drift_chart.looks import FEWEST_BASELINE_LOOKS, Baseline, Look
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.vocabulary import Rotation
 
@@ -83,7 +84,7 @@ class Study:
         """Count one scanner's looks."""
         moved = Drift(float(rng.normal(0.0, 1.0)), float(rng.normal(0.0, 0.003))) if rng.uniform() < 0.5 else None
         start = mill.calibrated(rng)
-        looks: list[tuple[FloatArray, FloatArray]] = []
+        looks: list[Look] = []
         for log in range(BASELINE + 1):
             drift = moved if log == BASELINE else None
             shown: Nails = nails or ("masked" if mill.rows >= MASKED_FROM and rng.uniform() < MASKED_SHARE else "none")
@@ -103,13 +104,14 @@ class Study:
             for name in classes:
                 self.absolute[name].add(error, _absolute(fit), quiet=drift is None)
             if log < BASELINE:
-                looks.append((error, fit.covariance[:2, :2]))
-            elif looks:
+                looks.append(Look(0.0, error, fit.covariance[:2, :2]))
+            elif len(looks) >= FEWEST_BASELINE_LOOKS:
                 # The error of the calibrated SDD is in all looks alike.
-                change = error - np.mean([each for each, _ in looks], axis=0)
-                covariance = fit.covariance[:2, :2] + sum(each for _, each in looks) / len(looks) ** 2
+                zero = Baseline.of(looks).estimate
                 for name in classes:
-                    self.baseline[name].add(change, covariance, quiet=moved is None)
+                    self.baseline[name].add(
+                        error - zero.change, fit.covariance[:2, :2] + zero.covariance, quiet=moved is None
+                    )
 
     def report(self) -> None:
         """Print the tables."""

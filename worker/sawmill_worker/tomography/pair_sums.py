@@ -188,7 +188,8 @@ class PairSums:
         slope = 0.5 * (left + right) * (left_slope / left - right_slope / right)
         wrong = np.stack([np.cos(self.angles_rad), np.sin(self.angles_rad)], axis=1)
         farther = 0.5 * math.radians(ENCODER_DEG) * (wrong[self.pairs.second] - wrong[self.pairs.first])
-        return -slope[:, None] * farther
+        added: FloatArray = -slope[:, None] * farther
+        return added
 
     def _picked(self, weights: tuple[FloatArray, FloatArray], values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Each pair's sums of values (views, cells) of the first and of the second view, (pairs,) each.

@@ -93,6 +93,10 @@ class DriftResult:
     """ What counts as zero, and the change from it. Null: there is no baseline. """
     disturbances: list[TurnDisturbance] | Unset = UNSET
     """ What disturbs the turn beyond chance. What is not found widens the standard deviations. """
+    encoder_bound_mm: float | None | Unset = UNSET
+    """ The most that an encoder that is wrong by 0.1 degrees once a turn still moves `cor_column_mm` of this log,
+    one way or the other as the log lies; the standard deviations include it. Null: opposite rays were compared,
+    with which an encoder is one of `disturbances`, or from an earlier version. """
     method: DriftMethod | None | Unset = UNSET
     """ How the views were compared. Null: from an earlier version. """
     reference: DriftReference | Unset = UNSET
@@ -192,6 +196,12 @@ class DriftResult:
                 disturbances_item = disturbances_item_data.to_dict()
                 disturbances.append(disturbances_item)
 
+        encoder_bound_mm: float | None | Unset
+        if isinstance(self.encoder_bound_mm, Unset):
+            encoder_bound_mm = UNSET
+        else:
+            encoder_bound_mm = self.encoder_bound_mm
+
         method: None | str | Unset
         if isinstance(self.method, Unset):
             method = UNSET
@@ -255,6 +265,8 @@ class DriftResult:
             field_dict["baseline"] = baseline
         if disturbances is not UNSET:
             field_dict["disturbances"] = disturbances
+        if encoder_bound_mm is not UNSET:
+            field_dict["encoder_bound_mm"] = encoder_bound_mm
         if method is not UNSET:
             field_dict["method"] = method
         if reference is not UNSET:
@@ -389,6 +401,15 @@ class DriftResult:
 
                 disturbances.append(disturbances_item)
 
+        def _parse_encoder_bound_mm(data: object) -> float | None | Unset:
+            if data is None:
+                return data
+            if isinstance(data, Unset):
+                return data
+            return cast(float | None | Unset, data)
+
+        encoder_bound_mm = _parse_encoder_bound_mm(d.pop("encoder_bound_mm", UNSET))
+
         def _parse_method(data: object) -> DriftMethod | None | Unset:
             if data is None:
                 return data
@@ -463,6 +484,7 @@ class DriftResult:
             at=at,
             baseline=baseline,
             disturbances=disturbances,
+            encoder_bound_mm=encoder_bound_mm,
             method=method,
             reference=reference,
             scale_change_percent=scale_change_percent,
