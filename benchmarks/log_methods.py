@@ -1,9 +1,12 @@
-"""The methods of benchmarks/log_table.py, each with its best known settings: ours as a user gets them, and rivals."""
+"""The methods of benchmarks/log_table.py, each with its best known settings: ours as a user gets them, and rivals.
+
+Each takes a scan and chooses its settings, or takes settings that it chose before and is only timed.
+"""
 
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 
 import astra_rivals
@@ -20,10 +23,9 @@ from sawmill_worker.tomography.iterative.cross_validation import parabola_minimu
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.support_region import SupportRegion
-from sawmill_worker.tomography.total_variation import HALO, total_variation
+from sawmill_worker.tomography.total_variation import total_variation
 from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE
-from sawmill_worker.use_cases.block_solvers import COUPLED_TOGETHER, FITTED_TOGETHER
-from sawmill_worker.use_cases.reconstruct import ReconstructionInput, reconstruct_in_memory
+from sawmill_worker.use_cases.reconstruct import SLICES_AROUND, ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, Rotation
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
@@ -32,8 +34,10 @@ WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6,
 CONVERGED, STACK_ITERATIONS = 1e-4, 80
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
-# A step of the search for the stack's weights, and the rows on either side of a judged one that it looks at.
-WEIGHT_STEP, AXIS_STEP, AROUND = math.sqrt(2.0), 2.0, 3
+# Of the search for the stack's weights: a step, the steps from the weight in the plane and an axis of 1 at which
+# it starts, and the rows on either side of a judged one that it looks at.
+WEIGHT_STEP, AXIS_STEP, FIRST_STEPS, AROUND = math.sqrt(2.0), 2.0, (-2, 1), 2
+Settings = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,38 +51,39 @@ class Outcome:
     cpu_s, wall_s : float
         A slice, by processors and by the clock, the settings being chosen.
     choosing_cpu_s : float
-        Once a log, by processors.
+        Once a log, by processors; 0 where the truth chose, or where the settings were given.
     settings : mapping of str to float
         As they were chosen or tuned.
     judged_only : bool
         Whether the images are of the judged rows alone.
-    block : int
-        Rows that were reconstructed side by side: between blocks there may be seams.
     """
 
     images: Rows
     cpu_s: float
     wall_s: float
     choosing_cpu_s: float = 0.0
-    settings: Mapping[str, float] = field(default_factory=dict)
+    settings: Settings = field(default_factory=dict)
     judged_only: bool = False
-    block: int = FITTED_TOGETHER
+
+
+# Takes a scan, and settings of an earlier outcome; None: they are to be chosen.
+Method = Callable[[LogScan, Settings | None], Outcome]
 
 
 def _timed(work: Callable[[], Rows]) -> tuple[Rows, float, float]:
-    """What it answers, and the seconds of processors and of the clock."""
+    """What it answers, and the seconds of processors and of the clock, a slice."""
     cpu, wall = time.process_time(), time.perf_counter()
     found = work()
-    return found, time.process_time() - cpu, time.perf_counter() - wall
+    return found, (time.process_time() - cpu) / len(found), (time.perf_counter() - wall) / len(found)
 
 
-def _reconstruct(scan: LogScan, **options: object) -> tuple[Rows, ReconstructionResult]:
-    """As the job, the command line and Python users do it."""
+def _reconstruct(scan: LogScan, lines: Rows, **options: object) -> tuple[Rows, ReconstructionResult]:
+    """Some rows of it, as the job, the command line and Python users do it."""
     grid = scan.projector.grid
     given = ReconstructionInput(
-        read=lambda start, stop: np.ascontiguousarray(scan.lines[start:stop].transpose(1, 0, 2)),
+        read=lambda start, stop: np.ascontiguousarray(lines[start:stop].transpose(1, 0, 2)),
         angles_rad=scan.projector.geometry.angles_rad,
-        rows=(0, len(scan.lines)),
+        rows=(0, len(lines)),
         scanner=ScannerConstants(**vars(SCANNER)),
         theta=TRUE_THETA,
         rotation=Rotation.AS_GIVEN,
@@ -91,48 +96,47 @@ def _reconstruct(scan: LogScan, **options: object) -> tuple[Rows, Reconstruction
     return volume.data, volume.result
 
 
-def ours_on_judged_rows(method: str) -> Callable[[LogScan], Outcome]:
-    """By its own choice, of the judged rows alone; choosing included."""
+def ours(method: str, open_settings: tuple[str, ...] = (), *, judged_only: bool = False, **options: object) -> Method:
+    """By its own choice, as it is made for the whole log; then with the settings, which is the price of a slice.
 
-    def run(scan: LogScan) -> Outcome:
-        lines = scan.lines[scan.judged]
-        images, cpu, wall = _timed(lambda: _reconstruct(replace(scan, lines=lines), method=method)[0])
-        return Outcome(images, cpu / len(lines), wall / len(lines), judged_only=True)
+    A choice is of the middle row, that of a coupling of those around it as well; so these rows are all that is
+    reconstructed to learn it. Tikhonov has no choice for a log: each slice chooses.
+    """
+    chosen_from = SLICES_AROUND if "coupling" in open_settings else 1
 
-    return run
+    def choice(scan: LogScan) -> tuple[Settings, float, int]:
+        """The settings, seconds of processors a slice, and the number of slices."""
+        found: list[ReconstructionResult] = []
+        first = max(len(scan.lines) // 2 - chosen_from // 2, 0)
+        lines = scan.lines[first : first + chosen_from]
 
-
-def ours(method: str, open_settings: tuple[str, ...] = (), **options: object) -> Callable[[LogScan], Outcome]:
-    """By its own choice; then again with the settings that it chose, which is the price of a slice."""
-
-    def run(scan: LogScan) -> Outcome:
-        result: list[ReconstructionResult] = []
-
-        def work(**given: object) -> Rows:
-            data, found = _reconstruct(scan, method=method, **{**options, **given})
-            result.append(found)
+        def work() -> Rows:
+            data, result = _reconstruct(scan, lines, method=method, **options)
+            found.append(result)
             return data
 
-        images, cpu, wall = _timed(work)
-        report = result[0].method
+        _, cpu, _ = _timed(work)
+        report = found[0].method
         assert report is not None
-        settings = {name: float(getattr(report, name) or 0.0) for name in open_settings}
-        choosing, rows = 0.0, len(images)
-        if settings:
-            _, given_cpu, wall = _timed(lambda: work(**settings))
-            choosing, cpu = max(cpu - given_cpu, 0.0), given_cpu
-        block = COUPLED_TOGETHER - 2 * HALO if settings.get("coupling") else FITTED_TOGETHER
-        return Outcome(images, cpu / rows, wall / rows, choosing, settings, block=block)
+        return {name: float(getattr(report, name) or 0.0) for name in open_settings}, cpu, len(lines)
+
+    def run(scan: LogScan, settings: Settings | None) -> Outcome:
+        chooses = bool(open_settings) and settings is None
+        chosen, dear, slices = choice(scan) if chooses else (settings or {}, 0.0, 0)
+        lines = scan.lines[scan.judged] if judged_only else scan.lines
+        images, cpu, wall = _timed(lambda: _reconstruct(scan, lines, method=method, **{**options, **chosen})[0])
+        return Outcome(images, cpu, wall, slices * max(dear - cpu, 0.0), chosen, judged_only)
 
     return run
 
 
-def astra_rival(algorithm: str) -> Callable[[LogScan], Outcome]:
+def astra_rival(algorithm: str) -> Method:
     """Of the judged rows alone; the number of iterations by the truth."""
 
-    def run(scan: LogScan) -> Outcome:
+    def run(scan: LogScan, settings: Settings | None) -> Outcome:
         judged = scan.judged
-        found = astra_rivals.tuned(algorithm, scan.projector, scan.lines[judged], scan.truth[judged])
+        stops = astra_rivals.STOPS[algorithm] if settings is None else (int(settings["iterations"]),)
+        found = astra_rivals.tuned(algorithm, scan.projector, scan.lines[judged], scan.truth[judged], stops)
         return Outcome(
             found.images, found.cpu_s, found.wall_s, settings={"iterations": found.iterations}, judged_only=True
         )
@@ -140,67 +144,84 @@ def astra_rival(algorithm: str) -> Callable[[LogScan], Outcome]:
     return run
 
 
-def tuned_fbp(scan: LogScan) -> Outcome:
-    """Its cut-off frequency chosen by the truth, the image clipped at 0."""
+def tuned_fbp(scan: LogScan, settings: Settings | None) -> Outcome:
+    """Its cut-off frequency chosen by the truth of the judged rows, the image clipped at 0."""
+    judged = scan.judged
 
-    def image(cut_off: float) -> Rows:
-        data, _ = _reconstruct(scan, method="fbp", frequency_scaling=cut_off)
+    def image(lines: Rows, cut_off: float) -> Rows:
+        data, _ = _reconstruct(scan, lines, method="fbp", frequency_scaling=cut_off)
         return np.maximum(data, 0.0)
 
-    cut_off = min(CUT_OFFS, key=lambda share: scan.error(image(share)[scan.judged], scan.judged))
-    images, cpu, wall = _timed(lambda: image(cut_off))
-    return Outcome(images, cpu / len(images), wall / len(images), settings={"frequency_scaling": cut_off})
+    def cut_off() -> float:
+        return min(CUT_OFFS, key=lambda share: scan.error(image(scan.lines[judged], share), judged))
+
+    chosen = {"frequency_scaling": cut_off()} if settings is None else settings
+    images, cpu, wall = _timed(lambda: image(scan.lines, chosen["frequency_scaling"]))
+    return Outcome(images, cpu, wall, settings=chosen)
 
 
 def _wood(scan: LogScan) -> float:
     return float(np.median(typical_attenuation(mean_along_rays(scan.projector, scan.lines[scan.judged]))))
 
 
-@lru_cache(maxsize=1)  # the stack's search starts from it
-def tuned_in_the_plane(scan: LogScan) -> Outcome:
-    """Total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
-    judged, projector, wood = scan.judged, scan.projector, _wood(scan)
+def _in_the_plane(scan: LogScan, lines: Rows, weight: float) -> Rows:
+    return total_variation(scan.projector, lines, weight=weight, tolerance=CONVERGED).image
 
-    def images(lines: Rows, weight: float) -> Rows:
-        return total_variation(projector, lines, weight=weight, tolerance=CONVERGED).image
+
+@lru_cache(maxsize=1)  # the stack's search starts from it
+def _weight_in_the_plane(scan: LogScan) -> float:
+    """Best for the judged rows."""
+    judged, lines = scan.judged, scan.lines[scan.judged]
 
     def best(weights: Floats) -> float:
-        errors = [scan.error(images(scan.lines[judged], weight), judged) for weight in weights]
+        errors = [scan.error(_in_the_plane(scan, lines, weight), judged) for weight in weights]
         return parabola_minimum(weights, np.log(errors))[0]
 
-    weight = best(best(WEIGHTS / wood) * NEAR_WEIGHTS)
-    found, cpu, wall = _timed(lambda: images(scan.lines, weight))
-    return Outcome(found, cpu / len(found), wall / len(found), settings={"weight": weight})
+    return best(best(WEIGHTS / _wood(scan)) * NEAR_WEIGHTS)
 
 
-def tuned_along_the_axis(scan: LogScan) -> Outcome:
+def tuned_in_the_plane(scan: LogScan, settings: Settings | None) -> Outcome:
+    """Total variation of each slice alone, converged; one weight for the log, by the truth of the judged rows."""
+    chosen = {"weight": _weight_in_the_plane(scan)} if settings is None else settings
+    found, cpu, wall = _timed(lambda: _in_the_plane(scan, scan.lines, chosen["weight"]))
+    return Outcome(found, cpu, wall, settings=chosen)
+
+
+def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
     """Isotropic total variation of the stack; weight and axis chosen by the truth of the rows around a judged one.
 
-    The search starts at the weight that is best in the plane, and goes on to the best neighbour as long as it improves.
+    The search goes on to the best neighbour as long as that improves.
     """
     if len(scan.lines) == 1:
-        return tuned_in_the_plane(scan)
-    in_plane = tuned_in_the_plane(scan)
-    first = max(scan.judged[0] - AROUND, 0)
-    rows = list(range(len(scan.lines)))[first : first + 2 * AROUND + 1]
-    smoothing, kept = SMOOTHING_SHARE * _wood(scan), rows[1:-1]
-    support = SupportRegion.of(scan.projector, scan.lines)
+        return tuned_in_the_plane(scan, settings)
+    smoothing, support = SMOOTHING_SHARE * _wood(scan), SupportRegion.of(scan.projector, scan.lines)
 
-    def minimum(of: list[int], weight: float, axis: float) -> Rows:
-        objective = StackObjective(support.projector, scan.lines[of], weight, axis, smoothing)
-        return support.embedded(objective.minimum(in_plane.images[of][:, *support.part], STACK_ITERATIONS))
+    def minimum(start: Rows, lines: Rows, weight: float, axis: float) -> Rows:
+        objective = StackObjective(support.projector, lines, weight, axis, smoothing)
+        return support.embedded(objective.minimum(start[:, *support.part], STACK_ITERATIONS))
 
-    def weights(step: tuple[int, int]) -> tuple[float, float]:
-        return in_plane.settings["weight"] * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
+    def choice() -> Settings:
+        first, in_plane = max(scan.judged[0] - AROUND, 0), _weight_in_the_plane(scan)
+        rows = list(range(len(scan.lines)))[first : first + 2 * AROUND + 1]
+        lines, kept = scan.lines[rows], rows[1:-1]
+        start = _in_the_plane(scan, lines, in_plane)
 
-    def error(step: tuple[int, int]) -> float:
-        return scan.error(minimum(rows, *weights(step))[1:-1], kept)
+        def weights(step: tuple[int, int]) -> tuple[float, float]:
+            return in_plane * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
 
-    weight, axis = weights(lowest_neighbour(error, (-1, 0)))
-    every = list(range(len(scan.lines)))
-    images, cpu, wall = _timed(lambda: minimum(every, weight, axis))
-    cpu, wall = cpu / len(images) + in_plane.cpu_s, wall / len(images) + in_plane.wall_s
-    return Outcome(images, cpu, wall, settings={"weight": weight, "axis": axis})
+        def error(step: tuple[int, int]) -> float:
+            return scan.error(minimum(start, lines, *weights(step))[1:-1], kept)
+
+        weight, axis = weights(lowest_neighbour(error, FIRST_STEPS))
+        return {"in_plane": in_plane, "weight": weight, "axis": axis}
+
+    chosen = choice() if settings is None else settings
+    images, cpu, wall = _timed(
+        lambda: minimum(
+            _in_the_plane(scan, scan.lines, chosen["in_plane"]), scan.lines, chosen["weight"], chosen["axis"]
+        )
+    )
+    return Outcome(images, cpu, wall, settings=chosen)
 
 
 def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int, int]) -> tuple[int, int]:
@@ -213,13 +234,13 @@ def lowest_neighbour(error: Callable[[tuple[int, int]], float], start: tuple[int
         at = best
 
 
-METHODS: dict[str, Callable[[LogScan], Outcome]] = {
+METHODS: dict[str, Method] = {
     "FBP": ours("fbp"),
     "FBP, tuned": tuned_fbp,
     "CGLS, tuned": astra_rival("CGLS"),
     "SIRT, tuned": astra_rival("SIRT"),
-    "Tikhonov": ours_on_judged_rows("tikhonov"),
-    "Cauchy MAP": ours_on_judged_rows("cauchy_map"),
+    "Tikhonov": ours("tikhonov", judged_only=True),
+    "Cauchy MAP": ours("cauchy_map", ("sigma", "beta"), judged_only=True),
     "total variation": ours("total_variation", ("weight",), coupling="none"),
     "total variation, coupled": ours("total_variation", ("weight", "coupling"), coupling="auto"),
     "2-D total variation, tuned": tuned_in_the_plane,

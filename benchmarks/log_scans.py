@@ -16,7 +16,7 @@ from sawmill_worker.tomography.quality import relative_error
 
 PUBLISHED = "published"
 # Every method's error is that of these rows: some rivals take seconds for each.
-JUDGED_STEP = 12
+JUDGED_STEP = 16
 # Of the contrast: what surrounds an inclusion, from here to there in pixels.
 NEAR, FAR = 2, 4
 
@@ -46,9 +46,13 @@ class LogScan:
         """The rows by which all methods are compared."""
         return list(range(min(len(self.truth) // 2, JUDGED_STEP // 2), len(self.truth), JUDGED_STEP))
 
+    def errors(self, images: Rows, rows: list[int]) -> list[float]:
+        """The relative error of each of these rows' images, all pixels of it."""
+        return [relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]
+
     def error(self, images: Rows, rows: list[int]) -> float:
-        """Mean relative error of these rows' images, all pixels of each."""
-        return float(np.mean([relative_error(image, self.truth[row]) for image, row in zip(images, rows, strict=True)]))
+        """Their mean."""
+        return float(np.mean(self.errors(images, rows)))
 
     def contrast(self, images: Rows, name: str) -> float | None:
         """Contrast of the nail, or the knot, over all its rows, as a share of the truth's; None where there is none.
@@ -67,17 +71,6 @@ class LogScan:
             found += float(image[core].mean() - image[ring].mean())
             true += float(truth[core].mean() - truth[ring].mean())
         return found / true if true else None
-
-    def seam(self, images: Rows, block: int) -> float | None:
-        """How much more the error changes from block to block than from row to row elsewhere, a ratio.
-
-        The largest root mean square of a change at a seam, every `block` rows, over the largest elsewhere; None without
-        a seam.
-        """
-        error = images - self.truth
-        changes = np.sqrt(np.mean(np.square(np.diff(error, axis=0)), axis=(1, 2)))
-        at_seam = np.arange(1, len(error)) % block == 0
-        return float(changes[at_seam].max() / changes[~at_seam].max()) if at_seam.any() else None
 
 
 def published_scan(views: int, noise: float) -> LogScan:

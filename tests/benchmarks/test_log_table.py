@@ -1,3 +1,5 @@
+import json
+
 import astra
 import log_table
 import numpy as np
@@ -11,6 +13,7 @@ from whole_logs import WholeLog
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.noise import noise_of_each_ray
 from sawmill_worker.tomography.projector import Projector
+from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
 GRID = ImageGrid(32, 400.0)
 
@@ -35,26 +38,16 @@ def test_an_image_of_the_truth_has_no_error_and_all_of_the_contrast(scan):
         assert whole.contrast(truth - 0.5 * density * share, name) == pytest.approx(0.5, abs=0.1)
 
 
-def test_an_error_that_begins_with_a_block_is_a_seam(scan):
-    truth = np.zeros((18, 32, 32), np.float32)
-    whole = LogScan("zeros", scan.projector, scan.lines, truth, None)
-    error = np.random.default_rng(4011).standard_normal(truth.shape).astype(np.float32)
-    assert whole.seam(error, 16) == pytest.approx(1.0, abs=0.1)
-    assert whole.seam(error, 18) is None
-    error[16:] += 5.0
-    assert whole.seam(error, 16) > 3.0
-
-
 def test_astra_stops_where_the_error_is_least(scan):
     lines, truth = scan.lines[:1], scan.truth[:1]
-    found = tuned("CGLS", scan.projector, lines, truth)
+    found = tuned("CGLS", scan.projector, lines, truth, STOPS["CGLS"])
     assert found.iterations in STOPS["CGLS"]
     at = STOPS["CGLS"].index(found.iterations)
     before, there, after = (astra_image(scan, lines[0], stop) for stop in STOPS["CGLS"][at - 1 : at + 2])
     assert np.allclose(found.images[0], np.maximum(there, 0.0), atol=1e-5)
     least = scan.error(found.images, [0])
     assert least < min(scan.error(np.maximum(image, 0.0)[None], [0]) for image in (before, after))
-    assert scan.error(tuned("SIRT", scan.projector, lines, truth).images, [0]) < least
+    assert scan.error(tuned("SIRT", scan.projector, lines, truth, STOPS["SIRT"]).images, [0]) < least
 
 
 def astra_image(scan, line, iterations):
@@ -86,15 +79,54 @@ def test_the_search_ends_where_no_neighbour_is_lower():
     assert lowest_neighbour(lambda at: (at[0] - 2) ** 2 + (at[1] + 1) ** 2, (0, 0)) == (2, -1)
 
 
+TINY = ["--rows", "6", "--size", "32", "--settings", "12:0.04"]
+
+
 def test_the_command_measures_what_is_missing_and_shows_all(tmp_path, capsys):
-    tiny = ["--rows", "4", "--size", "32", "--views", "12", "--noise", "0.04", "--out", str(tmp_path)]
+    tiny = [*TINY, "--out", str(tmp_path)]
     log_table.main(["--logs", "2", "--methods", "FBP", *tiny])
     (file,) = tmp_path.iterdir()
-    first = file.read_text()
-    log_table.main(["--logs", "2,5", "--methods", "FBP", "CGLS, tuned", *tiny])
-    assert first.rstrip("}\n ")[:-1] in file.read_text()
+    first = json.loads(file.read_text())
+    both = ["total variation", "total variation, coupled"]
+    log_table.main(["--logs", "2,5", "--methods", "FBP", *both, *tiny])
+    assert json.loads(file.read_text())["FBP"] == first["FBP"]
     assert len(list(tmp_path.iterdir())) == 2
     shown = capsys.readouterr().out
     assert "whole logs, 12 views, 4 % noise" in shown
-    assert shown.rstrip().endswith("(2)")
-    assert set(METHODS) > {"FBP", "CGLS, tuned"}
+    rows = [line.strip() for line in shown.splitlines()]
+    assert sum(row.endswith("(2)") for row in rows) == 3
+    # Coupled as a share of uncoupled: as the two files have it.
+    kept = [json.loads(path.read_text()) for path in sorted(tmp_path.iterdir())]
+    shares = [np.divide(*(np.mean(one[name]["errors"]) for name in reversed(both))) for one in kept]
+    (line,) = (row for row in rows if row.startswith("error of all rows"))
+    assert line.endswith(" ".join(f"{share:.3f}" for share in shares))
+
+
+@pytest.mark.parametrize("method", sorted(METHODS.keys() - {"SIRT, tuned"}))
+def test_seconds_are_measured_anew_with_the_settings_that_were_chosen(method, scan, monkeypatch):
+    monkeypatch.setattr("log_methods.STACK_ITERATIONS", 3)
+    first = METHODS[method](scan, None)
+    monkeypatch.setattr("log_methods.reconstruct_in_memory", reconstruct_without_a_choice)
+    again = METHODS[method](scan, first.settings)
+    assert again.settings == first.settings
+    assert np.allclose(again.images, first.images, atol=1e-6)
+    assert again.choosing_cpu_s == 0.0
+
+
+def reconstruct_without_a_choice(given, options, report):
+    """The settings of methods that choose once for a log must be given."""
+    assert options.method != "cauchy_map" or options.sigma
+    assert options.method != "total_variation" or (options.weight and options.coupling != "auto")
+    return reconstruct_in_memory(given, options, report)
+
+
+def test_seconds_alone_change_nothing_else(tmp_path):
+    arguments = ["--logs", "2", "--methods", "FBP", *TINY, "--out", str(tmp_path)]
+    log_table.main(arguments)
+    (file,) = tmp_path.iterdir()
+    first = json.loads(file.read_text())["FBP"]
+    log_table.main([*arguments, "--seconds", "FBP", "CGLS, tuned"])
+    kept = json.loads(file.read_text())
+    assert set(kept) == {"FBP"}
+    assert kept["FBP"]["cpu_s"] != first["cpu_s"]
+    assert kept["FBP"]["errors"] == first["errors"]
