@@ -24,14 +24,13 @@ from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.support_region import SupportRegion
 from sawmill_worker.tomography.total_variation import total_variation
-from sawmill_worker.tomography.total_variation_weights import SMOOTHING_SHARE
 from sawmill_worker.use_cases.reconstruct import SLICES_AROUND, ReconstructionInput, reconstruct_in_memory
 from sawmill_worker.vocabulary import Handedness, Rotation
 
 # Candidates for the truth-tuned weight, times the wood's attenuation, and those around the best of them.
 WEIGHTS, NEAR_WEIGHTS = np.geomspace(3.0, 60.0, 5), np.geomspace(0.6, 1.0 / 0.6, 5)
-# Of the yardsticks: a thirtieth of what ours ends with; enough iterations from each slice's own minimum.
-CONVERGED, STACK_ITERATIONS = 1e-4, 80
+# Of the yardstick: a thirtieth of what ours ends with.
+CONVERGED = 1e-4
 # Candidates for the cut-off of the filter, as a share of the Nyquist frequency.
 CUT_OFFS = (0.15, 0.2, 0.3, 0.4, 0.55, 0.75, 1.0)
 # Of the search for the stack's weights: a step, the steps from the weight in the plane and an axis of 1 at which
@@ -194,33 +193,35 @@ def tuned_along_the_axis(scan: LogScan, settings: Settings | None) -> Outcome:
     """
     if len(scan.lines) == 1:
         return tuned_in_the_plane(scan, settings)
-    smoothing, support = SMOOTHING_SHARE * _wood(scan), SupportRegion.of(scan.projector, scan.lines)
+    wood, support = _wood(scan), SupportRegion.of(scan.projector, scan.lines)
 
     def minimum(start: Rows, lines: Rows, weight: float, axis: float) -> Rows:
-        objective = StackObjective(support.projector, lines, weight, axis, smoothing)
-        return support.embedded(objective.minimum(start[:, *support.part], STACK_ITERATIONS))
+        objective = StackObjective(support.projector, lines, weight, axis, wood)
+        return support.embedded(objective.minimum(start[:, *support.part]))
+
+    def near(lines: Rows, weight: float, axis: float) -> Rows:
+        """A stack to start from."""
+        return total_variation(scan.projector, lines, weight=weight, coupling=0.5 * axis).image
 
     def choice() -> Settings:
         first, in_plane = max(scan.judged[0] - AROUND, 0), _weight_in_the_plane(scan)
         rows = list(range(len(scan.lines)))[first : first + 2 * AROUND + 1]
         lines, kept = scan.lines[rows], rows[1:-1]
-        start = _in_the_plane(scan, lines, in_plane)
 
         def weights(step: tuple[int, int]) -> tuple[float, float]:
             return in_plane * WEIGHT_STEP ** step[0], AXIS_STEP ** step[1]
+
+        start = near(lines, *weights(FIRST_STEPS))
 
         def error(step: tuple[int, int]) -> float:
             return scan.error(minimum(start, lines, *weights(step))[1:-1], kept)
 
         weight, axis = weights(lowest_neighbour(error, FIRST_STEPS))
-        return {"in_plane": in_plane, "weight": weight, "axis": axis}
+        return {"weight": weight, "axis": axis}
 
     chosen = choice() if settings is None else settings
-    images, cpu, wall = _timed(
-        lambda: minimum(
-            _in_the_plane(scan, scan.lines, chosen["in_plane"]), scan.lines, chosen["weight"], chosen["axis"]
-        )
-    )
+    both = chosen["weight"], chosen["axis"]
+    images, cpu, wall = _timed(lambda: minimum(near(scan.lines, *both), scan.lines, *both))
     return Outcome(images, cpu, wall, settings=chosen)
 
 

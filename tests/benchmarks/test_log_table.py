@@ -11,7 +11,6 @@ from stack_total_variation import StackObjective
 from whole_logs import WholeLog
 
 from sawmill_worker.tomography.image_grid import ImageGrid
-from sawmill_worker.tomography.noise import noise_of_each_ray
 from sawmill_worker.tomography.projector import Projector
 from sawmill_worker.use_cases.reconstruct import reconstruct_in_memory
 
@@ -61,18 +60,28 @@ def astra_image(scan, line, iterations):
 
 def test_the_gradient_of_the_stack_agrees_with_finite_differences(scan):
     rng = np.random.default_rng(4010)
-    objective = StackObjective(scan.projector, scan.lines, 20.0, 0.7, 0.004)
-    noises = np.broadcast_to(noise_of_each_ray(None, scan.lines), scan.lines.shape).astype(np.float32)
+    objective = StackObjective(scan.projector, scan.lines, 20.0, 0.7, 0.2)
+    one = np.arange(1)
     images = (0.01 + 0.005 * rng.standard_normal((5, 32, 32))).astype(np.float32)
     way = (0.002 * rng.standard_normal(images.shape)).astype(np.float32)
-    _, gradient = objective.evaluate(images, noises)
-    up, down = (objective.evaluate(images + sign * 0.5 * way, noises)[0] for sign in (1.0, -1.0))
+    _, (gradient,) = objective(images[None], one)
+    up, down = (objective((images + sign * 0.5 * way)[None], one)[0][0] for sign in (1.0, -1.0))
     assert up - down == pytest.approx(float(np.vdot(gradient, way)), rel=2e-2)
     # Rows that are alike cost nothing along the axis.
     even = np.repeat(images[:1], 5, axis=0)
     assert objective.penalty(even, np.zeros_like(even)) == pytest.approx(
-        StackObjective(scan.projector, scan.lines, 20.0, 0.0, 0.004).penalty(even, np.zeros_like(even)), rel=1e-5
+        StackObjective(scan.projector, scan.lines, 20.0, 0.0, 0.2).penalty(even, np.zeros_like(even)), rel=1e-5
     )
+
+
+def test_the_stack_is_at_rest_where_every_way_leads_up(scan):
+    rng = np.random.default_rng(4012)
+    objective = StackObjective(scan.projector, scan.lines, 300.0, 1.0, 0.012)
+    found, one = objective.minimum(np.zeros((5, 32, 32), np.float32)), np.arange(1)
+    value = objective(found[None], one)[0][0]
+    for size in (1e-4, 1e-3):
+        there = np.maximum(found + size * rng.standard_normal(found.shape).astype(np.float32), 0.0)
+        assert objective(there[None], one)[0][0] > value
 
 
 def test_the_search_ends_where_no_neighbour_is_lower():
@@ -104,7 +113,6 @@ def test_the_command_measures_what_is_missing_and_shows_all(tmp_path, capsys):
 
 @pytest.mark.parametrize("method", sorted(METHODS.keys() - {"SIRT, tuned"}))
 def test_seconds_are_measured_anew_with_the_settings_that_were_chosen(method, scan, monkeypatch):
-    monkeypatch.setattr("log_methods.STACK_ITERATIONS", 3)
     first = METHODS[method](scan, None)
     monkeypatch.setattr("log_methods.reconstruct_in_memory", reconstruct_without_a_choice)
     again = METHODS[method](scan, first.settings)
