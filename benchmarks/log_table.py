@@ -32,7 +32,7 @@ from pathlib import Path
 import numba
 from log_methods import METHODS, Outcome
 from log_scans import PUBLISHED, LogScan, published_scan, whole_scan
-from log_table_text import Figures, table
+from log_table_text import Figures, tables
 from rich.progress import Progress
 from scans import GRID
 from whole_logs import TABLE_SEED, Rows, WholeLog
@@ -155,7 +155,7 @@ def main(arguments: list[str] | None = None) -> None:
             for done, step in enumerate(work(asked)):
                 progress.update(bar, description=step, completed=done)
             progress.update(bar, completed=steps)
-    print("\n".join(table(asked.out)))
+    print("\n".join(tables(asked.out)))
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""The table of benchmarks/log_table.py as text, from the files that it keeps."""
+"""The tables of benchmarks/log_table.py as Markdown, from the files that it keeps."""
 
 import json
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,63 +13,91 @@ from log_scans import PUBLISHED
 
 # Of a method on a scan, as they are kept.
 Figures = dict[str, Any]
-# Of all logs of a setting, by the log.
+# Of all logs of a number of views and a noise, by the log and by the method.
 Logs = dict[str, dict[str, Figures]]
+Measure = Callable[[Figures], float | None]
 ALONE, COUPLED = "total variation", "total variation, coupled"
 
 
-def table(folder: Path) -> Iterator[str]:
-    """All files of a folder, the published log apart; then what coupling changes on each whole log."""
-    settings = defaultdict[tuple[bool, int, float], Logs](dict)
+def tables(folder: Path) -> Iterator[str]:
+    """Of all files of a folder, the published log apart; then what coupling changes on each whole log."""
+    published, whole = defaultdict[tuple[int, float], Logs](dict), defaultdict[tuple[int, float], Logs](dict)
     for path in sorted(folder.glob("*_*_*.json")):
         log, *setting = path.stem.split("_")
-        settings[log != PUBLISHED, int(setting[0]), float(setting[1])][log] = json.loads(path.read_text())
-    yield f"{'':30s}{'error':>8s}{'all':>8s}{'nail':>7s}{'knot':>7s}{'cpu s':>9s}{'wall s':>9s}{'choosing':>9s}  (logs)"
-    for (whole, views, noise), logs in sorted(settings.items()):
-        yield f"{'whole logs' if whole else 'published log'}, {views} views, {100.0 * noise:g} % noise"
-        for name in METHODS:
-            found = [kept[name] for kept in logs.values() if name in kept]
-            if found:
-                yield f"  {name:28s}{line(found)}  ({len(found)})"
-        yield from coupling(logs) if whole else ()
+        of_kind = published if log == PUBLISHED else whole
+        of_kind[int(setting[0]), float(setting[1])][log] = json.loads(path.read_text())
+    yield from pivot("Whole logs, error of the middle row", whole, middle_row, 4)
+    yield from pivot("Whole logs, error of all rows", whole, all_rows, 4)
+    for name in ("nail", "knot"):
+        yield from pivot(f"Whole logs, contrast of the {name}", whole, partial(contrast, name), 2)
+    yield from pivot("Whole logs, processor seconds a slice", whole, lambda one: one["cpu_s"], 3)
+    yield from pivot("Whole logs, seconds of the clock a slice", whole, lambda one: one["wall_s"], 3)
+    yield from pivot("Whole logs, processor seconds of choosing", whole, lambda one: one["choosing_cpu_s"], 1)
+    yield from pivot("Published log, error", published, middle_row, 4)
+    yield from pivot("Published log, processor seconds a slice", published, lambda one: one["cpu_s"], 3)
+    for (views, noise), logs in sorted(whole.items()):
+        yield from coupling(f"{views} views, {100.0 * noise:g} % noise", logs)
 
 
-def line(found: list[Figures]) -> str:
-    """Errors, contrasts and seconds of one method over some logs."""
-    every = [float(np.mean(one["errors"])) for one in found if "errors" in one]
-    cells = [cell([one["error"] for one in found], geometric_mean, 8, 4), cell(every, geometric_mean, 8, 4)]
-    columns = (("nail", 7, 2), ("knot", 7, 2), ("cpu_s", 9, 4), ("wall_s", 9, 4), ("choosing_cpu_s", 9, 2))
-    for name, width, digits in columns:
-        cells += [cell([one[name] for one in found if one.get(name) is not None], np.mean, width, digits)]
-    return "".join(cells)
+def middle_row(one: Figures) -> float:
+    """By which all methods are compared."""
+    return float(one["error"])
 
 
-def cell(values: list[float], mean: Callable[[list[float]], Any], width: int, digits: int) -> str:
+def all_rows(one: Figures) -> float | None:
+    """None of a method that made the middle row alone."""
+    return float(np.mean(one["errors"])) if "errors" in one else None
+
+
+def contrast(name: str, one: Figures) -> float | None:
+    """As a share of the truth's; None of a method that made the middle row alone."""
+    return one.get(name)
+
+
+def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure, digits: int) -> Iterator[str]:
+    """Methods against settings: geometric means over the logs, the number of logs in brackets unless all have it."""
+    if not settings:
+        return
+    columns = sorted(settings)
+    yield f"{title}:\n\n| method |" + "".join(f" {views} views, {100.0 * noise:g} % |" for views, noise in columns)
+    yield "|---|" + "---|" * len(columns)
+    for name in METHODS:
+        cells = [mean(name, settings[column], measure, digits) for column in columns]
+        if any(cells):
+            yield f"| {name} | " + " | ".join(cells) + " |"
+    yield ""
+
+
+def mean(name: str, logs: Logs, measure: Measure, digits: int) -> str:
     """Empty where no log has it."""
-    return f"{mean(values):{width}.{digits}f}" if values else " " * width
+    found = [value for kept in logs.values() if name in kept and (value := measure(kept[name]))]
+    if not found:
+        return ""
+    return f"{geometric_mean(found):.{digits}f}" + (f" ({len(found)})" if len(found) < len(logs) else "")
 
 
 def geometric_mean(values: list[float]) -> float:
-    """Of errors."""
+    """Of positive numbers."""
     return float(np.exp(np.mean(np.log(values))))
 
 
-def coupling(logs: Logs) -> Iterator[str]:
+def coupling(title: str, logs: Logs) -> Iterator[str]:
     """The coupled figure as a share of the uncoupled one: over the logs, then log by log."""
-    both = {log: (kept[ALONE], kept[COUPLED]) for log, kept in logs.items() if {ALONE, COUPLED} <= kept.keys()}
+    both = [(kept[ALONE], kept[COUPLED]) for kept in logs.values() if {ALONE, COUPLED} <= kept.keys()]
     if not both:
         return
-    yield "  coupled as a share of uncoupled: mean over the logs, least and largest, each log"
-    measures: dict[str, Callable[[Figures], float | None]] = {
-        "error of all rows": lambda one: float(np.mean(one["errors"])),
-        "error, two rows at either end left out": lambda one: float(np.mean(one["errors"][2:-2])),
-        "contrast of the nail": lambda one: one["nail"],
-        "contrast of the knot": lambda one: one["knot"],
+    yield f"Coupled as a share of uncoupled, {title}:\n\n| | mean | least | largest | each log |\n|---|---|---|---|---|"
+    measures: dict[str, Measure] = {
+        "error of all rows": all_rows,
+        "error without two rows at either end": lambda one: float(np.mean(one["errors"][2:-2])),
+        "contrast of the nail": partial(contrast, "nail"),
+        "contrast of the knot": partial(contrast, "knot"),
         "processor seconds": lambda one: one["cpu_s"],
     }
     for name, measure in measures.items():
-        pairs = [(measure(coupled), measure(alone)) for alone, coupled in both.values()]
+        pairs = [(measure(coupled), measure(alone)) for alone, coupled in both]
         shares = [after / before for after, before in pairs if after and before]
         if shares:
             each = " ".join(f"{share:.3f}" for share in shares)
-            yield f"    {name:40s}{geometric_mean(shares):.3f}  {min(shares):.3f} to {max(shares):.3f}:  {each}"
+            yield f"| {name} | {geometric_mean(shares):.3f} | {min(shares):.3f} | {max(shares):.3f} | {each} |"
+    yield ""
