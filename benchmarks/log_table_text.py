@@ -55,11 +55,12 @@ def contrast(name: str, one: Figures) -> float | None:
 
 
 def pivot(title: str, settings: dict[tuple[int, float], Logs], measure: Measure, digits: int) -> Iterator[str]:
-    """Methods against settings: geometric means over the logs, the number of logs in brackets unless all have it."""
+    """Methods against settings: geometric means over the logs; in brackets their number, if it is not the column's."""
     if not settings:
         return
     columns = sorted(settings)
-    yield f"{title}:\n\n| method |" + "".join(f" {views} views, {100.0 * noise:g} % |" for views, noise in columns)
+    heads = (f"{views} views, {100.0 * noise:g} % ({len(settings[views, noise])})" for views, noise in columns)
+    yield f"{title} (logs):\n\n| method | " + " | ".join(heads) + " |"
     yield "|---|" + "---|" * len(columns)
     for name in METHODS:
         cells = [mean(name, settings[column], measure, digits) for column in columns]

@@ -103,7 +103,7 @@ def test_the_command_measures_what_is_missing_and_shows_all(tmp_path, capsys):
     assert len(list(tmp_path.iterdir())) == 2
     shown = capsys.readouterr().out.splitlines()
     kept = [json.loads(path.read_text()) for path in sorted(tmp_path.iterdir())]
-    assert "| method | 12 views, 4 % |" in shown
+    assert "| method | 12 views, 4 % (2) |" in shown
     error = math.sqrt(kept[0]["FBP"]["error"] * kept[1]["FBP"]["error"])
     assert f"| FBP | {error:.4f} |" in shown
     # Coupled as a share of uncoupled: as the two files have it.
