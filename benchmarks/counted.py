@@ -7,12 +7,12 @@ Exact chords of eight rays a cell make intensities, averaged over the cell; phot
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from misspecified import point_inside, rounded
 from scanners import PHANTOMS, SCANNER, draw_scanner, leaves_air
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 
 from sawmill_worker.tomography import analytic
 from sawmill_worker.tomography.analytic import DetectorCells
@@ -96,7 +96,9 @@ def _scattered(intensity: FloatArray, rng: np.random.Generator) -> FloatArray:
 
 def _lagging(intensity: FloatArray, rng: np.random.Generator) -> FloatArray:
     kept = rng.uniform(0.01, 0.05)
-    late: FloatArray = lfilter([1.0 - kept], [1.0, -kept], intensity, axis=0, zi=kept * intensity[:1])[0]
+    late = intensity.copy()
+    for before, view in pairwise(late):
+        view += kept * (before - view)
     return late
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mill_names import NAMED_BY, causes, names_it
 from mill_scans import EFFECTS
-from scipy.stats import beta, binom
+from scipy.special import bdtr, betaincinv
 
 TOLERANCE_MM, GOOD_MM = 0.1, 0.05
 PROMISED, TEST_LEVEL = 0.95, 0.01
@@ -95,13 +95,13 @@ def read(path: Path) -> list[Outcome]:
 
 def largest_share(count: int, number: int) -> float:
     """Of what happened `count` times in `number`, with 95 % confidence (Clopper and Pearson)."""
-    return 1.0 if count >= number else float(beta.ppf(0.95, count + 1, number - count))
+    return 1.0 if count >= number else float(betaincinv(count + 1, number - count, 0.95))
 
 
 def _holds(errors: Sequence[float], bounds: Sequence[float]) -> str:
     """The share below the bound; a star where 95 % are refuted at 1 %."""
     inside = sum(error <= bound for error, bound in zip(errors, bounds, strict=True))
-    refuted = binom.cdf(inside, len(errors), PROMISED) < TEST_LEVEL
+    refuted = bdtr(inside, len(errors), PROMISED) < TEST_LEVEL
     return f"{inside / len(errors):6.1%}{'*' if refuted else ' '}"
 
 

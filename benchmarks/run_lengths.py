@@ -20,7 +20,7 @@ import numpy as np
 from look_errors import OUTPUT
 from numpy.typing import NDArray
 from rich.progress import track
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from sawmill_worker.tomography.drift_chart.chart import GROUP_LOOKS, LIMIT, QUIET, DriftChart, DriftKind, Finding
 from sawmill_worker.tomography.drift_chart.history import Group, History
@@ -292,7 +292,7 @@ def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
     print("limit   alarms  scanner years  a year (95 % interval)       alarms  a year")
     for k, limit in enumerate(LIMITS):
         number, over = alarms[0, k], years[0, k]
-        low, high = chi2.ppf(0.025, 2.0 * number) / 2.0 if number else 0.0, chi2.ppf(0.975, 2.0 * number + 2.0) / 2.0
+        low, high = gammaincinv(number, 0.025) if number else 0.0, gammaincinv(number + 1.0, 0.975)
         print(
             f"{limit:5.0f}  {number:7.0f}  {over:13.1f}  {number / over:6.2f} ({low / over:.2f} to {high / over:.2f})"
             f"  {alarms[1, k]:12.0f}  {alarms[1, k] / years[1, k]:6.2f}"

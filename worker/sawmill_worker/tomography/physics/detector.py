@@ -1,6 +1,7 @@
 """From transmissions to counts: what the hall and the detector add, photons, and the converter."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +38,8 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
         spread = _halo(received, detector.glare_width_mm / pitch_mm)
         received = (1.0 - detector.glare_share) * received + detector.glare_share * spread
     if detector.lag_share:
-        # Imported here: it brings SciPy's statistics, a second of every command that simulates without lag.
-        from scipy.signal import lfilter  # noqa: PLC0415
-
-        kept = detector.lag_share
-        received = lfilter([1.0 - kept], [1.0, -kept], received, axis=0, zi=kept * received[:1])[0]
+        for before, view in pairwise(received):
+            view += detector.lag_share * (before - view)
     return np.asarray(received * _gain_change(detector, transmission.shape[1]))
 
 
