@@ -49,9 +49,9 @@ def tiny():
         profile_points=5,
         optimiser_seeds=1,
         optimiser_budget=100,
-        dense_views=60,
+        dense_views=24,
         sparse_views=20,
-        compared_views=(60, 20),
+        compared_views=(24, 20),
         log_image_size=32,
     )
 

@@ -14,7 +14,9 @@ pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("one_thread")]
 
 VIEWS = (20, 45, 90)
 # As many as an independent simulator found to pass wrongly by `make study-calibration`.
-SCANS = int(os.environ.get("SAWMILL_SLIPPED_SCANS", "10"))
+SCANS = int(os.environ.get("SAWMILL_SLIPPED_SCANS", "5"))
+# Of the other kinds; twelve by the study.
+OTHERS = min(SCANS, 12)
 RINGS = pytest.mark.parametrize("remove_rings", [False, True], ids=["rings-kept", "rings-removed"])
 
 
@@ -45,14 +47,14 @@ def test_slips_are_named_and_fitted(remove_rings):
 
 @RINGS
 def test_a_slip_beside_another_fault_never_passes_where_its_rays_are_off(remove_rings):
-    found = outcomes_of(slipped_with_a_fault, 12, seed=1502, remove_rings=remove_rings)
+    found = outcomes_of(slipped_with_a_fault, OTHERS, seed=1502, remove_rings=remove_rings)
     assert found.wrong == 0
     assert np.median(found.errors) < 0.03
 
 
 @RINGS
 def test_steady_scans_are_judged_by_their_precision_alone(remove_rings):
-    found = outcomes_of(steady, 12, seed=1503, remove_rings=remove_rings)
+    found = outcomes_of(steady, OTHERS, seed=1503, remove_rings=remove_rings)
     assert found.wrong == 0
     # One in a hundred clean scans may name an effect (benchmarks/mill.py); so one of these few.
     assert found.unsteady <= 1

@@ -19,7 +19,7 @@ from sawmill_worker.contracts.calibrations import CalibrationAsk
 from sawmill_worker.contracts.events import EventKind
 from sawmill_worker.contracts.jobs import JobState
 from sawmill_worker.contracts.scanners import ScannerSpec
-from sawmill_worker.execution import landlock
+from sawmill_worker.execution import celery_app, landlock
 from sawmill_worker.execution.celery_app import Waker, _Engine, make_celery
 from sawmill_worker.execution.environment import environment_with
 from sawmill_worker.execution.limits import OPEN_FILES
@@ -294,7 +294,9 @@ def test_a_broker_must_be_named(storage):
         make_celery(ExecutionSettings(broker_url=None), storage)
 
 
-def test_importing_the_module_makes_nothing():
-    program = "import sawmill_worker.execution.celery_app as module; assert 'app' not in vars(module); module.app"
-    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert "SAWMILL_BROKER_URL" in answer.stderr
+def test_importing_the_module_makes_nothing(capsys, monkeypatch):
+    monkeypatch.delenv("SAWMILL_BROKER_URL", raising=False)
+    assert "app" not in vars(celery_app)
+    with pytest.raises(SystemExit):
+        _ = celery_app.app
+    assert "SAWMILL_BROKER_URL" in capsys.readouterr().err

@@ -43,9 +43,6 @@ def test_a_second_in_the_queue_is_answered_by_the_worker_and_a_third_at_once(sto
     assert (third.state, third.answered_from, third.result) == (JobState.SUCCEEDED, fresh.id, done[2].result)
     assert reader.run_next() is None
     assert list((store.files.folder / "attempts").iterdir()) == []
-
-
-def test_a_process_says_which_software_it_has_loaded(reader):
     process = reader._take_ready()
     process.end(1.0)
-    assert process.software == software()
+    assert process.software == software(), "a process says which software it has loaded"

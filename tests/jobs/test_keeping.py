@@ -154,9 +154,9 @@ def everything_in(path):
     ("method", "rows", "options"),
     [
         ("fbp", 100, {}),
-        ("total_variation", 40, {"coupling": "none"}),
-        ("total_variation", 60, {}),
-        ("tikhonov", 40, {}),
+        ("total_variation", 33, {"coupling": "none"}),
+        ("total_variation", 57, {}),
+        ("tikhonov", 33, {}),
     ],
 )
 def test_a_volume_killed_again_and_again_has_the_same_values(

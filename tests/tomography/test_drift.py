@@ -74,14 +74,14 @@ def test_the_published_log_shows_its_centre_to_a_twentieth_of_a_millimetre(
 def test_the_error_bars_are_honest(full_turn):
     rng = np.random.default_rng(41)
     shares = []
-    for seed in range(40, 72):
+    for seed in range(40, 56):
         theta = Theta(*rng.uniform([0, 600, -250, -60, -0.3], [6.28, 850, 250, 60, 0.3]))
         truth = theta.source_frame(MILL.source_to_cor_mm)
         sinogram = scan(full_turn(180), theta=theta, seed=seed)
         fit = conjugate_fit(MILL, sinogram, full_turn(180), moved(truth, 0.6, 0.002, 5.0))
         shares.append((detector(fit) - detector(truth)) / fit.deviation)
-    # Of 32 standard normal numbers the RMS lies within these in 99.7 % of draws.
-    assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.37)
+    # Of 16 standard normal numbers the RMS lies within these in 99.7 % of draws; `make study-drift` takes 1 000 logs.
+    assert np.all(np.abs(np.sqrt(np.mean(np.square(shares), axis=0)) - 1.0) < 0.53)
 
 
 def test_an_exactly_centred_log_is_answered_honestly(full_turn):

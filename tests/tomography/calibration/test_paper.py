@@ -20,7 +20,7 @@ from sawmill_worker.vocabulary import Handedness, Rotation
 pytestmark = pytest.mark.slow
 
 SMALL = PaperOptions(image_size=64, max_generations=5)
-SEARCHED = replace(SMALL, max_generations=40)
+SEARCHED = replace(SMALL, max_generations=25)
 COARSE = Scanner(859.46, 192, 1154.2 / 192)
 
 
@@ -37,7 +37,7 @@ def task(geometry):
 
 @pytest.fixture(scope="module")
 def searched(task):
-    """A search of 40 generations, and what its progress reported."""
+    """A search of 25 generations, and what its progress reported."""
     heard = []
     return calibrate_as_published(task, options=SEARCHED, seed=3, progress=lambda *news: heard.append(news)), heard
 
@@ -156,7 +156,7 @@ def test_without_error_bars_the_answer_is_to_be_watched(task, searched):
 def test_the_published_stop_is_wider_than_the_tight_one(task):
     """In bounds this narrow all of J lies within SciPy's one per cent: the published search stops where it began."""
     near = replace(task, bounds=ThetaBounds((710.0, 720.0), (315.0, 325.0), (40.0, 47.0), (0.27, 0.29)))
-    options = replace(SMALL, max_generations=30, correlation="normalised")
+    options = replace(SMALL, max_generations=10, correlation="normalised")
     published = calibrate_as_published(near, options=options, seed=6)
     tight = calibrate_as_published(near, options=replace(options, stop="tight"), seed=6)
     assert published.search.converged

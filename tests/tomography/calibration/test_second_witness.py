@@ -30,7 +30,8 @@ def sinograms(angles, *, phantom_by=(0.0, 0.0), log_by=(0.0, 0.0), seed=0):
     log = LogModel.random(seed, radius_mm=110.0)
     rows = [L_SHAPE.of_density(SAPWOOD_PER_MM)] + [log.slice_at(130.0 + 6.0 * row) for row in range(LOG_ROWS)]
     slipped = [rows[0].moved(*phantom_by), *(row.moved(*log_by) for row in rows[1:])]
-    before, after = (simulate_stack(bodies, fan, photons=50_000.0, seed=seed) for bodies in (rows, slipped))
+    before = simulate_stack(rows, fan, photons=50_000.0, seed=seed)
+    after = before if slipped == rows else simulate_stack(slipped, fan, photons=50_000.0, seed=seed)
     counts = np.concatenate([before.counts[:AT], after.counts[AT:]])
     dark = before.darks.mean(axis=0)
     lines = -np.log(np.maximum(counts - dark, 1.0) / (before.flats.mean(axis=0) - dark))

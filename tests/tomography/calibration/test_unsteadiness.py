@@ -83,7 +83,7 @@ def test_angles_that_are_not_the_turntable_s_are_reported(angles, turn_deg, caus
     assert error_mm(found) < min(LIMIT_MM, found.error_bars.predicted_ray_error.upper_95_mm)
 
 
-@pytest.mark.parametrize("seed", range(1310, 1316))
+@pytest.mark.parametrize("seed", range(1310, 1313))
 def test_steady_scans_are_called_nothing_else(seed):
     knot = replace(L_SHAPE, shapes=(*L_SHAPE.shapes, Disc((50.0, -60.0), 12.0, 0.35)))
     plain = calibrated(shadow(ANGLES), seed)
@@ -94,7 +94,7 @@ def test_steady_scans_are_called_nothing_else(seed):
         )
 
 
-@pytest.mark.parametrize("views", [45, 90, 180])
+@pytest.mark.parametrize("views", [45, 180])
 @pytest.mark.parametrize("phantom", BUILT_IN.values(), ids=BUILT_IN)
 @pytest.mark.parametrize("scanner", [SCANNER, Scanner(859.46, 96, 12.0)], ids=["384", "96"])
 def test_a_model_finer_than_the_scan_is_no_unsteadiness(scanner, phantom, views):
