@@ -7,7 +7,6 @@ Exact chords of eight rays a cell make intensities, averaged over the cell; phot
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 from misspecified import point_inside, rounded
@@ -97,8 +96,8 @@ def _scattered(intensity: FloatArray, rng: np.random.Generator) -> FloatArray:
 def _lagging(intensity: FloatArray, rng: np.random.Generator) -> FloatArray:
     kept = rng.uniform(0.01, 0.05)
     late = intensity.copy()
-    for before, view in pairwise(late):
-        view += kept * (before - view)
+    for view in range(1, len(late)):
+        late[view] += kept * (late[view - 1] - late[view])
     return late
 
 

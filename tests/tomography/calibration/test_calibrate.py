@@ -419,7 +419,7 @@ def test_a_phantom_brighter_than_its_surroundings_is_not_taken_for_a_darker_one(
     assert code_of(replace(task, sinogram=-task.sinogram)) == "phantom-not-found"
 
 
-def test_a_shadow_that_misses_the_detector_is_not_calibrated(scan, scanner, theta, full_turn):
+def test_a_shadow_that_misses_the_detector_is_not_calibrated(scan, theta, full_turn):
     beside = replace(theta, detector_shift_mm=3000.0)
     with pytest.raises(CalibrationError, match="nothing was scanned") as caught:
         scan(L_SHAPE, full_turn(20), seed=1138, theta=beside)

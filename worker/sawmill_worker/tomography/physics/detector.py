@@ -1,7 +1,6 @@
 """From transmissions to counts: what the hall and the detector add, photons, and the converter."""
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +37,8 @@ def signal(transmission: FloatArray, pitch_mm: float, effects: Physics, tube: Fl
         spread = _halo(received, detector.glare_width_mm / pitch_mm)
         received = (1.0 - detector.glare_share) * received + detector.glare_share * spread
     if detector.lag_share:
-        for before, view in pairwise(received):
-            view += detector.lag_share * (before - view)
+        for view in range(1, len(received)):
+            received[view] += detector.lag_share * (received[view - 1] - received[view])
     return np.asarray(received * _gain_change(detector, transmission.shape[1]))
 
 
