@@ -302,7 +302,7 @@ def print_alarms(alarms: FloatArray, years: FloatArray) -> None:
 def print_baselines(alarms: FloatArray, baselines: int) -> None:
     """At the limit of the chart."""
     number = alarms[:, int(np.flatnonzero(LIMITS == LIMIT)[0])]
-    high: FloatArray = np.asarray(chi2.ppf(0.975, 2.0 * number + 2.0)) / 2.0 / baselines
+    high: FloatArray = np.asarray(gammaincinv(number + 1.0, 0.975)) / baselines
     for name, count, most in zip(("by the looks' errors alone", "other logs allowed for"), number, high, strict=True):
         print(
             f"{name}: {count:.0f} of {baselines} baselines hold a jump that is none; at a calibration each week "
