@@ -1,13 +1,14 @@
 """A scanner's page: its chart, history, schedules and settings, as HTML."""
 
+import itertools
 import math
 import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from sqlalchemy import insert
+from sqlalchemy import insert, select
 
-from sawmill_service.pages.charts import MOST_MARKS, span_of, thinned
+from sawmill_service.pages.charts import MOST_MARKS, days_of, span_of, thinned
 from sawmill_service.pages.drift_chart import DRIFT, drift_chart
 from sawmill_service.pages.schedule_form import plain
 from sawmill_worker.contracts.calibrations import CalibrationAsk
@@ -16,9 +17,19 @@ from sawmill_worker.contracts.keys import KeyAsk, Scope
 from sawmill_worker.contracts.measurements import MeasurementKind, Movement
 from sawmill_worker.contracts.scanner_drift import DriftFinding, PooledDrift
 from sawmill_worker.contracts.schedules import ScheduleSpec
-from sawmill_worker.storage.tables import MeasurementRow, ScheduleRow, ScheduleRunRow
+from sawmill_worker.storage.tables import ActivationRow, DriftChartRow, MeasurementRow, ScheduleRow, ScheduleRunRow
 
 NOW = datetime(2026, 11, 22, 12, 0, tzinfo=UTC)
+BASELINE = KnownBaseline(
+    method="view-pairs",
+    looks=50,
+    outliers=0,
+    first_at=NOW - timedelta(days=9),
+    last_at=NOW - timedelta(days=9),
+    cor_column_offset_mm=0.1,
+    tilt_offset_rad=0.0,
+    covariance=[[1e-4, 0.0], [0.0, 1e-8]],
+)
 SETTINGS = {
     "name": "Line 2",
     "source_to_cor_mm": "859.46",
@@ -76,23 +87,13 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
         cor_column_change_mm=0.1,
         tilt_change_deg=0.0,
     )
-    baseline = KnownBaseline(
-        method="view-pairs",
-        looks=50,
-        outliers=0,
-        first_at=NOW - timedelta(days=9),
-        last_at=NOW - timedelta(days=9),
-        cor_column_offset_mm=0.1,
-        tilt_offset_rad=0.0,
-        covariance=[[1e-4, 0.0], [0.0, 1e-8]],
-    )
     together = PooledDrift(
         method="view-pairs",
         calibration_id="second",
         since=NOW - timedelta(days=10),
         looks=60,
         last_at=NOW,
-        baseline=baseline,
+        baseline=BASELINE,
         baseline_cor_column_mm=-209.05,
         baseline_tilt_deg=None,
         pooled_looks=50,
@@ -116,9 +117,17 @@ def test_logs_together_are_a_line_with_its_band_behind_which_single_ones_are_fai
     assert (len(places), len(around)) == (3, 6)
     assert min(y for _, y in around) < places[0][1] < max(y for _, y in around)
     ((began, zero),) = cor.zeros
-    assert (began, zero > places[0][1]) == (span.x(baseline.first_at), True), "a smaller value stands lower"
+    assert (began, zero > places[0][1]) == (span.x(BASELINE.first_at), True), "a smaller value stands lower"
     ((at, start, width),) = chart.changed
     assert start < at < start + width
+
+
+@pytest.mark.parametrize(("days", "step"), [(0.5, timedelta(hours=3)), (1, timedelta(hours=6)), (7, timedelta(days=2))])
+def test_a_short_chart_has_hours_and_days(days, step):
+    ticks = [at for _, at in days_of(span_of(days, NOW))]
+    assert {later - earlier for earlier, later in itertools.pairwise(ticks)} == {step}
+    assert all((at - at.replace(hour=0)) % min(step, timedelta(days=1)) == timedelta(0) for at in ticks)
+    assert 3 <= len(ticks) <= 6
 
 
 def test_a_chart_has_the_tolerance_and_marks_what_is_beyond_it():
@@ -189,6 +198,84 @@ def test_two_years_of_daily_measurements_are_a_small_page(seeded, store):
     assert len(page.content) < 200_000  # of the 300 000 that a page may have with its styles and scripts
     assert page.text.count("<tr data-x=") <= MOST_MARKS
     assert "Of 1460 measurements the chart draws" in page.text
+
+
+def chart_of_example(store, finding):
+    """A chart of three looks in the last hours."""
+    found = finding.model_dump(mode="json")
+    with store._database.write() as session:
+        active = session.scalars(select(ActivationRow).where(ActivationRow.scanner_id == "example")).all()[-1]
+        for hour in range(3):
+            session.add(
+                MeasurementRow(
+                    scanner_id="example",
+                    at=store.now() - timedelta(hours=hour, minutes=1),
+                    kind=MeasurementKind.DRIFT,
+                    subject_id=f"look-{hour}",
+                    against_id=active.calibration_id,
+                    cor_column_mm=-209.0,
+                    cor_column_change_mm=0.1,
+                    tilt_deg=-4.7,
+                    tilt_change_deg=0.0,
+                    source_to_detector_mm=1619.3,
+                    relative_residual=0.01,
+                    method="view-pairs",
+                    activation_number=active.number,
+                    pooled_looks=50,
+                    pooled_cor_column_mm=-209.0,
+                    pooled_cor_column_standard_deviation_mm=0.006,
+                    pooled_tilt_deg=-4.7,
+                    pooled_tilt_standard_deviation_deg=0.01,
+                )
+            )
+        session.add(
+            DriftChartRow(
+                scanner_id="example",
+                method="view-pairs",
+                activation_number=active.number,
+                state={},
+                looks=60,
+                changed_at=store.now(),
+                baseline=BASELINE.model_dump(mode="json"),
+                finding=found,
+                alarm={"at": store.now().isoformat(), "finding": found} if finding.began_at else None,
+            )
+        )
+
+
+@pytest.mark.parametrize(
+    ("kind", "words", "finnish"),
+    [
+        ("jump", "it moved by +0.12 mm ± 0.02 mm on the detector", "se siirtyi +0,12 mm ± 0,02 mm ilmaisimella"),
+        ("trend", "slowly, by +0.12 mm ± 0.02 mm a day", "hitaasti, +0,12 mm ± 0,02 mm vuorokaudessa"),
+    ],
+)
+def test_a_scanner_that_moved_says_when_how_far_and_what_to_do(seeded, store, kind, words, finnish):
+    began = store.now() - timedelta(hours=2)
+    moved = {"cor_column_change_mm": 0.12, "cor_column_standard_deviation_mm": 0.01}
+    times = {"began_at": began, "began_between": (began, began + timedelta(hours=1))}
+    tilt = {"tilt_change_deg": 0.0, "tilt_standard_deviation_deg": 0.01}
+    chart_of_example(store, DriftFinding(kind=kind, evidence=60.0, limit=30.0, scatter=1.0, **times, **moved, **tilt))
+    store.alarms.check()
+    page = seeded.get("/scanners/example?days=0.5").text
+    state, chart = page[: page.index('id="newest"')], page[page.index('id="drift"') :]
+    for part in (state, chart):
+        text = " ".join(re.sub(r"<[^>]*>", "", part).split())
+        assert words in text
+        assert "Scan the phantom and calibrate." in text
+        assert f'<time datetime="{began:%Y-%m-%dT%H:%M:%S}' in part
+    assert '<a class="button" href="?days=0.5#drift" aria-current="true">12 hours</a>' in page
+    assert 'class="changed"' in chart
+    translated = seeded.get("/scanners/example", headers={"Accept-Language": "fi"}).text
+    assert finnish in " ".join(re.sub(r"<[^>]*>", "", translated).replace("\N{NO-BREAK SPACE}", " ").split())
+
+
+def test_a_scanner_whose_logs_show_nothing_says_so(seeded, store):
+    chart_of_example(store, DriftFinding(kind="quiet", evidence=3.0, limit=30.0, scatter=1.0))
+    assert "The logs since the active calibration show no movement." in seeded.get("/scanners/example").text
+    history = seeded.get("/scanners/example/history?days=0.5").text
+    assert '<a class="button" href="?days=0.5#measured" aria-current="true">12 hours</a>' in history
+    assert '<input type="hidden" name="days" value="0.5">' in history
 
 
 def test_a_scanner_without_anything_says_what_to_do(seeded):

@@ -17,8 +17,11 @@ HEIGHT_PX, PAD_PX = 150, 14
 # Beyond this number of measurements each part of the time keeps the extremes of each value alone.
 MOST_MARKS, PARTS = 240, 40
 DAY = timedelta(days=1)
-DAY_STEPS = (1, 2, 5, 10, 20, 30, 61, 91, 182)
-MOST_DAYS = 5
+STEPS = (
+    *(hours * DAY / 24 for hours in (1, 2, 3, 6, 12)),
+    *(days * DAY for days in (1, 2, 5, 10, 20, 30, 61, 91, 182)),
+)
+MOST_STEPS = 5
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ class Chart:
     accepted : list of (x, calibration's id, time)
         When a calibration became the active one.
     days : list of (x, time)
-        Where the axis has a date.
+        Where the axis has a date, or an hour.
     total : int
         Of the measurements in the span; those that are not shown lie between ones that are.
     alarms : list of (x, width)
@@ -238,18 +241,19 @@ def _tone(one: Movement) -> str:
 
 
 def days_of(span: Span) -> list[tuple[float, datetime]]:
-    """Evenly spaced midnights, back from the newest."""
+    """Evenly spaced midnights, back from the newest; of a short span hours."""
     length = span.end - span.start
-    step = next((step for step in DAY_STEPS if length / (step * DAY) <= MOST_DAYS), DAY_STEPS[-1])
-    day = span.end.astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
+    step = next((step for step in STEPS if length / step <= MOST_STEPS), STEPS[-1])
+    midnight = span.end.astimezone().replace(hour=0, minute=0, second=0, microsecond=0)
+    at = midnight + (span.end - midnight) // step * step if step < DAY else midnight
     found = []
-    while day >= span.start:
-        found.append((span.x(day), day))
-        day -= step * DAY
+    while at >= span.start:
+        found.append((span.x(at), at))
+        at -= step
     return found[::-1]
 
 
-def span_of(days: int, now: datetime) -> Span:
+def span_of(days: float, now: datetime) -> Span:
     """The last days up to now."""
     return Span(now - days * DAY, now)
 

@@ -41,7 +41,7 @@ class Formats:
             "bytes": self.bytes,
             "moment": self.moment,
             "day": self.day,
-            "short_day": self.short_day,
+            "axis": self.axis,
             "age": self.age,
             "iso": iso,
             "known_zone": known_zone,
@@ -93,8 +93,10 @@ class Formats:
         """The day alone, in a time zone or in that of this machine."""
         return self._text.gettext("never") if time is None else format_date(_local(time, zone), "medium", self._locale)
 
-    def short_day(self, time: datetime, *, with_year: bool = False) -> str:
-        """Day and month, or month and year, for an axis."""
+    def axis(self, time: datetime, *, with_year: bool = False) -> str:
+        """Day and month, or month and year, for an axis; the hour where it is not midnight."""
+        if time.hour or time.minute:
+            return str(format_time(_local(time), "short", locale=self._locale))
         return str(format_skeleton("yMMM" if with_year else "MMMd", _local(time), locale=self._locale))
 
     def age(self, time: datetime | str | None) -> str:

@@ -29,7 +29,16 @@ from sawmill_worker.storage.errors import NotFound
 from sawmill_worker.storage.store import Store
 from sawmill_worker.vocabulary import LARGEST_ASSUMED_LOG_RADIUS_MM
 
-SPANS = {30: marked("30 days"), 90: marked("90 days"), 365: marked("1 year"), 730: marked("2 years")}
+# In days: twelve hours hold any shift.
+SPANS = {
+    0.5: marked("12 hours"),
+    1: marked("1 day"),
+    7: marked("1 week"),
+    30: marked("30 days"),
+    90: marked("90 days"),
+    365: marked("1 year"),
+    730: marked("2 years"),
+}
 SHOWN_ENTRIES, SHOWN_SCHEDULES, SHOWN_RUNS = 20, 20, 5
 
 router = APIRouter(include_in_schema=False)
@@ -55,7 +64,7 @@ def scanner(
     scanner_id: Identifier,
     page: ThePage,
     store: TheStore,
-    days: Annotated[int, Query(ge=1, le=3660)] = 90,
+    days: Annotated[float, Query(ge=0.1, le=3660)] = 90,
 ) -> HTMLResponse:
     """The whole page."""
     return _answer(page, store, store.scanners.get(scanner_id), days=days)
@@ -108,7 +117,7 @@ def _answer(
     store: Store,
     known: StoredScanner,
     *,
-    days: int = 90,
+    days: float = 90,
     form: ScannerForm | None = None,
     schedule: ScheduleForm | None = None,
 ) -> HTMLResponse:

@@ -73,7 +73,7 @@ class ShownHistory:
         The first and the last day.
     zone : str
         The time zone of these days; empty: this machine's.
-    days : int
+    days : float
         Of the chart.
     after : str or None
         The cursor of the page before.
@@ -83,7 +83,7 @@ class ShownHistory:
     first: date | None
     last: date | None
     zone: str
-    days: int
+    days: float
     after: str | None
 
     def arguments(self) -> dict[str, Any]:
@@ -92,9 +92,9 @@ class ShownHistory:
         until = None if self.last is None else day_of(self.last, self.zone)[1]
         return {"kind": self.kind, "since": since, "until": until}
 
-    def address(self, **changes: str | int | None) -> str:
+    def address(self, **changes: str | float | None) -> str:
         """The query of this page with some of it changed; from its first entries on, unless `after` is given."""
-        known = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": self.days}
+        known = {"kind": self.kind, "first": self.first, "last": self.last, "zone": self.zone, "days": f"{self.days:g}"}
         return "?" + urlencode({name: value for name, value in (known | changes).items() if value})
 
     def file_query(self) -> str:
@@ -110,7 +110,7 @@ def _shown(
     first: Annotated[str, Query(max_length=20)] = "",
     last: Annotated[str, Query(max_length=20)] = "",
     zone: Annotated[str, Query(max_length=64)] = "",
-    days: Annotated[int, Query(ge=1, le=3660)] = 365,
+    days: Annotated[float, Query(ge=0.1, le=3660)] = 365,
     after: Annotated[str, Query(max_length=200, pattern=SHOWN)] = "",
 ) -> ShownHistory:
     """As a form sends it: a field that is left empty is an empty text."""

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Mapping
-from datetime import datetime
+from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import ColumnElement, Integer, Select, and_, cast, func, literal, or_, select
+from sqlalchemy import ColumnElement, Select, and_, column, func, or_, select, values
 from sqlalchemy.orm import Session
 
 from sawmill_worker.contracts.base import Page
@@ -26,10 +26,10 @@ from sawmill_worker.storage.tables import (
     MeasurementRow,
     ScannerRow,
     UtcDateTime,
-    seconds_between,
 )
 
 MOST_READ, PARTS = 2000, 500
+_NEVER = datetime.max.replace(tzinfo=UTC)
 _COLUMNS = [getattr(MeasurementRow, name) for name in Movement._fields]
 _MOVEMENTS = select(*_COLUMNS).order_by(MeasurementRow.at, MeasurementRow.number)
 
@@ -66,10 +66,8 @@ class Measurements:
         by_scanner: dict[str, list[Movement]] = {}
         with self._database.read() as session:
             crowded = session.scalars(many).all()
-            read = [and_(recent, of_each.not_in(crowded))]
-            if crowded:
-                read.append(self._typical(and_(recent, of_each.in_(crowded)), since, until))
-            for which in read:
+            typical = (_typical(scanner_id, since, until) for scanner_id in crowded)
+            for which in (and_(recent, of_each.not_in(crowded)), *typical):
                 for row in session.execute(_MOVEMENTS.where(which)):
                     by_scanner.setdefault(row.scanner_id, []).append(Movement(*row))
         return by_scanner
@@ -77,36 +75,40 @@ class Measurements:
     def movements_of(self, scanner_id: str, since: datetime, until: datetime) -> tuple[list[Movement], int]:
         """What a chart draws of one scanner since a time, the oldest first, and how many measurements there are.
 
-        Of more than `MOST_READ` only some: of each kind, in each of `PARTS` equal parts of the time up to `until`, the
-        newest one and the one whose rays moved farthest.
+        Of more than `MOST_READ` only some: in each of `PARTS` equal parts of the time up to `until` the newest one, the
+        one whose rays moved farthest, and the newest calibration.
         """
         its = and_(MeasurementRow.scanner_id == scanner_id, MeasurementRow.at >= since)
         with self._database.read() as session:
             total = session.scalar(select(func.count()).select_from(MeasurementRow).where(its)) or 0
-            which = its if total <= MOST_READ else self._typical(its, since, until)
+            which = its if total <= MOST_READ else _typical(scanner_id, since, until)
             return [Movement(*row) for row in session.execute(_MOVEMENTS.where(which))], total
 
-    def _typical(self, its: ColumnElement[bool], since: datetime, until: datetime) -> ColumnElement[bool]:
-        elapsed_s = seconds_between(
-            self._database.engine.dialect.name, literal(since, UtcDateTime()), MeasurementRow.at
+
+def _typical(scanner_id: str, since: datetime, until: datetime) -> ColumnElement[bool]:
+    """Those that stand for each part of the time, the last of which has no end.
+
+    Each is looked up by the index of a scanner's times: of 100 000 that takes an eighth of what ranking them all does.
+    """
+    starts = [since + (until - since) * (part / PARTS) for part in range(PARTS)]
+    of_part = column("since", UtcDateTime()), column("until", UtcDateTime())
+    spans = list(zip(starts, [*starts[1:], _NEVER], strict=True))
+    parts = values(*of_part, name="parts").data(spans).cte()
+    later = MeasurementRow.at.desc(), MeasurementRow.number.desc()
+
+    def first(*order: ColumnElement[Any], **of: MeasurementKind) -> Select[tuple[int]]:
+        """In each part, the newer of equals."""
+        its = (
+            MeasurementRow.scanner_id == scanner_id,
+            MeasurementRow.at >= parts.c.since,
+            MeasurementRow.at < parts.c.until,
         )
-        part = cast(elapsed_s * (PARTS / (until - since).total_seconds()), Integer)
-        return MeasurementRow.number.in_(_typical(its, part))
-
-
-def _typical(its: ColumnElement[bool], part: ColumnElement[int]) -> Select[tuple[int]]:
-    """The numbers of those that stand for each part of the time."""
-
-    def place(*order: ColumnElement[Any]) -> ColumnElement[int]:
-        """Among those of its scanner, its kind and its part; the newer of equals comes first."""
-        newest_first = MeasurementRow.at.desc(), MeasurementRow.number.desc()
-        alike = MeasurementRow.scanner_id, MeasurementRow.kind, part
-        return func.row_number().over(partition_by=alike, order_by=(*order, *newest_first))
+        one = select(MeasurementRow.number).where(*its).filter_by(**of).order_by(*order, *later).limit(1)
+        return select(one.correlate(parts).scalar_subquery()).select_from(parts)
 
     farthest_first = func.coalesce(MeasurementRow.ray_change_mm, -1.0).desc()
-    places = select(MeasurementRow.number, place().label("by_time"), place(farthest_first).label("by_movement"))
-    placed = places.where(its).subquery()
-    return select(placed.c.number).where(or_(placed.c.by_time == 1, placed.c.by_movement == 1))
+    found = first(), first(farthest_first), first(kind=MeasurementKind.CALIBRATION)
+    return or_(*(MeasurementRow.number.in_(each) for each in found))
 
 
 def record_measurement(session: Session, subject: Answered, now: datetime) -> None:
