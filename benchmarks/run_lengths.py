@@ -1,7 +1,7 @@
 """Run lengths of the drift chart: false alarms a year, and the looks until a jump or a trend is found.
 
     python benchmarks/look_errors.py
-    python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 200000]
+    python benchmarks/run_lengths.py [--errors FILE] [--scanners 200] [--days 36] [--batches 2] [--baselines 400000]
 
 Each simulated scanner draws its looks' errors and covariances from those of one scanner of `look_errors`, 2 000 a day:
 that scanner's covariances, errors of the size that it has by them, and the shape of the errors of all. Beyond the
@@ -318,7 +318,7 @@ def main() -> None:
     parser.add_argument("--scanners", type=int, default=200)
     parser.add_argument("--days", type=float, default=36.0)
     parser.add_argument("--batches", type=int, default=2)
-    parser.add_argument("--baselines", type=int, default=200_000)
+    parser.add_argument("--baselines", type=int, default=400_000)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     errors = Errors.read(options.errors)
