@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-import run_lengths
-from run_lengths import LIMITS, Errors, false_alarms, found, of_jump
+from run_lengths import LIMITS, Change, Errors, false_alarms, found
 
 from sawmill_worker.tomography.drift_chart.chart import DriftKind
 
@@ -44,9 +43,9 @@ def test_alarms_are_rarer_at_higher_limits_and_years_run_until_them(errors):
     assert alarms[0, LIMITS.searchsorted(30.0)] <= 1
 
 
-def test_every_jump_is_found_with_its_time_and_size(errors, monkeypatch):
-    monkeypatch.setattr(run_lengths, "QUIET_DAYS", 0.2)
-    findings, early = found(errors, 10, of_jump(0.2), np.random.default_rng(4))
+def test_every_jump_is_found_with_its_time_and_size(errors):
+    jump = Change("jump", DriftKind.JUMP, 0.2, at=np.full(10, 0.2))
+    findings, early = found(errors, jump, np.random.default_rng(4))
     assert (len(findings), early) == (10, 0)
     for each in findings:
         assert 0 < each.looks <= 40
