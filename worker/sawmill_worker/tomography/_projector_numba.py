@@ -17,7 +17,7 @@ from numba import njit, prange
 
 from sawmill_worker.tomography import _lanes_numba as vector
 
-# The summation order is free; positions and lengths are in double precision.
+# The summation order is free; positions are in double precision from group to group of slabs.
 _FAST = {"contract", "nsz", "reassoc"}
 BORDER = 3
 # Slabs tabulated together, and cells of a view whose rays a thread takes at a time.
@@ -56,20 +56,26 @@ def _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n,
 def _march(rays, c, n, where, near, far):
     """Tabulate one ray: each slab's near pixel and the lengths in both; how many, whole groups, and the far's step."""
     lowest, slope = rays[_LOWEST, c], rays[_SLOPE, c]
-    length, per_pixel = rays[_LENGTH, c], rays[_PER_PIXEL, c]
+    length, per_pixel, rise = np.float32(rays[_LENGTH, c]), np.float32(rays[_PER_PIXEL, c]), np.float32(slope)
     row, column = np.uint32(n + BORDER), np.uint32(1)
     step, onward = (row, column) if rays[_ALONG_Y, c] == 1.0 else (column, row)
     count = np.uint64(rays[_COUNT, c])
     padded = (count + np.uint64(_GROUP - 1)) // np.uint64(_GROUP) * np.uint64(_GROUP)
     begin = (np.uint32(rays[_FIRST, c]) + np.uint32(1)) * onward
-    for j in range(np.uint32(padded)):
-        # The ray's lower end in the slab, in pixels, counted from the border.
-        low = lowest + j * slope
-        i = np.int32(low)
-        share = min(length, (i + 1.0 - low) * per_pixel)
-        where[j] = np.uint32(i) * step + np.uint32(j) * onward + begin
-        near[j] = share
-        far[j] = length - share
+    for group in range(np.uint64(0), padded, np.uint64(_GROUP)):
+        # The ray's lower end in the first slab, in pixels, counted from the border; single precision counts from the
+        # group's lowest pixel.
+        low = lowest + group * slope
+        pixel = math.floor(low + min(_GROUP * slope, 0.0))
+        within = np.float32(low - pixel)
+        at = np.uint32(np.int32(pixel)) * step + np.uint32(group) * onward + begin
+        for j in range(np.uint64(_GROUP)):
+            here = within + np.float32(np.int32(j)) * rise
+            i = np.int32(here)
+            share = min(length, (np.float32(i) + np.float32(1.0) - here) * per_pixel)
+            where[group + j] = at + np.uint32(i) * step + np.uint32(j) * onward
+            near[group + j] = share
+            far[group + j] = length - share
     for j in range(count, padded):
         where[j], near[j], far[j] = 0, 0.0, 0.0
     return count, padded, np.uint64(step)
@@ -90,16 +96,18 @@ def _forward(k, start, images, n, source, centre, axis, pitch, half, pixel, lane
     _tabulate_rays(k, cells, start, source, centre, axis, pitch, half, pixel, n, rays)
     for c in range(rays.shape[1]):
         _, count, step = _march(rays, c, n, where, near, far)
-        one = vector.scaled(np.float32(0.0), vector.load(images, np.uint64(0), lanes))
-        other = one
+        # Four sums: a single one would wait for itself at every addition.
+        zero = vector.scaled(np.float32(0.0), vector.load(images, np.uint64(0), lanes))
+        one, two, three, four = zero, zero, zero, zero
         for j in range(np.uint64(0), count, np.uint64(2)):
             p, q = where[j] * width, where[j + np.uint64(1)] * width
             a, b = near[j], far[j]
             one = vector.plus(one, vector.scaled(a, vector.load(images, p, lanes)))
-            one = vector.plus(one, vector.scaled(b, vector.load(images, p + step * width, lanes)))
+            two = vector.plus(two, vector.scaled(b, vector.load(images, p + step * width, lanes)))
             a, b = near[j + np.uint64(1)], far[j + np.uint64(1)]
-            other = vector.plus(other, vector.scaled(a, vector.load(images, q, lanes)))
-            other = vector.plus(other, vector.scaled(b, vector.load(images, q + step * width, lanes)))
+            three = vector.plus(three, vector.scaled(a, vector.load(images, q, lanes)))
+            four = vector.plus(four, vector.scaled(b, vector.load(images, q + step * width, lanes)))
+        one, other = vector.plus(one, two), vector.plus(three, four)
         vector.store(sums, np.uint64(0), vector.plus(one, other))
         for s in range(slices):
             for q in range(turns):

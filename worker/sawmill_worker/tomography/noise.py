@@ -100,9 +100,10 @@ def data_misfit(projector: Projector, images: Image, lines: Image, noise: FloatA
     1 means explained to the noise; pixels of finite size add a little. To methods that fit the data a wrong geometry
     shows as a misfit far above 1.
     """
-    relative = (projector.forward(images) - lines) / noise
-    counted = np.broadcast_to(np.isfinite(noise), lines.shape)[:, projector.crossing].mean(axis=-1)
-    misfit: FloatArray = np.sqrt(np.mean(relative[:, projector.crossing] ** 2, axis=-1) / counted)
+    counted = np.isfinite(noise) & projector.crossing
+    relative = (projector.forward(images) - lines) / np.where(counted, noise, math.inf).astype(np.float32)
+    squares = np.einsum("skm,skm->s", relative, relative, dtype=np.float64)
+    misfit: FloatArray = np.sqrt(squares / counted.sum(axis=(1, 2)))
     return misfit
 
 

@@ -17,7 +17,6 @@ from sawmill_worker.tomography.iterative.edge_preserving import (
     Settings,
     reconstruct_with_prior,
 )
-from sawmill_worker.tomography.iterative.first_image import typical_attenuation
 from sawmill_worker.tomography.iterative.progress import OnProgress
 from sawmill_worker.tomography.method import CANDIDATES_AT_ONCE, IMAGES_OF_A_DESCENT, CoupledMethod, LeftOut
 from sawmill_worker.tomography.noise import noise_of_rays
@@ -94,7 +93,7 @@ def total_variation(
     strongest = float(between.max(initial=0.0))
 
     def settings(problem: Problem, choice: WeightChoice | None) -> Settings:
-        typical = typical_attenuation(problem.first_images)
+        typical = problem.typical_attenuation
         weights = np.full(typical.shape, weight if choice is None else weight_factor(strongest) * choice.weight)
         parameters = {"weight": weights, "coupling": np.array([strongest])}
         return Settings(problem.noises, smoothed_prior(typical, weights), parameters, between)

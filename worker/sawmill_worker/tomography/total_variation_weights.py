@@ -14,7 +14,6 @@ from sawmill_worker.tomography.iterative.cross_validation import (
 )
 from sawmill_worker.tomography.iterative.descent import Floats
 from sawmill_worker.tomography.iterative.edge_preserving import Problem
-from sawmill_worker.tomography.iterative.first_image import typical_attenuation
 from sawmill_worker.tomography.iterative.penalised import Objective
 from sawmill_worker.tomography.iterative.priors import TotalVariationPrior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
@@ -32,14 +31,16 @@ CANDIDATE_ITERATIONS = 8
 # The cost of the folds' first images relative to that of the candidates.
 FIRST_IMAGES_COST = 0.25
 # Ends within 3 % of the error at rest, in the mean of sixteen logs, from 20 views on (benchmarks/slice_price.py).
-TOLERANCE = 3e-3
+TOLERANCE = 5e-3
 # Iterations with the own pixels after which most logs have converged (benchmarks/slice_price.py).
-USUAL_ITERATIONS = 10
+USUAL_ITERATIONS = 4
 # Candidates for the coupling, and what the weight in the plane is times the uncoupled one with each: slices that help
 # each other need less in the plane. Found on simulated logs with the truth in hand (seeds from 4000 of
 # benchmarks/whole_logs.py).
 COUPLINGS = ((0.0, 1.0), (0.2, 0.85), (0.4, 0.75), (0.7, 0.65))
 VALIDATION_VIEWS = 4
+# With the own pixels, at most.
+COUPLING_ITERATIONS = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +78,7 @@ def choose_weight(
     """
     problem = Problem.of(projector, sinogram, noise, non_negative=non_negative)
     lines, noises, support = problem.lines, problem.noises, problem.support
-    typical = typical_attenuation(problem.first_images)
+    typical = problem.typical_attenuation
     candidates = WEIGHTS / typical
     weights = np.broadcast_to(1.0 / noises**2, lines.shape).astype(np.float32)
     prior = smoothed_prior(np.broadcast_to(typical, candidates.shape), candidates)
@@ -148,7 +149,7 @@ def choose_coupling(
     noises = np.broadcast_to(problem.noises, problem.lines.shape)
     views = np.arange(lines.shape[1]) % VALIDATION_VIEWS == VALIDATION_VIEWS // 2
     training = np.where(views[:, None], 0.0, 1.0 / noises**2).astype(np.float32)
-    typical = typical_attenuation(problem.first_images)
+    typical = problem.typical_attenuation
     weights = {coupling: weight if weight_stays else factor * weight for coupling, factor in COUPLINGS}
     phases = Phases(on_progress, **{f"{coupling:g}": 1.0 for coupling in weights})
 
@@ -158,7 +159,7 @@ def choose_coupling(
         found = descend_by_levels(
             objective,
             non_negative=non_negative,
-            iterations=USUAL_ITERATIONS,
+            iterations=COUPLING_ITERATIONS,
             tolerance=TOLERANCE,
             usual=USUAL_ITERATIONS,
             coupling=coupling * neighbours,

@@ -91,9 +91,9 @@ def load_iterative_methods() -> None:
     """Compile the kernels of the methods that fit, where no cache has them: they are loaded when they are called."""
     # Imported here, as these are not needed by a calibration.
     from sawmill_worker.tomography import _projector_numba  # noqa: PLC0415
-    from sawmill_worker.tomography.iterative import _descent_numba, _prior_numba  # noqa: PLC0415
+    from sawmill_worker.tomography.iterative import _descent_numba, _haar_numba, _prior_numba  # noqa: PLC0415
 
-    if not holds_all(_projector_numba, _descent_numba, _prior_numba):
+    if not holds_all(_projector_numba, _descent_numba, _haar_numba, _prior_numba):
         _iterative_methods()
 
 

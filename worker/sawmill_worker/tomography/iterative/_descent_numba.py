@@ -27,6 +27,26 @@ def _at_bound(x, gradient, low):
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
+def weigh(projected, lines, weights, which):
+    """Turn projections A x (named, views, cells) into weights (A x - y), in place; 1/2 sum weights (A x - y)^2 of each.
+
+    lines and weights have a sinogram for each problem, or one for all.
+    """
+    named, views, cells = projected.shape
+    values = np.zeros((named, views))
+    for task in prange(named * views):
+        b, k = np.int64(task) // views, np.int64(task) % views
+        line, weight = lines[min(which[b], len(lines) - 1), k], weights[min(which[b], len(weights) - 1), k]
+        one, total = projected[b, k], np.float32(0.0)
+        for c in range(cells):
+            residual = one[c] - line[c]
+            one[c] = weight[c] * residual
+            total += one[c] * residual
+        values[b, k] = 0.5 * total
+    return values.sum(axis=1)
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
 def first_recursion(which, x, gradient, lower, scaling, steps, changes, products, used, newest, taken, out):
     """The first loop of the two-loop recursion (Nocedal and Wright 2006, algorithm 7.4), times scaling, into out.
 

@@ -48,8 +48,8 @@ class CoupledObjective:
 class _CoupledCurvature:
     """The preconditioner of each slice, stiffer by the differences along the axis."""
 
-    def __init__(self, objective: CoupledObjective) -> None:
-        self._objective, self._own = objective, InverseCurvature(objective.slices)
+    def __init__(self, objective: CoupledObjective, own: InverseCurvature) -> None:
+        self._objective, self._own = objective, own
 
     def scaling(self, volumes: Images, _which: Indices) -> Images:
         images = volumes[0]
@@ -73,9 +73,14 @@ def descend_coupled(
     iterations: int,
     tolerance: float,
     window: int,
+    curvature: InverseCurvature,
+    first_scale: float = 1.0,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
-    """Minimise for a block (slices, n, n) together; each slice has the block's value, iterations and end."""
+    """Minimise for a block (slices, n, n) together; each slice has the block's value, iterations and end.
+
+    The curvature is that of the slices by themselves.
+    """
     found = minimise(
         objective,
         start[None],
@@ -83,7 +88,8 @@ def descend_coupled(
         iterations=iterations,
         tolerance=tolerance,
         window=window,
-        preconditioner=_CoupledCurvature(objective),
+        preconditioner=_CoupledCurvature(objective, curvature),
+        first_scale=first_scale,
         on_iteration=on_iteration,
     )
     slices = len(start)

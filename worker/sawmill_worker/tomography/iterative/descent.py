@@ -111,6 +111,7 @@ def minimise(
     tolerance: float,
     window: int = WINDOW,
     preconditioner: Preconditioner | None = None,
+    first_scale: float = 1.0,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
     """Minimise each problem's objective over images with every pixel at or above `lower` (-inf for no bound).
@@ -126,12 +127,15 @@ def minimise(
         A problem is done when `window` iterations together lower its objective by less than this share of it.
     preconditioner : Preconditioner, optional
         By default the identity.
+    first_scale : float
+        What the preconditioner is multiplied by in the first step, which no change of gradient scales.
     """
     problems, shape = len(start), start.shape[1:]
     x = np.maximum(start, np.float32(lower)).reshape(problems, -1)
     every = np.arange(problems, dtype=np.int64)
     values, gradient = _evaluate(objective, x, every, shape)
     history = _History(problems, shape)
+    history.scales *= first_scale
     if preconditioner is None:
         # Without curvature yet, the first step is to gain a thousandth of the objective; a little where that is zero.
         steepness = np.maximum(np.einsum("bp,bp->b", gradient, gradient, dtype=np.float64), 1e-300)

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sawmill_worker.tomography.estimate import Estimate
+from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.coarse_to_fine import descend_by_levels
 from sawmill_worker.tomography.iterative.descent import Floats, Images
-from sawmill_worker.tomography.iterative.first_image import mean_along_rays
+from sawmill_worker.tomography.iterative.first_image import mean_along_rays, typical_attenuation
 from sawmill_worker.tomography.iterative.penalised import CONTINUATION_ITERATIONS, Objective, continuation
 from sawmill_worker.tomography.iterative.priors import Prior
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases, cost_of_images
@@ -24,6 +25,9 @@ from sawmill_worker.tomography.iterative.support_region import SupportRegion, de
 from sawmill_worker.tomography.noise import data_misfit, noise_of_each_ray, remarks_on, rms_noise
 from sawmill_worker.tomography.object_extent import check_shown
 from sawmill_worker.tomography.projector import Image, Projector
+
+# Own pixels across one of those that show a slice's typical attenuation.
+LARGE_PIXEL = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +81,13 @@ class Problem:
     def first_images(self) -> Images:
         """A first image of each slice on the support region, (slices, n, n)."""
         return mean_along_rays(self.support.projector, self.lines)
+
+    @cached_property
+    def typical_attenuation(self) -> Floats:
+        """Of each slice, (slices,): of first images with large pixels, which show it as well."""
+        grid = self.support.projector.grid
+        large = ImageGrid(max(grid.size // LARGE_PIXEL, 1), grid.field_mm, grid.centre_mm)
+        return typical_attenuation(mean_along_rays(Projector(self.projector.geometry, large), self.lines))
 
 
 class Choice(Protocol):
@@ -171,20 +182,12 @@ def reconstruct_with_prior(
     choice = None if method.choose is None else _from_middle_slice(method.choose, problem, phases.of("choose"))
     settings = method.settings(problem, choice)
     weights = np.broadcast_to(1.0 / settings.sigmas**2, lines.shape).astype(np.float32)
-    start = choice.image[None] if choice is not None and has_near_image else problem.first_images
-    if continued:
-        start = continuation(
-            Objective(problem.support.projector, lines, weights, settings.prior),
-            start,
-            non_negative=non_negative,
-            tolerance=tolerance,
-            on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
-        )
+    near = choice.image[None] if choice is not None and has_near_image else None
     on_descent = phases.of("descent")
     if method.convex:
         found = descend_by_levels(
             Objective(problem.support.projector, lines, weights, settings.prior),
-            start if has_near_image else None,
+            near,
             non_negative=non_negative,
             iterations=iterations,
             tolerance=tolerance,
@@ -194,6 +197,15 @@ def reconstruct_with_prior(
         )
         found = replace(found, images=problem.support.embedded(found.images))
     else:
+        start = problem.first_images if near is None else near
+        if continued:
+            start = continuation(
+                Objective(problem.support.projector, lines, weights, settings.prior),
+                start,
+                non_negative=non_negative,
+                tolerance=tolerance,
+                on_iteration=phases.descent("continuation", CONTINUATION_ITERATIONS),
+            )
         found = descend_from_support(
             Objective(problem.projector, lines, weights, settings.prior),
             problem.support,

@@ -1,12 +1,24 @@
 """Weighted least squares with an edge-preserving prior, and its descent by continuation in the prior's scale."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import get_num_threads
-from scipy.fft import fftfreq, irfft2, rfft2, rfftfreq
+from scipy.fft import fftfreq, irfft2, rfft2
 
-from sawmill_worker.tomography.iterative.descent import WINDOW, Floats, Images, Indices, Minimum, OnIteration, minimise
+from sawmill_worker.tomography.iterative import _descent_numba as kernels
+from sawmill_worker.tomography.iterative import _haar_numba as haar
+from sawmill_worker.tomography.iterative.descent import (
+    WINDOW,
+    Floats,
+    Images,
+    Indices,
+    Minimum,
+    OnIteration,
+    Preconditioner,
+    minimise,
+)
 from sawmill_worker.tomography.iterative.priors import Prior
 from sawmill_worker.tomography.projector import Projector
 
@@ -42,10 +54,9 @@ class Objective:
 
     def __call__(self, images: Images, which: Indices) -> tuple[Floats, Images]:
         """Values (named,) and gradients (named, n, n)."""
-        residual = self.projector.forward(images) - _of(self.lines, which)
-        weighted = residual * _of(self.weights, which)
+        weighted = self.projector.forward(images)
+        values = kernels.weigh(weighted, self.lines, self.weights, which)
         gradient = self.projector.adjoint(weighted)
-        values = 0.5 * np.einsum("skm,skm->s", residual, weighted, dtype=np.float64)
         return values + self.prior.add(images, which, gradient), gradient
 
 
@@ -63,15 +74,15 @@ class InverseCurvature:
         signs = np.random.default_rng(SEED).choice(np.array([-1.0, 1.0], np.float32), (n, n))
         seen = np.square(objective.projector.forward(signs))
         total = np.einsum("skm,km->s", objective.weights, seen, dtype=np.float64) / n**2
-        stiffness = objective.prior.even_share * objective.prior.stiffest()
-        self._data = np.broadcast_to(total, stiffness.shape)
-        frequency = 2.0 * np.pi * np.hypot(fftfreq(n)[:, None], fftfreq(n))
-        frequency[0, 0] = np.pi / n
-        blur = 1.0 / frequency
-        blur /= blur.mean()
-        rough = 4.0 * (np.sin(np.pi * fftfreq(n))[:, None] ** 2 + np.sin(np.pi * rfftfreq(n)) ** 2)
-        curvature = self._data[:, None, None] * blur[:, : n // 2 + 1] + stiffness[:, None, None] * rough
-        self._inverse = (1.0 / curvature).astype(np.float32)
+        self._stiffness = objective.prior.even_share * objective.prior.stiffest()
+        self._data = np.broadcast_to(total, self._stiffness.shape)
+        self._inverse = self._inverse_of(*_flat_curvatures(n))
+
+    def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
+        """The inverse curvature at the frequencies of a real transform."""
+        half = blur.shape[1] // 2 + 1
+        curvature = np.multiply.outer(self._data, blur[:, :half]) + np.multiply.outer(self._stiffness, rough[:, :half])
+        return np.asarray(1.0 / curvature, np.float32)
 
     def flat(self) -> Floats:
         """The diagonal of the curvature where all is flat, (images,)."""
@@ -89,6 +100,52 @@ class InverseCurvature:
         return np.asarray(irfft2(spectrum, s=shape, workers=threads, overwrite_x=True))
 
 
+class HalvedInverseCurvature(InverseCurvature):
+    """As `InverseCurvature` of images of even size, for a third of the time.
+
+    One step of the orthonormal Haar transform splits the image into means of four pixels and their differences. Each
+    difference has one curvature, its mean over the frequencies, and only the means are transformed (Mallat 2009,
+    section 7.7).
+    """
+
+    def _inverse_of(self, blur: Floats, rough: Floats) -> Images:
+        angle = np.pi * fftfreq(len(blur))
+        mean, difference = np.cos(angle) ** 2, np.sin(angle) ** 2
+
+        def of_differences(share: Floats) -> Floats:
+            shares = 4.0 * share
+            return np.asarray(1.0 / (self._data * (shares * blur).mean() + self._stiffness * (shares * rough).mean()))
+
+        self._straight = of_differences(np.multiply.outer(mean, difference))
+        self._diagonal = of_differences(np.multiply.outer(difference, difference))
+        size = len(blur) // 2
+
+        def of_means(curvature: Floats) -> Floats:
+            # What a frequency of the means shows stands for four of the pixels'.
+            shares = np.multiply.outer(mean, mean) * curvature
+            return np.asarray(shares.reshape(2, size, 2, size).sum(axis=(0, 2)))
+
+        return super()._inverse_of(of_means(blur), of_means(rough))
+
+    def smoothed(self, images: Images, which: Indices) -> Images:
+        """The inverse curvature of a flat image, applied to images (named, n, n)."""
+        size = images.shape[1] // 2
+        means, out = np.empty((len(images), size, size), np.float32), images.copy()
+        haar.means(images, means)
+        haar.join(super().smoothed(means, which), self._straight[which], self._diagonal[which], out)
+        return out
+
+
+def _flat_curvatures(n: int) -> tuple[Floats, Floats]:
+    """Curvature of data and of a prior over a flat image, at the frequencies of (n, n); each with its own unit."""
+    angle = 2.0 * np.pi * fftfreq(n)
+    frequency = np.hypot(angle[:, None], angle)
+    frequency[0, 0] = np.pi / n
+    blur = 1.0 / frequency
+    rough = 4.0 * (np.sin(0.5 * angle)[:, None] ** 2 + np.sin(0.5 * angle) ** 2)
+    return blur / blur.mean(), rough
+
+
 def _of(rays: Images, which: Indices) -> Images:
     return rays if len(rays) == 1 else rays[which]
 
@@ -101,10 +158,11 @@ def descend(
     iterations: int,
     tolerance: float,
     window: int = WINDOW,
-    preconditioned: bool = True,
+    preconditioner: Callable[[Objective], Preconditioner] | None = InverseCurvature,
+    first_scale: float = 1.0,
     on_iteration: OnIteration | None = None,
 ) -> Minimum:
-    """Minimise from the image of `continuation`, or from another one; with or without the preconditioner."""
+    """Minimise from the image of `continuation`, or from another one; with or without a preconditioner."""
     return minimise(
         objective,
         start,
@@ -112,7 +170,8 @@ def descend(
         iterations=iterations,
         tolerance=tolerance,
         window=window,
-        preconditioner=InverseCurvature(objective) if preconditioned else None,
+        preconditioner=None if preconditioner is None else preconditioner(objective),
+        first_scale=first_scale,
         on_iteration=on_iteration,
     )
 
@@ -133,6 +192,6 @@ def continuation(
         non_negative=non_negative,
         iterations=CONTINUATION_ITERATIONS,
         tolerance=tolerance,
-        preconditioned=False,
+        preconditioner=None,
         on_iteration=on_iteration,
     ).images

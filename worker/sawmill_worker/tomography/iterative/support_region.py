@@ -8,7 +8,7 @@ from scipy.fft import next_fast_len
 
 from sawmill_worker.tomography.image_grid import ImageGrid
 from sawmill_worker.tomography.iterative.descent import Images, Minimum
-from sawmill_worker.tomography.iterative.penalised import Objective, descend
+from sawmill_worker.tomography.iterative.penalised import InverseCurvature, Objective, descend
 from sawmill_worker.tomography.iterative.progress import OnProgress, Phases
 from sawmill_worker.tomography.object_extent import object_radius_mm
 from sawmill_worker.tomography.projector import Projector
@@ -124,6 +124,7 @@ def descend_from_support(
     on_progress : callable, optional
         Called with the share of the work that is done.
     """
+    preconditioner = InverseCurvature if preconditioned else None
     phases = Phases(on_progress, support=1.0 if support.is_small else 0.0, full_grid=FULL_GRID_COST)
     spent = np.zeros(len(start), np.int64)
     if support.is_small:
@@ -133,7 +134,7 @@ def descend_from_support(
             non_negative=non_negative,
             iterations=int(SUPPORT_ITERATION_SHARE * iterations),
             tolerance=tolerance,
-            preconditioned=preconditioned,
+            preconditioner=preconditioner,
             on_iteration=phases.descent("support", usual),
         )
         start, spent = near.images, near.iterations
@@ -143,7 +144,7 @@ def descend_from_support(
         non_negative=non_negative,
         iterations=iterations - int(spent.max()),
         tolerance=tolerance,
-        preconditioned=preconditioned,
+        preconditioner=preconditioner,
         on_iteration=phases.descent("full_grid", FULL_GRID_ITERATIONS if support.is_small else usual),
     )
     return replace(found, iterations=spent + found.iterations)

@@ -1,0 +1,39 @@
+"""Kernels of one step of the orthonormal Haar transform of images: (slices, n, n), n even."""
+
+import numpy as np
+from numba import njit, prange
+
+_FAST = {"contract", "nsz", "reassoc", "nnan", "ninf"}
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def means(images, out):
+    """Fill out (slices, n / 2, n / 2) with half the sum of each four pixels."""
+    slices, m, _ = out.shape
+    half = np.float32(0.5)
+    for task in prange(slices * m):
+        s, i = np.int64(task) // m, np.int64(task) % m
+        one, other, mean = images[s, 2 * i], images[s, 2 * i + 1], out[s, i]
+        for j in range(m):
+            mean[j] = half * (one[2 * j] + one[2 * j + 1] + other[2 * j] + other[2 * j + 1])
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def join(mean, straight, diagonal, images):
+    """Give each four pixels another mean, and multiply what they differ from it by, in place.
+
+    mean is as `means` fills it; straight and diagonal (slices,) are the factors of the differences along x or y, and of
+    those along both.
+    """
+    slices, m, _ = mean.shape
+    quarter, half = np.float32(0.25), np.float32(0.5)
+    for task in prange(slices * m):
+        s, i = np.int64(task) // m, np.int64(task) % m
+        one, other, now = images[s, 2 * i], images[s, 2 * i + 1], mean[s, i]
+        edge, corner = quarter * np.float32(straight[s]), quarter * np.float32(diagonal[s])
+        for j in range(m):
+            a, b, c, d = one[2 * j], one[2 * j + 1], other[2 * j], other[2 * j + 1]
+            level = half * now[j]
+            x, y, xy = edge * (a + b - c - d), edge * (a - b + c - d), corner * (a - b - c + d)
+            one[2 * j], one[2 * j + 1] = level + x + y + xy, level + x - y - xy
+            other[2 * j], other[2 * j + 1] = level - x + y - xy, level - x - y + xy
