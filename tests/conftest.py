@@ -54,7 +54,6 @@ TOGETHER = "test_live_service.py"
 # Of half a minute each, alone on a machine.
 LONG = {
     "test_a_calibration_is_done_while_a_long_reconstruction_runs",
-    "test_a_first_calibration_does_not_wait_for_the_examples",
     "test_an_accepted_job_waits_for_room_and_the_worker_stays",
     "test_every_kind_of_job_does_its_work_with_its_own_files_alone",
     "test_from_a_stack_of_counts_to_a_theta_and_a_log",

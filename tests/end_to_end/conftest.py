@@ -3,7 +3,7 @@
 import json
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ THETA = Theta(0.7, 728.0, -254.0, -37.0, -0.21)
 VIEWS, PHANTOM_ROWS, LOG_ROWS, ROW_PITCH_MM = 180, 2, 2, 3.0
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def offline(tmp_path_factory: pytest.TempPathFactory) -> Offline:
     return Offline(tmp_path_factory.mktemp("offline"))
 
@@ -40,20 +40,23 @@ def celery_worker(folder: Path, environment: dict[str, str]) -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session")
+def embedded(tmp_path_factory: pytest.TempPathFactory, offline: Offline) -> Iterator[Service]:
+    """A service with workers of its own and no examples, for tests that each make a scanner of their own."""
+    with serving(tmp_path_factory.mktemp("embedded"), offline.variables, "--no-examples") as service:
+        yield service
+
+
 @pytest.fixture(params=["embedded", "celery"])
 def engine(request: pytest.FixtureRequest, tmp_path: Path, offline: Offline) -> Iterator[Service]:
     """A service on each engine in turn: with workers of its own, and with a Celery worker woken through Redis."""
-    with ExitStack() as stack:
-        environment = offline.variables
-        if request.param == "celery":
-            redis_url: str = request.getfixturevalue("redis_url")
-            environment = {
-                **environment,
-                "SAWMILL_BROKER_URL": redis_url,
-                "SAWMILL_DATA_FOLDER": str(tmp_path / "data"),
-            }
-            stack.enter_context(celery_worker(tmp_path, environment))
-        yield stack.enter_context(serving(tmp_path, environment, "--no-examples"))
+    if request.param == "embedded":
+        yield request.getfixturevalue("embedded")
+        return
+    broker = {"SAWMILL_BROKER_URL": request.getfixturevalue("redis_url"), "SAWMILL_DATA_FOLDER": str(tmp_path / "data")}
+    environment = {**offline.variables, **broker}
+    with celery_worker(tmp_path, environment), serving(tmp_path, environment, "--no-examples") as service:
+        yield service
 
 
 @pytest.fixture(scope="module")

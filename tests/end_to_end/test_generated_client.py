@@ -94,21 +94,20 @@ def check_files(folder: Path) -> None:
 
 
 @pytest.mark.timeout(180)
-def test_the_page_s_programs_do_the_whole_job(tmp_path, offline, serve, client_folder):
+def test_the_page_s_programs_do_the_whole_job(tmp_path, embedded, client_folder):
     simulated = CliRunner().invoke(main, ["simulate", *SIMULATED, "--phantom-rows", "3", "-o", f"{tmp_path}/mill.h5"])
     assert simulated.exit_code == 0, simulated.output
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     (tmp_path / "python").mkdir()
-    with serve(tmp_path, offline.variables, "--no-examples") as service:
-        address = str(service.client.base_url)
-        shell = blocks(PAGE, "sh").replace(DOCUMENTED, address)
-        printed = run(["bash", "-euo", "pipefail", "-c", shell], tmp_path)
-        for name in ("mill.h5", "phantom.png"):
-            (tmp_path / "python" / name).symlink_to(tmp_path / name)
-        program = "\n".join((blocks(PAGE, "python"), OTHER_FILES, blocks(client_folder / "README.md", "python")))
-        key = service.post("/v1/keys", json={"name": "program", "scope": "activate"})["secret"]
-        variables = {"SAWMILL_KEY": key, "PYTHONPATH": str(client_folder)}
-        said = run([sys.executable, "-c", program.replace(DOCUMENTED, address)], tmp_path / "python", **variables)
+    address = str(embedded.client.base_url)
+    shell = blocks(PAGE, "sh").replace(DOCUMENTED, address)
+    printed = run(["bash", "-euo", "pipefail", "-c", shell], tmp_path)
+    for name in ("mill.h5", "phantom.png"):
+        (tmp_path / "python" / name).symlink_to(tmp_path / name)
+    program = "\n".join((blocks(PAGE, "python"), OTHER_FILES, blocks(client_folder / "README.md", "python")))
+    key = embedded.post("/v1/keys", json={"name": "program", "scope": "activate"})["secret"]
+    variables = {"SAWMILL_KEY": key, "PYTHONPATH": str(client_folder)}
+    said = run([sys.executable, "-c", program.replace(DOCUMENTED, address)], tmp_path / "python", **variables)
     for folder in (tmp_path, tmp_path / "python"):
         check_files(folder)
     assert "pass\n" in printed

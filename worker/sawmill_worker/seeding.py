@@ -1,16 +1,16 @@
 """The example resources, made in a process of their own: the service need not hold the science that they take."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import structlog
 
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.importing import PROGRAM
 from sawmill_worker.storage.files import EXAMPLES
 from sawmill_worker.storage.store import Store
 
-COMMAND = (sys.executable, "-m", "sawmill_worker.examples")
+COMMAND = (*PROGRAM, "sawmill_worker.examples")
 
 
 def examples_made(store: Store) -> Path:

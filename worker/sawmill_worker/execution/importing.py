@@ -1,8 +1,16 @@
-"""Python's garbage collector rests while a process imports what it keeps as long as it lives."""
+"""Python's garbage collector rests while a process imports what it keeps as long as it lives.
+
+`python -m sawmill_worker.execution.importing MODULE` imports a program of ours so, and runs its `main`.
+"""
 
 import gc
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
+
+# Starts what the name of a module follows. Nothing is imported from the folder in which it happens to be started.
+PROGRAM = (sys.executable, "-P", "-m", "sawmill_worker.execution.importing")
 
 
 @contextmanager
@@ -17,3 +25,10 @@ def importing() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
+
+
+if __name__ == "__main__":
+    del sys.argv[0]
+    with importing():
+        program = import_module(sys.argv[0])
+    program.main()

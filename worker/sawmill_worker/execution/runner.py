@@ -1,7 +1,6 @@
 """Claiming a job and running one attempt at it, under supervision."""
 
 import os
-import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -15,6 +14,7 @@ from sawmill_worker.contracts.jobs import Failure, FailureKind, JobState
 from sawmill_worker.execution import sharing
 from sawmill_worker.execution.environment import environment_of_attempts
 from sawmill_worker.execution.failures import LIMITS_MET, died, failure_of
+from sawmill_worker.execution.importing import PROGRAM
 from sawmill_worker.execution.logs import about_attempt
 from sawmill_worker.execution.naming import process_name
 from sawmill_worker.execution.patience import Patience
@@ -32,7 +32,7 @@ from sawmill_worker.vocabulary import Progress
 # What a library may have failed to write at once, and so what a full disk may have left free.
 BUFFER_BYTES = 16 * 2**20
 # Without the folder that the worker was started in on the path for imports.
-ATTEMPT_COMMAND = (sys.executable, "-P", "-m", "sawmill_worker.execution.attempt")
+ATTEMPT_COMMAND = (*PROGRAM, "sawmill_worker.execution.attempt")
 
 
 class Runner:

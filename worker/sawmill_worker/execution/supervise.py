@@ -2,7 +2,6 @@
 
 import socket
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -14,13 +13,14 @@ import structlog
 
 from sawmill_worker.execution.confinement import say_if_unconfined
 from sawmill_worker.execution.environment import environment_with
+from sawmill_worker.execution.importing import PROGRAM
 from sawmill_worker.execution.logs import going_on
 from sawmill_worker.execution.settings import ExecutionSettings
 from sawmill_worker.execution.sharing import say_if_crowded
 from sawmill_worker.storage.errors import StorageUnavailable
 from sawmill_worker.storage.settings import StorageSettings
 
-WORKER_COMMAND = (sys.executable, "-m", "sawmill_worker.execution.poller", "--watch-parent")
+WORKER_COMMAND = (*PROGRAM, "sawmill_worker.execution.poller", "--watch-parent")
 _LOOK_S = 0.2
 _LANE_LOOK_S = 1.0  # for a short job that nobody announced, as one that waited for another
 _FIRST_BACK_OFF_S = 0.5
