@@ -23,6 +23,7 @@ EXAMPLES = os.environ.get("SAWMILL_CONTRACT_EXAMPLES")
 # so a request that they allow may be refused with these sentences. Of any other refusal it is a failure.
 BEYOND_SCHEMAS = re.compile(
     r"^rows is \S+, but scan "
+    r"|rows must be A:B with 0 <= A < B"
     r"|give count or slices, not both"
     r"|window_low must be below window_high"
     r"|standard_uncertainty_mm \S+ of measured_mm \S+ must be less than 10% of it"
