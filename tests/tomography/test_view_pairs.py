@@ -104,7 +104,9 @@ def test_an_eccentric_encoder_stays_within_its_bound():
         shifted, _ = averaged(angles + wrong, seed=seed, rows=1)
         scans = (noisy(rays, np.random.default_rng(seed), rows=1000, gain=0.005) for rays in (sound, shifted))
         usual, fit = (view_pair_fit(MILL, scan, angles, frame, Rotation.AS_GIVEN) for scan in scans)
-        assert abs(fit.cor_column_mm - usual.cor_column_mm) < 1.2 * fit.encoder_bound_mm + 0.002 < 0.02
+        assert fit.encoder_bound_mm < 0.01
+        # Those of one standard deviation come from the bends, which the rays give anew.
+        assert abs(fit.cor_column_mm - usual.cor_column_mm) < fit.encoder_bound_mm + 1.2 * usual.deviation[0] < 0.02
         shares.append(error_of(fit, frame) / fit.deviation[:2])
     # The RMS of 4 standard normal numbers is below 2 in 99.7 % of draws.
     assert np.all(np.sqrt(np.mean(np.square(shares), axis=0)) < 2.0)

@@ -13,6 +13,8 @@ from sawmill_worker.tomography.opposite_rays import ALL_THREE, WITHOUT_DISTANCE,
 # Blur in views and in cells: the coarse one finds the basin and the sense of rotation, the finest one that the noise
 # allows finds the minimum.
 COARSE = (4.0, 8.0)
+# The coarse blur leaves nothing of more than this share of the views' harmonics.
+COARSE_SHARE = 1 / 3
 FINE = ((1.0, 1.5), (1.5, 2.5), (2.0, 4.0), (3.0, 6.0))
 # How far u_c (share of the detector), tau (rad) and SDD (share) may have moved and are still followed.
 REACH = (0.05, 0.2, 0.2)
@@ -26,7 +28,8 @@ WORST_TILT = 0.03
 
 def coarse_minimum(scanner: Scanner, turn: Turn, start: SourceFrame) -> Solution:
     """The coarse fit, with SDD held: it needs the fine structure of the log."""
-    pairs = Pairs(scanner, turn, seen_vector(start), COARSE)
+    few = turn.of_fewer_views(math.ceil(COARSE_SHARE * turn.views))
+    pairs = Pairs(scanner, few, seen_vector(start), (COARSE[0] * few.views / turn.views, COARSE[1]))
     return pairs.solve(seen_vector(start), *_reach(scanner, start), free=WITHOUT_DISTANCE, corrected=False)
 
 

@@ -16,6 +16,7 @@ from sawmill_worker.tomography.conjugate_minimum import coarse_minimum, fine_min
 from sawmill_worker.tomography.disturbances import (
     ROUNDS,
     Harmonics,
+    estimates_of,
     strongest,
     undetected_covariance,
     undisturbed,
@@ -86,17 +87,18 @@ def conjugate_fit(
         (*screening.adjustments, *without_metal),
     )
     fit = steady = _fit_without_odd_views(scan, start, rotation)
-    harmonics = Harmonics.none()
+    harmonics, estimates = Harmonics.none(), estimates_of(fit.best)
     for _ in range(ROUNDS):
-        found = strongest(fit.best, start.source_distance_mm)
+        found = strongest(estimates, start.source_distance_mm)
         if found is None:
             break
         harmonics = harmonics.plus(found)
         fit = _fit_without_odd_views(scan.undisturbed(harmonics, start, fit.rotation), start, fit.rotation)
+        estimates = estimates_of(fit.best)
     # A jump of the log has something of every harmonic, and no harmonics explain it.
     movement = fit.movement(angles_rad, start)
     if harmonics.values.any() and movement.beyond_chance:
-        fit, harmonics = steady, Harmonics.none()
+        fit, harmonics, estimates = steady, Harmonics.none(), estimates_of(steady.best)
         movement = fit.movement(angles_rad, start)
     best, used = fit.best, fit.scan
     disagreeing = int(np.sum(screening.views & ~used.usable))
@@ -107,7 +109,7 @@ def conjugate_fit(
         u_c,
         tau,
         sdd,
-        best.covariance + undetected_covariance(best, start.source_distance_mm),
+        best.covariance + undetected_covariance(best, estimates, start.source_distance_mm),
         distance_held=best.free == WITHOUT_DISTANCE,
         rotation=fit.rotation,
         rotation_ratio=fit.ratio,
@@ -202,7 +204,7 @@ def _fit(scan: _Scan, start: SourceFrame, rotation: Rotation) -> _Fit:
             turn = scan.turn(gain.removed(even), first)
             done = (*scan.done, gain.done)
         best = fine_minimum(scan.scanner, turn.read(rotation), start, vector)
-        if gain is None or not best.settled:
+        if gain is None or not best.settled or best.is_near(vector):
             break
         vector = best.vector
     return _Fit(best, rotation, ratio, replace(scan, done=done))

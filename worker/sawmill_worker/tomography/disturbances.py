@@ -6,7 +6,7 @@ first and second harmonic of phi. Unless they are fitted, they pass for a change
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,24 +128,24 @@ def _prior(disturbance: Disturbance, amplitudes: Mapping[str, float], source_dis
     return np.eye(2) * 0.5 * angle**2
 
 
-def strongest(solution: Solution, source_distance_mm: float) -> Estimate | None:
+def strongest(estimates: Sequence[Estimate], source_distance_mm: float) -> Estimate | None:
     """The disturbance that explains the differences of opposite rays best; None where none is beyond chance."""
-    estimates = [each for each in _estimates(solution) if each.times_sound(source_distance_mm) > TIMES_SOUND]
+    estimates = [each for each in estimates if each.times_sound(source_distance_mm) > TIMES_SOUND]
     if not estimates:
         return None
     best = max(estimates, key=lambda each: each.evidence(source_distance_mm))
     return best if best.evidence(source_distance_mm) > FOUND else None
 
 
-def undetected_covariance(solution: Solution, source_distance_mm: float) -> FloatArray:
+def undetected_covariance(solution: Solution, estimates: Sequence[Estimate], source_distance_mm: float) -> FloatArray:
     """What disturbances that were not found may have added to the error of (u_c, tau, SDD), (3, 3)."""
     covariance = np.zeros((3, 3))
-    for each in _estimates(solution):
+    for each in estimates:
         covariance[solution.free, solution.free] += each.moved(source_distance_mm)
     return covariance
 
 
-def _estimates(solution: Solution) -> list[Estimate]:
+def estimates_of(solution: Solution) -> list[Estimate]:
     """Each disturbance fitted alone beside the geometry; without those that the pairs do not show."""
     near, opposite = solution.pairs.views_of()
     geometry = list(range(3))[solution.free]

@@ -79,6 +79,18 @@ class Turn:
             return self
         return replace(self, spectrum=self.spectrum.conj(), filled_rad=-self.filled_rad, sense=-self.sense)
 
+    def of_fewer_views(self, views: int) -> "Turn":
+        """With the harmonics that this number of equidistant views has."""
+        if views >= self.views:
+            return self
+        kept = (np.arange(views) * self.views / views).round().astype(int)
+        return replace(
+            self,
+            spectrum=self.spectrum[:, : (views - 1) // 2] * (views / self.views),
+            views=views,
+            left_out=self.left_out[kept],
+        )
+
     def nearest_view(self, angles_rad: FloatArray) -> NDArray[np.intp]:
         """The row of `left_out` for each angle as it is read."""
         return nearest_view(self.sense * angles_rad, self.first_rad, self.views)

@@ -19,11 +19,14 @@ from sawmill_worker.tomography.paired_rays import Derivatives, PairedRays, fan_a
 
 # Gaussians are cut off here, in widths.
 CUT_OFF = 4.5
-# Pairs stand this many widths of the blur apart, but not closer than cells.
-PAIR_STEP = 0.5
+# Pairs stand this many widths of the blur apart, beyond which it leaves 0.002 of the power; closer where they would be
+# fewer than these, but not closer than cells.
+PAIR_STEP, MANY_PAIRS = 1.25, 40
 STEPS = 40
 # A step below this share of the standard deviations is the last one.
 SMALL_STEP = 1e-2
+# A vector within this share of the standard deviations of another is as good.
+NEAR = 0.1
 # A pair is left out when a ray of it lies within this many widths of the blur of a cell without data, unless that would
 # be more than this share of the pairs.
 CELL_REACH, MOST_TOUCHED = 3.0, 0.5
@@ -49,8 +52,9 @@ class Pairs:
         spacing = float(np.median(np.diff(fan)))
         self._width = blur[1] * spacing
         self._taps = np.arange(-math.ceil(1.1 * CUT_OFF * blur[1]), math.ceil(1.1 * CUT_OFF * blur[1]) + 1)
-        step = max(1.0, PAIR_STEP * blur[1]) * spacing
-        pairs = int((min(-fan[0], fan[-1]) - 4.0 * self._width) / step)
+        room = min(-fan[0], fan[-1]) - 4.0 * self._width
+        step = max(spacing, min(PAIR_STEP * self._width, room / MANY_PAIRS))
+        pairs = int(room / step)
         if pairs < 8:
             raise DriftError(
                 "outside-detector",
@@ -201,6 +205,11 @@ class Solution:
         covariance = np.zeros((3, 3))
         covariance[self.free, self.free] = self.free_covariance
         return covariance
+
+    def is_near(self, vector: FloatArray) -> bool:
+        """Whether another vector differs from this by less than the errors show."""
+        spread = np.sqrt(np.diag(self.free_covariance))
+        return bool(np.all(np.abs(self.vector - vector)[self.free] <= NEAR * spread))
 
     @property
     def derivatives(self) -> Derivatives:

@@ -158,19 +158,21 @@ class PairSums:
     def bends(self, vector: FloatArray) -> FloatArray:
         """What line integrals that are bent by `BENT` add to the differences, as squares and as cubes, (pairs, 2).
 
-        Their noise is that of the differences, enlarged by the bend's slope: so many times the differences, which near
-        the truth are nothing else, are taken off them.
+        Powers of the sums have taken the views' gains out. Noise moves bends and differences alike: what it makes the
+        bends of the differences, which near the truth are nothing but noise and gains, is taken off again.
         """
         weights = self._weights(vector)
         rays, variance = self.lines.rays, self.lines.variance
         share = rays / float(rays.max())
         squared = weights[0] ** 2, weights[1] ** 2
-        first, second = self._picked(squared, variance)
-        differences, bends = self.differences(vector), []
+        sums, noise = self._picked(weights, rays), self._picked(squared, variance)
+        mean, bends = 0.5 * (sums[0] + sums[1]), []
         for power in (2, 3):
-            left, right = self._picked(weights, rays * share ** (power - 1))
+            bent = self._picked(weights, rays * share ** (power - 1))
             slopes = self._picked(squared, variance * power * share ** (power - 1))
-            bends.append(left - right - (slopes[0] + slopes[1]) / (first + second) * differences)
+            first, second = (own * (mean / each) ** power for own, each in zip(bent, sums, strict=True))
+            moved = (slopes[0] + slopes[1]) / (noise[0] + noise[1]) - power * 0.5 * (first + second) / mean
+            bends.append(first - second - moved.mean() * (sums[0] - sums[1]))
         return BENT * np.stack(bends, axis=1)
 
     def encoder(self, vector: FloatArray) -> FloatArray:

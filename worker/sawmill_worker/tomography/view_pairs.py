@@ -34,6 +34,8 @@ SMALL_STEP = 1e-2
 RANK = 1e-6
 # A pattern below this share of the noise does not show.
 SHOWN = 0.3
+# Nor is one found that is larger than this number of standard deviations of what it may be.
+LARGEST = 4.0
 # Views that noise and gains do not reconcile, by this variance ratio, are no body at rest where that is what makes u_c
 # less certain than this share of a cell.
 UNREST, UNREST_CELLS = 25.0, 0.03
@@ -92,7 +94,9 @@ def view_pair_fit(
     rotation, ratio = better_sense(residuals, rotation, DECISIVE)
     fit = fits[rotation]
     if fit.settled:
-        fit = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), disturbed=True)
+        disturbed = _fit(sums[rotation], vector, np.append(fit.vector, vector[2]), disturbed=True)
+        # Larger patterns than can be stand for something else, such as a log that moved.
+        fit = disturbed if disturbed.largest_pattern < LARGEST else fit
     _check_found(scanner, fit, start)
     return DetectorFit(
         float(fit.vector[0]),
@@ -134,6 +138,8 @@ class _Fit(NamedTuple):
         Variance of what no gain explains, against that of the rays' noise.
     encoder_bound_mm : float
         The most that an encoder's error of `ENCODER_DEG` moves u_c.
+    largest_pattern : float
+        Of the patterns that were found, in standard deviations of what is assumed of them; 0 without.
     settled : bool
         Whether they came to rest inside the reach.
     """
@@ -145,6 +151,7 @@ class _Fit(NamedTuple):
     unrest: float
     relative_residual: float
     encoder_bound_mm: float
+    largest_pattern: float
     settled: bool
 
 
@@ -171,11 +178,15 @@ def _fit(sums: PairSums, calibrated: FloatArray, start: FloatArray, *, disturbed
             break
     left, right = sums.at(vector)
     slopes = white @ sums.slopes(vector, left - right, 3)
-    scaled, chi_squared, unrest = _scaled(white @ (left - right), slopes[:, :2], white @ gains, white @ patterns)
+    remaining, shown = white @ (left - right), white @ patterns
+    scaled, chi_squared, unrest = _scaled(remaining, slopes[:, :2], white @ gains, shown)
     sensitivity: FloatArray = -np.linalg.pinv(slopes[:, :2]) @ slopes[:, 2]
     by_encoder = np.linalg.pinv(slopes[:, :2])[0] @ white @ encoder
+    largest = float(np.abs(shown.T @ remaining).max(initial=0.0))
     residual = float(np.sqrt(np.mean((left - right) ** 2) / np.mean(left**2)))
-    return _Fit(vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), settled)
+    return _Fit(
+        vector[:2], scaled, sensitivity, chi_squared, unrest, residual, math.hypot(*by_encoder), largest, settled
+    )
 
 
 def _scaled(
@@ -183,20 +194,15 @@ def _scaled(
 ) -> tuple[FloatArray, float, float]:
     """The covariance (2, 2) as wide as what is left of the whitened differences asks for, chi-squared, and `unrest`.
 
-    What gains and patterns explain counts apart, since their size is only assumed. Noise and gains have a scale each:
-    what gains of another size than assumed leave says nothing of the noise, which shows in what no gain explains. How
-    well each scale is known counts by Student's t.
+    Noise and gains have a scale each: what gains of another size than assumed leave says nothing of the noise, which
+    shows in what no gain explains. How well each scale is known counts by Student's t. Patterns explain no more than
+    their size lets them, but each of them that shows is a comparison less.
     """
     covariance = np.linalg.inv(slopes.T @ slopes)
-    unit = slopes / np.linalg.norm(slopes, axis=0)
-    # What noise hides explains nothing, and of very few views patterns are left to their share of the covariance.
-    shown = patterns[:, np.linalg.norm(patterns, axis=0) > SHOWN]
-    for known in ([unit, gains, shown], [unit, gains]):
-        space, size, _ = np.linalg.svd(np.hstack(known), full_matrices=False)
-        explained = space[:, size > RANK * size[0]]
-        free, of_gains = len(left) - explained.shape[1], explained.shape[1] - slopes.shape[1]
-        if free >= FEWEST_FREE:
-            break
+    space, size, _ = np.linalg.svd(np.hstack([slopes / np.linalg.norm(slopes, axis=0), gains]), full_matrices=False)
+    explained = space[:, size > RANK * size[0]]
+    of_gains = explained.shape[1] - slopes.shape[1]
+    free = len(left) - explained.shape[1] - int(np.sum(np.linalg.norm(patterns, axis=0) > SHOWN))
     if free < FEWEST_FREE:
         raise DriftError(
             "sparse-views",
