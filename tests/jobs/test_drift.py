@@ -230,6 +230,14 @@ def test_a_nail_that_the_sender_masks_moves_nothing(asked, log_scan, turn, finis
     assert mended.adjustments[1] == "120 of 7680 rays were masked, and interpolated along the detector."
 
 
+def test_a_refusal_names_the_masked_rays(asked, log_scan):
+    rays = log_scan(views=20)
+    rays[9:] = np.roll(rays[9:], 3, axis=1)
+    rays[4, 190:210] = np.nan
+    with pytest.raises(JobFailure, match=r"20 of 7680 rays were masked, .* Wide masks do that too"):
+        run(asked(rays, averaged_rows=300))
+
+
 def test_of_a_mean_no_rows_can_be_chosen(asked, log_scan):
     with pytest.raises(JobFailure, match="the scan is the mean of 300 rows, which are not kept: leave rows out"):
         run(asked(log_scan(views=20), averaged_rows=300, rows="0:1"))
@@ -269,8 +277,9 @@ def test_the_tilt_is_reported_in_the_units_of_its_name(look, log_scan):
 
 @pytest.fixture
 def disturbed(turn):
-    """Twenty views of a log with an odd error of the flat field behind it, (views, detector)."""
-    odd = np.log1p(0.01 * np.sin(2.0 * np.pi * np.linspace(-1.0, 1.0, MILL.num_detector_pixels)))
+    """Twenty views of a log with an odd error of the flat field that it hides, (views, detector)."""
+    across = (np.arange(MILL.num_detector_pixels) - 150.0) / 25.0
+    odd = 0.02 * across * np.exp(-(across**2))
 
     def of(seed, theta=THETA):
         log = LogModel.random(seed).slice_at(120.0).moved(6.0 * math.cos(seed), 6.0 * math.sin(seed))

@@ -12,7 +12,8 @@ AIR_LEVEL = f"{ENTRY}/{nxtomo.DETECTOR}/air_level"
 # (views, rows), 1 where a view has the row; only where views lack rows, which are NaN in the data. Its attribute: the
 # rows that enough views have, the first and the one after the last.
 ROWS_PRESENT, USABLE = f"{ENTRY}/{nxtomo.DETECTOR}/rows_present", "usable_rows"
-# (views, rows, detector): standard deviations of the line integrals, where they came with them (NXdetector's name).
+# (views, rows, detector): standard deviations of the line integrals (NXdetector's name), where they came with them or
+# rays were masked; 0 where none is known.
 DEVIATIONS = f"{ENTRY}/{nxtomo.DETECTOR}/data_errors"
 PROVENANCE = f"{ENTRY}/provenance"
 # (views,), rows: in the provenance.

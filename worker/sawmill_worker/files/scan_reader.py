@@ -37,7 +37,7 @@ class StoredScan:
     detector_pitch_mm : float
     row_pitch_mm : float or None
     deviations : (views, rows, detector) float32, or None
-        Standard deviations of the line integrals, where they came with them.
+        Standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
     """
 
     line_integrals: NDArray[np.float32]
@@ -66,7 +66,7 @@ class OpenScan:
     usable_rows : (first, one after the last) or None
         The rows that enough views have, where some lack some.
     deviations : dataset or None
-        The standard deviations of the line integrals, where they came with them.
+        The standard deviations of the line integrals, where they came with them or rays were masked; 0 is not known.
     """
 
     shape: tuple[int, int, int]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from sawmill_worker.tomography.air import find_air
 from sawmill_worker.tomography.drift import DriftError
+from sawmill_worker.tomography.flat_structure import flat_structure
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.robust import noise_of_differences
 
@@ -28,8 +29,8 @@ class LevelledRays(NamedTuple):
         A slope, a curvature and a cubic over the detector, in the log's cells.
     air_covariance : (views + 3, views + 3) float64
         Of each view's level and of the amplitudes of those patterns, as the air gives them.
-    cell_variance : float
-        Of what a cell adds to every view, as the air shows it: the noise of the flat fields.
+    common_covariance : (cells, cells) float64
+        Of what the flat field adds to every view besides, as the air shows it: noise of its cells, smooth structure.
     """
 
     rays: FloatArray
@@ -37,7 +38,7 @@ class LevelledRays(NamedTuple):
     cells: NDArray[np.bool_]
     air_patterns: FloatArray
     air_covariance: FloatArray
-    cell_variance: float
+    common_covariance: FloatArray
 
 
 class AirFit(NamedTuple):
@@ -102,26 +103,30 @@ def levelled_rays(sinogram: FloatArray, deviations: FloatArray | None = None) ->
     sinogram : (views, detector) float64
         Line integrals without faulty cells and corrupt views.
     deviations : (views, detector) float64, optional
-        Their standard deviations; None estimates them.
+        Their standard deviations. 0 estimates that of a ray, and None all of them.
 
     Raises
     ------
     DriftError
         If the log reaches an end of the detector, or there is no log.
     """
-    scale = 1.0 if deviations is None else np.median(deviations, axis=1, keepdims=True) / np.median(deviations)
+    known = np.zeros_like(sinogram) if deviations is None else deviations
+    scale = np.median(known, axis=1, keepdims=True) / np.median(known) if known.all() else 1.0
     air = fitted_air(sinogram, scale)
     if air is None:
         raise _no_air(sinogram)
     levelled = sinogram - air.levels[:, None] - air.of_all_views
     in_air, cell_variance = _scatter(levelled[:, air.cells])
-    if deviations is not None:
-        in_air = float(np.sqrt(np.mean(deviations[:, air.cells] ** 2)))
+    if known.all():
+        in_air = float(np.sqrt(np.mean(known[:, air.cells] ** 2)))
     noise = max(in_air, LEAST_NOISE * float(sinogram.max()))
     log = ~air.cells
-    rays = levelled[:, log]
-    variance = _variance(rays, noise) if deviations is None else deviations[:, log] ** 2
-    return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, cell_variance)
+    structure = flat_structure(
+        levelled.mean(axis=0), air.cells, air.patterns, cell_variance, noise / math.sqrt(len(levelled))
+    )
+    rays = levelled[:, log] - structure.expected
+    variance = known[:, log] ** 2 if known.all() else np.maximum(_variance(rays, noise), known[:, log] ** 2)
+    return LevelledRays(rays, variance, log, air.patterns[:, log], noise**2 * air.covariance, structure.covariance)
 
 
 def _no_air(sinogram: FloatArray) -> DriftError:

@@ -143,7 +143,7 @@ class PairSums:
         gains = GAIN * (gains - gains.mean(axis=1, keepdims=True))
         covariance = gains @ gains.T + patterns @ patterns.T + air @ lines.air_covariance @ air.T
         same = weights[0] - weights[1]
-        covariance += lines.cell_variance * (same @ same.T)[np.ix_(pairs.separation, pairs.separation)]
+        covariance += (same @ lines.common_covariance @ same.T)[np.ix_(pairs.separation, pairs.separation)]
         for at in range(views):
             first, second = np.flatnonzero(pairs.first == at), np.flatnonzero(pairs.second == at)
             touched = np.append(first, second)

@@ -62,14 +62,15 @@ def view_pair_fit(
     sinogram, angles_rad, start, rotation
         As of `conjugate_fit`, but the views are any, and there is air on both sides of the body in every one.
     deviations : (views, detector) float64, optional
-        Standard deviations of the line integrals, which weigh them; None estimates them from the air.
+        Standard deviations of the line integrals, which weigh them. 0 estimates that of a ray from the air, and None
+        all of them.
 
     Raises
     ------
     DriftError
         If the views are too few, the log reaches an end of the detector, or the pairs do not show u_c.
     GeometryError
-        If the deviations have another shape than the sinogram, or are not positive and finite.
+        If the deviations have another shape than the sinogram, or are negative or not finite.
     """
     sinogram, angles_rad = np.asarray(sinogram, np.float64), np.asarray(angles_rad, np.float64)
     screening = screen_log(sinogram)
@@ -121,8 +122,10 @@ def _checked(deviations: FloatArray, sinogram: FloatArray) -> FloatArray:
             f"the standard deviations have shape {deviations.shape}, but the line integrals {sinogram.shape}: give one "
             "of each line integral"
         )
-    if not ((deviations > 0.0) & np.isfinite(deviations)).all():
-        raise GeometryError("the standard deviations of line integrals must be positive and finite")
+    if not ((deviations >= 0.0) & np.isfinite(deviations)).all():
+        raise GeometryError(
+            "the standard deviations of line integrals must be positive and finite, or 0 where none is known"
+        )
     return deviations
 
 

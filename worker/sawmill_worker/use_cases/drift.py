@@ -24,6 +24,7 @@ from sawmill_worker.tomography.drift import (
     DetectorFit,
     Disturbance,
     DriftChange,
+    DriftError,
     disturbed_turn,
     drift_change,
     likely_cause,
@@ -34,8 +35,12 @@ from sawmill_worker.tomography.drift_chart.looks import Look
 from sawmill_worker.tomography.geometry import FloatArray
 from sawmill_worker.tomography.log_radius import refuse_log_beyond_source
 from sawmill_worker.tomography.present_rows import rows_of_all
+from sawmill_worker.use_cases.averaged import of_masked_rays
 from sawmill_worker.use_cases.failures import refused
 from sawmill_worker.vocabulary.version import VERSION
+
+# Refusals to which interpolated rays may lead.
+MASKED_CAUSES = ("nothing-seen", "moved-too-far")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +51,7 @@ class CommonMean:
     ----------
     sinogram : (views, detector) float64
     deviations : (views, detector) float64 or None
-        Its standard deviations; None where those of the rows are not known.
+        Its standard deviations, 0 of rays of which none is known; None where those are all.
     remarks : tuple of str
         What was left out, in sentences.
     """
@@ -118,7 +123,15 @@ def run_drift(given: DriftInput) -> DriftResult:
     refuse_log_beyond_source(given.log_radius_mm, scanner)
     radius_mm = given.log_radius_mm or known.radius_mm
     mean = given.mean
-    fit = detector_fit(scanner, mean.sinogram, given.angles_rad, calibrated, known.rotation, deviations=mean.deviations)
+    try:
+        fit = detector_fit(
+            scanner, mean.sinogram, given.angles_rad, calibrated, known.rotation, deviations=mean.deviations
+        )
+    except DriftError as error:
+        masked = of_masked_rays(given.preparation)
+        if masked is None or error.code not in MASKED_CAUSES:
+            raise
+        raise DriftError(error.code, f"{error}. {masked} Wide masks do that too: send narrower ones") from error
     came = () if given.averaged_rows is None else given.preparation
     covariance = None if known.covariance is None else np.array(known.covariance)
     absolute = drift_change(scanner, calibrated, covariance, fit, radius_mm=radius_mm)

@@ -100,7 +100,7 @@ def prepare_scan(
         views_together=min(step_views, at_a_time) if by_views or aligns else None,
     )
     with scan as written:
-        averaged = None if read.averaged is None else AveragedRays(read.averaged)
+        averaged = None if read.averaged is None else AveragedRays(read.averaged, read.shape)
         present = _copy(read, written.data, averaged, None if afterwards else preparation, window_bytes, progress)
 
         prepare = partial(_prepare_rows, written.data, preparation, window_bytes, progress) if afterwards else None
