@@ -231,7 +231,7 @@ def test_the_noise_of_the_flat_fields_counts():
 
 
 def test_smooth_structure_of_the_flat_field_counts_as_the_air_shows_it():
-    """Bumps 40 cells wide of 0.1 % in every view alike moved u_c by 7 standard deviations; without them nothing widens."""
+    """Bumps 40 cells wide of 0.1 % in every view alike moved u_c by 7 standard deviations; none widen none."""
     rays, frame = averaged(turn(20), rows=2)
     bump = np.hanning(81) / np.linalg.norm(np.hanning(81))
     sound, bumpy, wider = [], [], []

@@ -12,8 +12,8 @@ from sawmill_worker.tomography.geometry import FloatArray
 
 # On either side of a gap: this share of its width, and no fewer rays than that.
 BESIDE, FEWEST_BESIDE = 0.25, 4
-# So many other bridges tell how far one misses; where other views show fewer at the same cells, all views are bridged
-# beside them too.
+# This number of other bridges shows how far one misses. Where other views show fewer at the same cells, all views are
+# bridged beside them too.
 FEWEST_BRIDGES = 5
 
 
@@ -63,7 +63,7 @@ def _bridged(rays: FloatArray, masked: NDArray[np.bool_], view: int, first: int,
     if len(missed) < 2:
         return curve, float(np.ptp(rays[view, ~masked[view]]))
     deviation = math.sqrt(float(missed.sum(axis=1).var(ddof=1)) * (1.0 + 1.0 / len(missed)) / width)
-    # Where few views show those cells, bridges beside them tell, and all views miss alike.
+    # Where few views show those cells, bridges beside them count, and all views miss alike.
     alike = int(masked[:, first:last].any(axis=1).sum())
     if len(masked) - alike < FEWEST_BRIDGES:
         deviation *= math.sqrt(alike)
