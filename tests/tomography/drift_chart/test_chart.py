@@ -57,10 +57,10 @@ def test_it_learns_first_and_is_quiet_then():
 
 @pytest.mark.parametrize("size_mm", [0.03, 0.2, -5.0])
 def test_a_jump_is_found_with_its_size_and_time(size_mm):
-    found = charted(looks(2, 1000, lambda days: size_mm * (days > 0.3013))).finding()
+    found = charted(looks(2, 200, lambda days: size_mm * (days > 0.0613))).finding()
     assert found.kind is DriftKind.JUMP
-    assert found.between_days[0] <= 0.3013 <= found.between_days[1] < 0.34
-    assert found.between_days[0] > 0.25
+    assert found.between_days[0] <= 0.0613 <= found.between_days[1] < 0.08
+    assert found.between_days[0] > 0.04
     assert abs(found.change[0] - size_mm) < 3.0 * math.sqrt(found.covariance[0, 0])
     assert found.log_odds > 0.0
 
@@ -94,27 +94,27 @@ def test_a_jump_among_the_first_looks_is_none_of_zero(before):
 
 
 def test_a_trend_is_found_with_its_slope_and_time():
-    found = charted(looks(3, 2400, lambda days: 0.1 * max(days - 0.2, 0.0))).finding()
+    found = charted(looks(3, 1200, lambda days: 0.2 * max(days - 0.1, 0.0))).finding()
     assert found.kind is DriftKind.TREND
-    assert found.between_days[0] <= 0.2 <= found.between_days[1]
-    assert abs(found.change[0] - 0.1) < 3.0 * math.sqrt(found.covariance[0, 0])
+    assert found.between_days[0] <= 0.1 <= found.between_days[1]
+    assert abs(found.change[0] - 0.2) < 3.0 * math.sqrt(found.covariance[0, 0])
     assert found.log_odds > math.log(100.0)
 
 
 def test_a_jump_stays_a_jump_hours_later():
     chart = DriftChart()
     # The candidates near the jump have been joined by then.
-    for look in looks(4, 900, lambda days: 0.2 * (days > 0.2013)):
+    for look in looks(4, 400, lambda days: 0.2 * (days > 0.0513)):
         chart = chart.with_look(look)
     found = chart.finding()
     assert found.kind is DriftKind.JUMP
-    assert found.began_days == pytest.approx(0.2013, abs=0.08)
+    assert found.began_days == pytest.approx(0.0513, abs=0.02)
     assert found.change[0] == pytest.approx(0.2, abs=0.02)
 
 
 def test_outliers_and_covariances_that_are_too_small_raise_no_alarm():
-    assert charted(looks(5, 500, outliers=0.05)).finding().kind is DriftKind.QUIET
-    found = charted(looks(6, 500, larger=1.5)).finding()
+    assert charted(looks(5, 200, outliers=0.05)).finding().kind is DriftKind.QUIET
+    found = charted(looks(6, 300, larger=1.5)).finding()
     assert found.kind is DriftKind.QUIET
     assert found.scatter == pytest.approx(1.5, rel=0.2)
 
@@ -142,7 +142,7 @@ def test_quiet_scanners_stay_quiet_and_evidence_comes_near_the_limit():
 
 
 def test_json_keeps_a_chart_and_goes_on_as_if_it_had_not_been_put_away():
-    given = list(looks(8, 700, lambda days: 0.05 * (days > 0.3)))
+    given = list(looks(8, 250, lambda days: 0.05 * (days > 0.1)))
     straight, put_away = DriftChart(), DriftChart()
     for k, look in enumerate(given):
         straight = straight.with_look(look)
