@@ -34,8 +34,9 @@ from sawmill_worker.tomography.total_variation_weights import (
 )
 
 ITERATIONS = 300
-# Projections forward and back: 12 with the own pixels, and what those with larger ones are worth.
-USUAL_PAIRS = 17.0
+# What a slice costs in projections forward and back, a step with each: iterations with the own pixels, and what all else
+# is worth (benchmarks/slice_price.py, 20 views).
+USUAL_PAIRS = 24.0
 # What lies further away changes a slice by less than the noise does.
 HALO = 2
 # The cost of choosing the weight, in iterations on one slice of 256 x 256 pixels from 20 views

@@ -1,0 +1,99 @@
+"""The largest memory of the job that reconstructs a whole log by coupled total variation.
+
+    python benchmarks/coupled_memory.py [--rows 2500] [--views 20] [--folder FOLDER]
+
+A log of VIEWS x ROWS x 768 line integrals (`memory.py`) is read by the ingest's job and reconstructed by the
+reconstruction's, `total_variation` coupled by a given weight, in this process: its largest memory (VmHWM) before and
+after the reconstruction, and its seconds by the clock and of processors.
+"""
+
+import argparse
+import os
+import resource
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from memory import CELLS, views
+from scanners import SCANNER
+
+from sawmill_worker.contracts.geometry import GivenTheta, ScannerConstants
+from sawmill_worker.contracts.jobs import JobKind
+from sawmill_worker.contracts.reconstructions import ReconstructionAsk
+from sawmill_worker.contracts.scanners import ScannerSpec, Tolerances
+from sawmill_worker.contracts.scans import ScanSpec
+from sawmill_worker.jobs.attempt import Attempt
+from sawmill_worker.jobs.running import run
+from sawmill_worker.storage.settings import StorageSettings
+from sawmill_worker.storage.store import Store
+from sawmill_worker.vocabulary import DataKind, ReconstructionMethod
+
+# The log of `memory.py` is in the middle of the detector.
+THETA = GivenTheta(
+    initial_angle_rad=0.0, detector_to_cor_mm=714.68, source_shift_mm=0.0, detector_shift_mm=0.0, detector_tilt=0.0
+)
+# As chosen for simulated logs; this one would take none.
+COUPLING = "0.4"
+
+
+def work(store: Store, kind: JobKind) -> dict[str, object]:
+    """Run the queued job of a kind, and commit it; its result."""
+    claim = store.jobs.claim("benchmark")
+    assert claim is not None
+    output = store.files.make_attempt_folder(claim.job_id, claim.attempt)
+    job = store.jobs.get(claim.job_id)
+    assert job.kind is kind
+    handed_over = store.jobs.handed_over(claim.job_id)
+    result = run(Attempt(job, handed_over, output, report=lambda _: None, announce=lambda _: None))
+    store.jobs.succeed(claim, result, output)
+    return result
+
+
+def largest_gb() -> float:
+    """VmHWM of this process."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+
+
+def main() -> None:
+    """Print both lines."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rows", type=int, default=2500, help="of the detector")
+    parser.add_argument("--views", type=int, default=20)
+    parser.add_argument("--folder", type=Path, help="where the temporary folder is made")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(dir=options.folder) as name:
+        folder = Path(name)
+        store = Store.open(StorageSettings(data_folder=folder / "data", database_url=None))
+        spec = ScannerSpec(name="scanner", constants=ScannerConstants(**vars(SCANNER)), tolerances=Tolerances())
+        path, step = folder / "log.npy", 360.0 / options.views
+        stack = np.lib.format.open_memmap(path, "w+", np.float32, (options.views, options.rows, CELLS))
+        for view, image in enumerate(views(options.rows, options.views)):
+            stack[view] = image
+        del stack
+        given = ScanSpec(
+            scanner_id=store.scanners.create(spec).id,
+            data=DataKind.LINE_INTEGRALS,
+            angles_deg=f"{0.5 * step}:{step}",
+        )
+        with path.open("rb") as file:
+            received = store.files.receive(iter(lambda: file.read(2**20), b""), max_bytes=2**40)
+        scan = store.scans.accept(given, received)
+        work(store, JobKind.INGEST)
+        print(f"{options.views} views x {options.rows} rows, read: {largest_gb():.2f} GB at most", flush=True)
+        ask = ReconstructionAsk(
+            scan_id=scan.id, theta=THETA, method=ReconstructionMethod.TOTAL_VARIATION, coupling=COUPLING
+        )
+        store.reconstructions.accept(ask)
+        started, used = time.perf_counter(), time.process_time()
+        result = work(store, JobKind.RECONSTRUCT)
+        clock, processor = time.perf_counter() - started, time.process_time() - used
+        print(
+            f"reconstructed {result['shape']}: {largest_gb():.2f} GB at most, {clock:.0f} s by the clock, "
+            f"{processor:.0f} s of processors, {os.cpu_count()} cores; {result['method']}"
+        )
+        store.close()
+
+
+if __name__ == "__main__":
+    main()
