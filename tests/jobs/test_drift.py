@@ -27,6 +27,7 @@ from sawmill_worker.vocabulary import DataKind
 MILL = Scanner(source_to_cor_mm=859.46, num_detector_pixels=384, detector_pitch_mm=3.0)
 CONSTANTS = ScannerConstants(**vars(MILL))
 THETA = Theta(0.7, 715.0, 180.0, 30.0, 0.15)
+ANOTHER = "0" * 63 + "f"  # SHA-256 of no scan that a baseline has
 TURNTABLE = replace(THETA, source_shift_mm=179.2, detector_shift_mm=30.8)
 
 
@@ -299,7 +300,7 @@ def answers(look, disturbed, tmp_path):
 
 
 def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, answers, known):
-    baselines = baselines_of(read_answers(answers), known)
+    baselines = baselines_of(read_answers(answers), known, ANOTHER)
     still = look(disturbed(7), baselines=baselines)
     moved = look(disturbed(7, replace(THETA, detector_shift_mm=30.4)), baselines=baselines)
     assert abs(still.significance.cor_column_mm) > 4.0, "absolute, a scanner that stands seems to have moved"
@@ -315,7 +316,7 @@ def test_a_baseline_cancels_what_stays_and_shows_what_moves(look, disturbed, ans
 
 
 def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, answers, known):
-    (baseline,) = baselines_of(read_answers(answers), known)
+    (baseline,) = baselines_of(read_answers(answers), known, ANOTHER)
     beyond = look(disturbed(7), baselines=(baseline,), tolerance_mm=0.5 * look(disturbed(7)).ray_change_mm)
     assert beyond.within_tolerance is False
     assert beyond.ray_change_mm < beyond.tolerance_mm < beyond.baseline.ray_offset_mm
@@ -323,9 +324,9 @@ def test_a_baseline_out_of_tolerance_hides_no_move_before_it(look, disturbed, an
 
 
 def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):
-    def refusal(*paths, calibration=known):
+    def refusal(*paths, calibration=known, checked=ANOTHER):
         with pytest.raises(JobFailure) as caught:
-            baselines_of(read_answers(paths), calibration)
+            baselines_of(read_answers(paths), calibration, checked)
         assert (caught.value.kind, caught.value.code) == (FailureKind.INPUT, "baseline")
         return caught.value.detail
 
@@ -337,6 +338,7 @@ def test_answers_that_make_no_baseline_are_refused(answers, known, tmp_path):
         return path
 
     assert "2 looks make no baseline: 3 or more are needed" in refusal(*answers[:2])
+    assert "1.json is of the scan that is checked" in refusal(*answers, checked=f"{1:064}")
     assert "1.json" not in refusal(answers[0], answers[0])
     assert "an earlier answer is of" in refusal(answers[0], changed())
     other = known.model_copy(update={"source_frame": TURNTABLE.source_frame(859.46)})

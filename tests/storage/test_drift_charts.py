@@ -284,6 +284,8 @@ def test_a_jump_opens_one_alarm_which_the_next_calibration_closes(store, scanner
     event = store.events.following(0)[-1]
     assert (event.what, event.detail["what"], event.detail["drift"]["kind"]) == ("alarm-opened", "drift", "jump")
     assert store.history.page(scanner.id, kind=HistoryKind.ALARM).items[0].why == opened.alarm.sentence
+    store.calibrations.activate(first, "the button was pressed once more")
+    assert (store.drift_charts.of_scanner(scanner.id).charts, store.alarms.check()) == ([chart], [])
     with store._database.write() as session:
         session.execute(update(DriftChartRow).values(alarm={"at": "yesterday"}))
     with capture_logs() as log:

@@ -297,7 +297,12 @@ def turned(theta: Theta, by: float) -> Theta:
     ("now", "noise", "within", "cause"),
     [
         (THETA, 0.002, True, "nothing moved that this scan can show"),
-        (turntable(THETA, 0.5), 0.02, True, "and the tilt did not: look at the turntable, not the detector"),
+        (
+            turntable(THETA, 0.5),
+            0.02,
+            True,
+            "did not: look at the turntable and at the detector's stops",
+        ),
         (turntable(THETA, 20.0), 0.002, False, "the tilt followed as when the turntable moves sideways"),
         (slid(THETA, 20.0), 0.002, False, "the detector slides along itself: look at the detector's stops"),
         (turned(THETA, 0.04), 0.002, False, "look at the mounting of detector and source"),

@@ -393,7 +393,7 @@ def drift(
     if isinstance(baseline, (str, Path, Drift)):
         raise InputError("options", f"baseline must be a list of answers, not one of them: {baseline!r}")
     with input_errors():
-        baselines = baselines_of(_named_answers(baseline), calibration.result)
+        baselines = baselines_of(_named_answers(baseline), calibration.result, scan.sha256)
         mean = mean_of_common_rows(scan.line_integrals, scan.rows[0], scan.row_step, scan.deviations)
     given = DriftInput(
         mean=mean,

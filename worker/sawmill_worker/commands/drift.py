@@ -23,7 +23,7 @@ def check_drift(
 ) -> DriftResult:
     """Read, compare views, and set the change against the calibration, or against a baseline of earlier answers."""
     with open_with_calibration(scan, calibration, on_progress=on_progress) as (known, used):
-        baselines = baselines_of(read_answers(baseline), known)
+        baselines = baselines_of(read_answers(baseline), known, used.sha256)
         mean = mean_of_common_rows(used.stack(), used.rows[0], used.row_step, used.deviations)
     used.on_progress(Progress(fraction=0.0, stage="pair rays"))
     given = DriftInput(

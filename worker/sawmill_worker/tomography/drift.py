@@ -321,8 +321,9 @@ def likely_cause(calibrated: SourceFrame, moved: DriftChange) -> str:
     tilted = abs(moved.significance[1]) > SIGNIFICANT
     shifted = f"the COR moved {column:+.2f} mm on the detector"
     if turntable <= UNEXPLAINED and not tilted:
-        also = " (a detector that slid along itself would look the same)" if slide <= UNEXPLAINED else ""
-        return f"{shifted} and the tilt did not: look at the turntable, not the detector{also}"
+        either = "look at the turntable and at the detector's stops, as either would look like this"
+        where = either if slide <= UNEXPLAINED else "look at the turntable, not the detector"
+        return f"{shifted} and the tilt did not: {where}"
     if turntable <= UNEXPLAINED:
         return f"{shifted} and the tilt followed as when the turntable moves sideways: look at the turntable"
     if slide <= UNEXPLAINED:

@@ -50,7 +50,9 @@ def read_answers(paths: Iterable[Path]) -> Iterator[tuple[str, DriftResult]]:
         yield path.name, _read(path)
 
 
-def baselines_of(answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult) -> tuple[KnownBaseline, ...]:
+def baselines_of(
+    answers: Iterable[tuple[str, DriftResult]], known: CalibrationResult, checked_sha256: str
+) -> tuple[KnownBaseline, ...]:
     """Of the answers of earlier drift checks against the same calibration, one for each of their methods.
 
     Parameters
@@ -59,15 +61,20 @@ def baselines_of(answers: Iterable[tuple[str, DriftResult]], known: CalibrationR
         Each with the name that a refusal calls it by.
     known
         The calibration.
+    checked_sha256
+        Of the scan that is checked, which is no part of its own zero.
 
     Raises
     ------
     JobFailure
-        An answer is of another calibration, one is there twice, or those of a method are too few.
+        An answer is of another calibration or of the scan that is checked, one is there twice, or those of a
+        method are too few.
     """
     by_method: dict[DriftMethod, dict[str, DriftResult]] = {}
     for name, result in answers:
         reason = _why_not(result, known)
+        if result.input_sha256 == checked_sha256:
+            reason = "is of the scan that is checked: a baseline is of earlier ones"
         if reason is not None:
             raise refused("baseline", f"{name} {reason}")
         if result.method is not None:  # else `_why_not` has a reason

@@ -74,11 +74,12 @@ def _reported(found: Finding, start: datetime) -> DriftFinding:
     if found.began_days is None or found.between_days is None or found.change is None or found.covariance is None:
         return plain
     (column, tilt), (column_deviation, tilt_deviation) = found.change, np.sqrt(np.diag(found.covariance))
-    first, last = (start + timedelta(days=days) for days in found.between_days)
+    # Looks have the times of the clock by which they ended, and it may have been set back.
+    first, last = sorted(found.between_days)
     return plain.model_copy(
         update={
-            "began_at": start + timedelta(days=found.began_days),
-            "began_between": (first, last),
+            "began_at": start + timedelta(days=min(max(found.began_days, first), last)),
+            "began_between": (start + timedelta(days=first), start + timedelta(days=last)),
             "cor_column_change_mm": float(column),
             "cor_column_standard_deviation_mm": float(column_deviation),
             "tilt_change_deg": math.degrees(tilt),
