@@ -18,7 +18,7 @@ from sawmill_worker.tomography.quality import relative_error
 
 # The iterations after which the error is looked at. SIRT changes slowly, CGLS has passed its best after some.
 STOPS = {
-    "SIRT": (5, 10, 15, 20, 30, 40, 55, 75, 100, 140, 200),
+    "SIRT": (5, 10, 15, 20, 30, 40, 55, 75, 100, 140, 200, 280, 400),
     "CGLS": (2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 20, 25, 30),
 }
 
